@@ -1,0 +1,175 @@
+"""The cameras of a studio: what every stage from capture to video agrees on.
+
+Convention: camera frame as OpenCV (x right, y down, z forward), pixel centres at integers with (0, 0) the
+centre of the top-left pixel, millimetres, `cam_from_world` 4x4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
+MIN_BASELINE_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with OpenCV distortion.
+
+    Parameters
+    ----------
+    K : float64 (3, 3), pixels
+    size : (width, height), pixels
+    cam_from_world : float64 (4, 4), mm
+    dist : float64 (n,), OpenCV's k1, k2, p1, p2, k3, ...; empty where there is none
+
+    Raises
+    ------
+    ValueError
+        If K is not an upper triangular matrix with positive focal lengths, the size is not positive, or the
+        pose is not a rigid transform.
+    """
+
+    K: NDArray[np.float64]
+    size: tuple[int, int]
+    cam_from_world: NDArray[np.float64]
+    dist: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "K", _matrix(self.K, (3, 3), "K"))
+        object.__setattr__(self, "cam_from_world", _matrix(self.cam_from_world, (4, 4), "cam_from_world"))
+        object.__setattr__(self, "dist", np.asarray(self.dist, dtype=np.float64).ravel())
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        _check_intrinsics(self.K, self.size)
+        _check_rigid(self.cam_from_world)
+        if self.dist.size not in (0, 4, 5, 8, 12, 14) or not np.isfinite(self.dist).all():
+            raise ValueError(f"dist has {self.dist.size} values, expected 0, 4, 5, 8, 12 or 14 finite numbers")
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """float64 (3, 3): camera axes from world axes."""
+        return self.cam_from_world[:3, :3]
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """float64 (3,), mm: the optical centre in the world."""
+        return np.asarray(-self.rotation.T @ self.cam_from_world[:3, 3])
+
+    def points_in_camera(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """World points (N, 3) in this camera's frame, mm."""
+        return np.asarray(points @ self.rotation.T + self.cam_from_world[:3, 3])
+
+    def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Pixels (N, 2) of world points (N, 3), without distortion."""
+        in_camera = self.points_in_camera(points)
+        homogeneous = in_camera @ self.K.T
+        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """Two cameras that record at the same instants.
+
+    Raises
+    ------
+    ValueError
+        If the cameras differ in size or stand in the same place.
+    """
+
+    id: str
+    left: Camera
+    right: Camera
+
+    def __post_init__(self) -> None:
+        if self.left.size != self.right.size:
+            raise ValueError(
+                f"sensor {self.id}: left is {self.left.size}, right {self.right.size}; sizes must be equal"
+            )
+        if self.baseline < MIN_BASELINE_MM:
+            raise ValueError(f"sensor {self.id}: the baseline is {self.baseline:g} mm; two places are needed for depth")
+
+    @property
+    def baseline(self) -> float:
+        """Distance between the optical centres, mm."""
+        return float(np.linalg.norm(self.right.centre - self.left.centre))
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """All sensors of a studio, ordered from the first to the last as the fly-through passes them.
+
+    Raises
+    ------
+    ValueError
+        If there is no sensor, or two have the same id.
+    """
+
+    sensors: tuple[Sensor, ...]
+
+    def __post_init__(self) -> None:
+        ids = [sensor.id for sensor in self.sensors]
+        if not ids:
+            raise ValueError("a rig needs at least one sensor, found none")
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"sensor ids must differ, found {ids}")
+
+
+def bounds_corners(bounds: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The eight corners (8, 3) of bounds (2, 3) = lowest and highest corner, mm."""
+    return np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
+    """The 4x4 transform of a rotation (3, 3) and a translation (3,)."""
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = translation
+    return transform
+
+
+def look_at(centre: ArrayLike, target: ArrayLike, up: Iterable[float] = (0.0, 1.0, 0.0)) -> NDArray[np.float64]:
+    """`cam_from_world` of a camera at `centre` that looks at `target` with `up` upwards in its picture.
+
+    Raises
+    ------
+    ValueError
+        If the viewing direction is zero or parallel to `up`.
+    """
+    centre = np.asarray(centre, dtype=np.float64)
+    forward = np.asarray(target, dtype=np.float64) - centre
+    right = np.cross(forward, np.asarray(tuple(up), dtype=np.float64))
+    if np.linalg.norm(right) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
+        raise ValueError(f"cannot look from {centre} along {forward}: zero or parallel to up")
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return rigid(rotation, -rotation @ centre)
+
+
+def _matrix(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+    matrix = np.array(values, dtype=np.float64)
+    if matrix.shape != shape:
+        raise ValueError(f"{name} has shape {matrix.shape}, expected {shape}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} holds values that are not finite numbers: {matrix.tolist()}")
+    return matrix
+
+
+def _check_intrinsics(K: NDArray[np.float64], size: tuple[int, int]) -> None:
+    if K[0, 0] <= 0 or K[1, 1] <= 0 or K[1, 0] != 0 or not np.array_equal(K[2], (0, 0, 1)):
+        raise ValueError(f"K = {K.tolist()} is not a camera matrix: expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]]")
+    if min(size) < 1:
+        raise ValueError(f"image size {size} is not positive")
+
+
+def _check_rigid(transform: NDArray[np.float64]) -> None:
+    rotation = transform[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(transform[3], (0, 0, 0, 1)):
+        raise ValueError(
+            f"cam_from_world is not a rigid transform: R R^T differs from the identity by {error:.3g}, "
+            f"det R = {np.linalg.det(rotation):.3g}, last row {transform[3].tolist()}"
+        )
