@@ -1,0 +1,45 @@
+# The only commands anyone must know: setup, demo, test, check, bench, serve.
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := app recon migrations tests bench
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench serve lock
+
+help:
+	@echo "make setup   install everything that demo and test need (seconds when it is there)"
+	@echo "make demo    the main job on a synthetic recording: models, videos, study, votes, scores"
+	@echo "make test    set up, lint, check types and run every test, browser included"
+	@echo "make check   format, lint, types and the quick tests"
+	@echo "make bench   measure speed and memory beside other tools"
+	@echo "make serve   the study server on its database in this folder"
+
+setup:
+	@./setup.sh $(VENV)
+
+demo: setup
+	reconstudy demo --out demo
+
+test: setup
+	ruff format --check $(SOURCES)
+	ruff check $(SOURCES)
+	mypy
+	pytest
+
+check: setup
+	ruff format $(SOURCES)
+	ruff check $(SOURCES)
+	mypy
+	pytest -m "not slow and not browser"
+
+bench: setup
+	@for script in bench/*.py; do echo "== $$script"; python $$script || exit 1; done
+
+serve: setup
+	reconstudy serve
+
+# Exact versions with hashes of everything in pyproject.toml, for any Python from 3.11 on; needs uv.
+lock:
+	uv pip compile pyproject.toml --all-extras --generate-hashes --no-emit-index-url --no-header \
+		--python-version 3.11 --universal --quiet --output-file requirements.lock

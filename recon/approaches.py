@@ -1,0 +1,43 @@
+"""An approach is a depth method with a fusion method; a study compares approaches on the same scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+DEPTH_METHODS = ("id", "dr", "pm")  # Table 1
+FUSION_METHODS = ("fa", "fb")  # Table 1
+
+
+@dataclass(frozen=True, order=True)
+class Approach:
+    """One way from pictures to a model.
+
+    Raises
+    ------
+    ValueError
+        If a method is not one of the paper's.
+    """
+
+    depth: str
+    fusion: str
+
+    def __post_init__(self) -> None:
+        if self.depth not in DEPTH_METHODS:
+            raise ValueError(f"unknown depth method {self.depth!r}, expected one of {', '.join(DEPTH_METHODS)}")
+        if self.fusion not in FUSION_METHODS:
+            raise ValueError(f"unknown fusion method {self.fusion!r}, expected one of {', '.join(FUSION_METHODS)}")
+
+    def __str__(self) -> str:
+        return f"{self.depth}_{self.fusion}"
+
+    @property
+    def levels(self) -> dict[str, str]:
+        """The level of each factor, as a manifest and the factor analysis name them."""
+        return {"depth": self.depth, "fusion": self.fusion}
+
+
+def approaches(depths: Iterable[str], fusions: Iterable[str]) -> tuple[Approach, ...]:
+    """Every depth method with every fusion method, in the order given."""
+    fusions = tuple(fusions)
+    return tuple(Approach(depth, fusion) for depth in depths for fusion in fusions)

@@ -1,0 +1,79 @@
+"""Finished artefacts of a run, keyed by the digest of what they were made from, so that a run can be resumed.
+
+An artefact counts as finished only if its note says so: the note is written after the file, and holds the key
+(inputs, parameters, code version) and the file's own digest. A run that is killed between the two makes it again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from recon.files import read_json, write_json
+
+PACKAGE = Path(__file__).parent
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def key_of(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a JSON-like description; the order of its keys does not matter."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+@cache
+def code_version(*sources: str) -> str:
+    """Digest of the source text of modules or packages of `recon`, e.g. ``code_version("depth", "cloud.py")``."""
+    digest = hashlib.sha256()
+    for source in sources:
+        path = PACKAGE / source
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+class Artefacts:
+    """The finished files under one folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def make(self, name: str, key: Mapping[str, Any], write: Callable[[Path], None]) -> bool:
+        """Call `write` with the artefact's path unless it is there already with the same key.
+
+        Returns whether it had to be made.
+        """
+        path, note = self.folder / name, self._note(name)
+        wanted = key_of(key)
+        if self._finished(path, note, wanted):
+            return False
+        note.unlink(missing_ok=True)
+        write(path)
+        write_json(note, {"key": wanted, "sha256": file_digest(path)})
+        return True
+
+    def digest(self, name: str) -> str:
+        """SHA-256 of a finished artefact."""
+        return str(read_json(self._note(name))["sha256"])
+
+    def digests(self, names: Iterable[str]) -> list[str]:
+        """SHA-256 of several finished artefacts, in their order."""
+        return [self.digest(name) for name in names]
+
+    def _note(self, name: str) -> Path:
+        return self.folder / ".finished" / f"{name}.json"
+
+    @staticmethod
+    def _finished(path: Path, note: Path, wanted: str) -> bool:
+        if not (path.is_file() and note.is_file()):
+            return False
+        written = read_json(note)
+        return written.get("key") == wanted and written.get("sha256") == file_digest(path)

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# Install what the product and its tests need: system packages, then a virtual environment from the lock file.
+# Run by `make setup`; a second run finds everything in place and takes seconds.
+set -euo pipefail
+cd "$(dirname "$0")"
+venv=${1:-.venv}
+
+# Offscreen OpenGL for the videos, a browser for the browser tests, fonts for both and for plots.
+# "a|b" means: a, or b where the distribution has no a. "?a" means: a, where the distribution has it.
+packages=(libegl1 libgl1-mesa-dri "?libosmesa6" "chromium|chromium-browser" fonts-dejavu-core)
+
+installed() { dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
+known() { [ -n "$(apt-cache madison "$1" 2>/dev/null)" ]; }
+
+missing_packages() {
+  local entry name first
+  for entry in "${packages[@]}"; do
+    first=""
+    for name in $(echo "${entry#\?}" | tr '|' ' '); do
+      if installed "$name"; then first="-"; break; fi
+      if [ -z "$first" ] && known "$name"; then first=$name; fi
+    done
+    if [ "$first" = "-" ]; then continue; fi
+    if [ -n "$first" ]; then echo "$first"
+    elif [ "${entry#\?}" = "$entry" ]; then echo "${entry%%|*}"; fi
+  done
+}
+
+install_system_packages() {
+  if ! command -v dpkg-query >/dev/null; then
+    echo "setup: not Debian or Ubuntu; going on, but videos need EGL or OSMesa and the browser tests need Chromium." >&2
+    return
+  fi
+  local missing root=()
+  mapfile -t missing < <(missing_packages)
+  [ ${#missing[@]} -gt 0 ] || return 0
+  if [ "$(id -u)" -ne 0 ]; then root=(sudo); fi
+  if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
+    echo "setup: these system packages are missing and need root: ${missing[*]}" >&2
+    echo "setup: as root, run: apt-get install ${missing[*]}    then run this again." >&2
+    exit 1
+  fi
+  "${root[@]}" apt-get update -qq
+  mapfile -t missing < <(missing_packages)
+  echo "setup: installing system packages: ${missing[*]}"
+  "${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null || {
+    echo "setup: could not install ${missing[*]}; install them by hand, then run this again." >&2
+    exit 1
+  }
+}
+
+find_python() {
+  local name
+  for name in python3.11 python3.12 python3.13 python3; do
+    if command -v "$name" >/dev/null && "$name" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+      echo "$name"
+      return
+    fi
+  done
+  echo "setup: no Python 3.11 or newer with venv found; on Debian or Ubuntu: apt-get install python3 python3-venv" >&2
+  exit 1
+}
+
+install_python_packages() {
+  local wanted
+  wanted=$({ pwd; cat requirements.lock pyproject.toml setup.sh; } | sha256sum | cut -d' ' -f1)
+  if [ "$(cat "$venv/.installed" 2>/dev/null)" = "$wanted" ]; then return; fi
+  local python
+  python=$(find_python)
+  echo "setup: installing Python packages into $venv (a few minutes the first time)"
+  [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+  echo "$wanted" > "$venv/.installed"
+}
+
+install_system_packages
+install_python_packages
