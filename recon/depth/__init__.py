@@ -1,0 +1,17 @@
+"""From a rectified stereo pair to the disparities of its left image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.depth.cvf import match_id
+from recon.depth.pair import StereoPair
+
+__all__ = ["MATCHERS", "Matcher", "StereoPair", "match_id"]
+
+Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
+
+MATCHERS: dict[str, Matcher] = {"id": match_id}

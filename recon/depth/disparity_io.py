@@ -1,0 +1,138 @@
+"""Disparity maps on disk: PFM, NPY and TIFF, and a coloured PNG to look at.
+
+Convention
+----------
+In memory an unmatched pixel is NaN. NPY and TIFF keep it; PFM, which has no NaN by custom, holds infinity.
+PFM stores the bottom row first and its scale's sign gives the byte order (negative: little endian).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.files import whole_file
+
+SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
+PREVIEW_PERCENTILES = (1.0, 99.0)  # a few wrong matches must not wash out the colours
+
+
+def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
+    """Write a disparity map in the format of the path's suffix, whole or not at all.
+
+    Parameters
+    ----------
+    path : ends in .pfm, .npy, .tiff, .tif, or .png (a coloured preview, not readable as disparities)
+    disparity : floating (H, W), pixels, NaN where unmatched
+
+    Raises
+    ------
+    ValueError
+        If the suffix is none of these or the map is not two-dimensional.
+    """
+    _check_suffix(path)
+    values = np.ascontiguousarray(disparity, dtype=np.float32)
+    if values.ndim != 2:
+        raise ValueError(f"{path}: a disparity map has two dimensions, found shape {values.shape}")
+    with whole_file(path) as temporary:
+        if path.suffix == ".npy":
+            np.save(temporary, values)
+        elif path.suffix == ".pfm":
+            temporary.write_bytes(_pfm_bytes(values))
+        else:
+            image = colour_preview(values)[:, :, ::-1] if path.suffix == ".png" else values
+            if not cv2.imwrite(str(temporary), image):
+                raise ValueError(f"{path}: could not be written as {path.suffix}")
+
+
+def read_disparity(path: Path) -> NDArray[np.float32]:
+    """Read a disparity map.
+
+    Returns
+    -------
+    disparity : float32 (H, W), pixels, NaN where unmatched
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, damaged, of an unknown suffix, or a PNG, whose colours are not disparities.
+    """
+    _check_suffix(path)
+    if path.suffix == ".png":
+        raise ValueError(f"{path}: a PNG is a coloured preview; read the PFM, NPY or TIFF instead")
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    values = _read_values(path)
+    if values.ndim != 2 or values.dtype.kind not in "fiu":
+        raise ValueError(f"{path}: holds {values.dtype} of shape {values.shape}, expected numbers in two dimensions")
+    disparity = np.array(values, dtype=np.float32)
+    disparity[np.isinf(disparity)] = np.nan
+    return disparity
+
+
+def colour_preview(disparity: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colours (H, W, 3) sRGB of a disparity map: near is warm, far is cold, unmatched is black."""
+    valid = np.isfinite(disparity)
+    if not valid.any():
+        return np.zeros((*disparity.shape, 3), dtype=np.uint8)
+    low, high = np.percentile(disparity[valid], PREVIEW_PERCENTILES)
+    shade = np.clip((np.where(valid, disparity, low) - low) / max(float(high - low), 1e-6), 0, 1)
+    colours = cv2.applyColorMap(np.round(shade * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[:, :, ::-1]
+    return np.ascontiguousarray(np.where(valid[..., None], colours, 0), dtype=np.uint8)
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix not in SUFFIXES:
+        raise ValueError(
+            f"{path}: unknown format {path.suffix or 'without a suffix'!r}; expected {', '.join(SUFFIXES)}"
+        )
+
+
+def _pfm_bytes(values: NDArray[np.float32]) -> bytes:
+    rows = np.where(np.isfinite(values), values, np.inf)[::-1].astype("<f4")
+    return f"Pf\n{values.shape[1]} {values.shape[0]}\n-1.0\n".encode("ascii") + rows.tobytes()
+
+
+def _read_values(path: Path) -> NDArray[np.generic]:
+    if path.suffix == ".pfm":
+        return _read_pfm(path)
+    if path.suffix == ".npy":
+        try:
+            return np.asarray(np.load(path, allow_pickle=False))
+        except (ValueError, EOFError, OSError) as error:
+            raise ValueError(f"{path}: is not readable as NPY: {error}") from error
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError(f"{path}: is not readable as TIFF")
+    return np.asarray(image)
+
+
+def _read_pfm(path: Path) -> NDArray[np.float32]:
+    content = path.read_bytes()
+    fields = content.split(maxsplit=4)[:4]
+    try:
+        kind, width, height, scale = fields[0], int(fields[1]), int(fields[2]), float(fields[3])
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"{path}: is not readable as PFM: the header is damaged") from error
+    if kind != b"Pf" or width < 1 or height < 1 or scale == 0:
+        raise ValueError(f"{path}: is not a one-channel PFM: its header says {kind!r} {width}x{height}, scale {scale}")
+    n_bytes = 4 * width * height
+    body = content[_header_length(content) :]
+    if len(body) != n_bytes:
+        raise ValueError(f"{path}: holds {len(body)} bytes of disparities, {width}x{height} needs {n_bytes}")
+    values = np.frombuffer(body, dtype="<f4" if scale < 0 else ">f4").reshape(height, width)
+    return values[::-1].astype(np.float32)
+
+
+def _header_length(content: bytes) -> int:
+    """The position after the one white-space byte that ends the fourth field: floats may look like white space."""
+    position = 0
+    for _ in range(4):
+        while content[position : position + 1].isspace():
+            position += 1
+        while position < len(content) and not content[position : position + 1].isspace():
+            position += 1
+    return position + 1

@@ -1,0 +1,99 @@
+"""A rectified stereo pair: what every matcher takes, checked once at the door."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MIN_SIDE = 7  # pixels: a 5x5 census window with a pixel to spare on each side
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """Two rectified images of one instant, with the disparities to search.
+
+    Parameters
+    ----------
+    left, right : uint8 (H, W, 3) sRGB or (H, W) grey
+    n_disparities : how many whole disparities to search, pixels
+    min_disparity : the smallest of them, pixels; may be negative
+    left_mask, right_mask : bool (H, W), True on the foreground; absent, everything is foreground
+
+    Convention
+    ----------
+    Row y of one image corresponds to row y of the other; disparity = left column - right column.
+
+    Raises
+    ------
+    ValueError
+        If the images cannot be matched: different sizes or channels, not 8-bit, too small, disparities that are
+        not positive in number or reach beyond the image, a mask of another size or without a foreground pixel.
+    """
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    n_disparities: int
+    min_disparity: int = 0
+    left_mask: NDArray[np.bool_] | None = None
+    right_mask: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        _check_image(self.left, "left")
+        _check_image(self.right, "right")
+        _check_alike(self.left, self.right)
+        _check_disparities(self.n_disparities, self.min_disparity, width=self.width)
+        for mask, side in ((self.left_mask, "left"), (self.right_mask, "right")):
+            if mask is not None:
+                _check_mask(mask, (self.height, self.width), side)
+
+    @property
+    def height(self) -> int:
+        """Rows, pixels."""
+        return int(self.left.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns, pixels."""
+        return int(self.left.shape[1])
+
+
+def _check_image(image: NDArray[np.uint8], side: str) -> None:
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+        raise ValueError(f"the {side} image has shape {image.shape}; expected (rows, columns) or (rows, columns, 3)")
+    if image.dtype != np.uint8:
+        raise ValueError(f"the {side} image is {image.dtype}; expected 8 bits a channel (uint8): convert it first")
+    if min(image.shape[:2]) < MIN_SIDE:
+        rows, columns = image.shape[:2]
+        raise ValueError(f"the {side} image is {columns}x{rows} pixels; matching needs at least {MIN_SIDE} each way")
+
+
+def _check_alike(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> None:
+    if left.shape[:2] != right.shape[:2]:
+        raise ValueError(
+            f"the left image is {left.shape[1]}x{left.shape[0]}, the right {right.shape[1]}x{right.shape[0]}; "
+            "a rectified pair has one size"
+        )
+    if left.ndim != right.ndim:
+        channels = [1 if image.ndim == 2 else image.shape[2] for image in (left, right)]
+        raise ValueError(f"the left image has {channels[0]} channels, the right {channels[1]}; expected the same")
+
+
+def _check_disparities(n_disparities: int, min_disparity: int, *, width: int) -> None:
+    if n_disparities < 1:
+        raise ValueError(f"the number of disparities is {n_disparities}; expected at least 1")
+    if min_disparity <= -width or min_disparity + n_disparities > width:
+        raise ValueError(
+            f"disparities {min_disparity} to {min_disparity + n_disparities - 1} reach beyond images "
+            f"{width} pixels wide; search fewer"
+        )
+
+
+def _check_mask(mask: NDArray[np.bool_], shape: tuple[int, int], side: str) -> None:
+    if mask.shape != shape:
+        raise ValueError(f"the {side} mask has shape {mask.shape}; expected the images' {shape}")
+    if mask.dtype != np.bool_:
+        raise ValueError(f"the {side} mask is {mask.dtype}; expected bool, True on the foreground")
+    if not mask.any():
+        raise ValueError(f"the {side} mask is empty; at least one foreground pixel is needed")

@@ -1,0 +1,91 @@
+"""What every matcher does: one contract for all that are registered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recon.depth import MATCHERS, Matcher, StereoPair
+
+every_matcher = pytest.mark.parametrize("matcher", MATCHERS.values(), ids=MATCHERS.keys())
+
+
+def texture(height: int = 40, width: int = 80, seed: int = 0) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3)).astype(np.uint8)
+
+
+def shifted_pair(disparity: int, *, n_disparities: int = 12, min_disparity: int = 0) -> StereoPair:
+    scene = texture(width=120)
+    return StereoPair(
+        np.ascontiguousarray(scene[:, 20:100]),
+        np.ascontiguousarray(scene[:, 20 + disparity : 100 + disparity]),
+        n_disparities,
+        min_disparity,
+    )
+
+
+@every_matcher
+@pytest.mark.parametrize(("disparity", "min_disparity"), [(0, 0), (5, 0), (11, 0), (-3, -6), (7, 4)])
+def test_a_shifted_picture_has_its_shift_as_disparity(matcher: Matcher, disparity: int, min_disparity: int) -> None:
+    found = matcher(shifted_pair(disparity, min_disparity=min_disparity))
+    assert found.dtype == np.float32
+    assert found.shape == (40, 80)
+    visible = found[:, max(disparity, 0) : 80 + min(disparity, 0)]
+    assert np.mean(np.abs(visible - disparity) <= 0.25) > 0.98
+
+
+@every_matcher
+def test_no_match_points_outside_the_right_image_or_the_range(matcher: Matcher) -> None:
+    noise = StereoPair(texture(seed=1), texture(seed=2), 12, 3)
+    found = matcher(noise)
+    valid = np.isfinite(found)
+    assert (found[valid] >= 2.5).all()
+    assert (found[valid] <= 14.5).all()
+    matched = (np.arange(80) - found)[valid]
+    assert (matched >= -0.5).all()
+    assert (matched <= 79.5).all()
+
+
+@every_matcher
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_pair_without_texture_is_unmatched_everywhere_and_warned_about(matcher: Matcher, level: int) -> None:
+    plain = np.full((20, 30, 3), level, np.uint8)
+    with pytest.warns(UserWarning, match="no texture"):
+        assert np.isnan(matcher(StereoPair(plain, plain, 8))).all()
+
+
+@every_matcher
+def test_no_depth_is_invented_where_rows_are_plain(matcher: Matcher) -> None:
+    stripes = np.repeat(np.random.default_rng(0).integers(0, 256, (40, 1)).astype(np.uint8), 80, axis=1)
+    assert np.isnan(matcher(StereoPair(stripes, stripes, 12))).all()
+
+
+@every_matcher
+def test_texture_in_one_view_alone_matches_nothing(matcher: Matcher) -> None:
+    plain = np.full((40, 80, 3), 100, np.uint8)
+    with pytest.warns(UserWarning, match="no texture"):
+        assert np.isnan(matcher(StereoPair(texture(), plain, 12))).all()
+
+
+@every_matcher
+def test_what_lies_behind_the_mask_is_unmatched_and_changes_nothing(matcher: Matcher) -> None:
+    pair = shifted_pair(4)
+    masks = np.zeros((2, 40, 80), np.bool_)
+    masks[0, 8:30, 20:60] = True
+    masks[1, 8:30, 16:56] = True
+    found = []
+    for seed in (5, 6):
+        behind = texture(seed=seed)
+        left = np.where(masks[0][..., None], pair.left, behind)
+        right = np.where(masks[1][..., None], pair.right, 255 - behind)
+        found.append(matcher(StereoPair(left, right, 12, left_mask=masks[0], right_mask=masks[1])))
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.isnan(found[0][~masks[0]]).all()
+    assert np.mean(np.abs(found[0][masks[0]] - 4) <= 0.25) > 0.95
+
+
+@every_matcher
+def test_the_same_pair_gives_the_same_bits(matcher: Matcher) -> None:
+    pair = shifted_pair(6)
+    np.testing.assert_array_equal(matcher(pair), matcher(pair))
