@@ -1,0 +1,121 @@
+"""Pixels from files: the one reader of recorded images and videos, which raises where OpenCV would fail softly."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
+SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call starts again
+MAX_OPEN_VIDEOS = 32  # decoders kept open per process: sixteen sensors
+JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
+
+
+class CaptureError(ValueError):
+    """A recording that cannot be used as it is; the message names the file and the value."""
+
+
+def is_video(path: str | Path) -> bool:
+    """Whether the name is that of a video rather than of an image."""
+    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Read a PNG or JPEG as RGB uint8 (H, W, 3), as the camera stored it: an EXIF orientation is not applied.
+
+    Raises
+    ------
+    CaptureError
+        If the file is missing, is not an image, or is cut off.
+    """
+    pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels is None:
+        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
+    return np.asarray(pixels)
+
+
+def read_mask(path: Path) -> NDArray[np.bool_]:
+    """Read a mask, bool (H, W): True where the grey value is at least 128.
+
+    Raises
+    ------
+    CaptureError
+        As `read_image`.
+    """
+    return np.asarray(read_image(path)[..., 1] >= 128)
+
+
+def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
+    """Decode one frame (counted from 0) of a video as RGB uint8 (H, W, 3).
+
+    Frames asked for in ascending order are decoded once each; going back starts again at the first frame,
+    because seeking is not exact in every container.
+
+    Raises
+    ------
+    CaptureError
+        If the file is missing, cannot be decoded, or ends before the frame.
+    """
+    if not path.is_file():
+        raise CaptureError(f"{path}: there is no such video")
+    facts = path.stat()
+    return _open_video(path, facts.st_mtime_ns, facts.st_size, os.getpid()).read(frame)
+
+
+class _Video:
+    """An open decoder that knows which frame comes next."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = Lock()
+        self._restart()
+
+    def read(self, frame: int) -> NDArray[np.uint8]:
+        with self._lock:
+            if frame < self._next:
+                self._restart()
+            while self._next < frame:
+                self._advance(self._decoder.grab(), frame)
+            decoded, pixels = self._decoder.read()
+            self._advance(decoded, frame)
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))
+
+    def _restart(self) -> None:
+        self._decoder = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        self._decoder.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # calibrations hold for the sensor's own orientation
+        self._next = 0
+        if not self._decoder.isOpened():
+            raise CaptureError(f"{self._path}: is not a video that can be decoded")
+
+    def _advance(self, decoded: bool, wanted: int) -> None:
+        if not decoded:
+            n_frames, self._next = self._next, SPENT
+            raise CaptureError(f"{self._path}: ends after {n_frames} frames, frame {wanted} was asked for")
+        self._next += 1
+
+
+@lru_cache(maxsize=MAX_OPEN_VIDEOS)
+def _open_video(path: Path, _changed_ns: int, _n_bytes: int, _process: int) -> _Video:
+    return _Video(path)  # keyed by the process too: a forked decoder shares its file position with its parent
+
+
+def _image_bytes(path: Path) -> NDArray[np.uint8]:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise CaptureError(f"{path}: there is no such image") from error
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
+    if path.suffix.lower() in (".jpg", ".jpeg") and not content.rstrip(b"\0").endswith(JPEG_END):
+        raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its JPEG data")
+    if not content:
+        raise CaptureError(f"{path}: is empty")
+    return np.frombuffer(content, dtype=np.uint8)

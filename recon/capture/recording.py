@@ -1,0 +1,240 @@
+"""What a recording consists of, and the rules that its values obey.
+
+Convention: millimetres and seconds, cameras as in `recon.rig`, world y up, frames counted from 0. All paths are
+relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` stands for the frame's number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
+from recon.rig import Camera, Rig, Sensor
+
+KINDS = ("scene", "sphere", "cuboid")
+FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraStream:
+    """A camera and where its images lie.
+
+    Parameters
+    ----------
+    camera : Camera
+    image : pattern relative to the capture's folder ("S1/left/{frame:04d}.png"), or a video's name
+    """
+
+    camera: Camera
+    image: str
+
+    def __post_init__(self) -> None:
+        _check_path(self.image, IMAGE_SUFFIXES + VIDEO_SUFFIXES)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorStream:
+    """A stereo sensor and where its images lie.
+
+    Parameters
+    ----------
+    plate : images (left, right) of the empty studio, or None
+    mask : patterns (left, right) of the foreground masks, or None
+    """
+
+    id: str
+    left: CameraStream
+    right: CameraStream
+    plate: tuple[str, str] | None = None
+    mask: tuple[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w.-]+", self.id) or self.id.startswith("."):
+            raise CaptureError(f"sensor id {self.id!r} is no file name: use letters, digits, '_', '-' and '.'")
+        for path in (*(self.plate or ()), *(self.mask or ())):
+            _check_path(path, IMAGE_SUFFIXES)
+        try:
+            _ = self.sensor
+        except ValueError as error:
+            raise CaptureError(str(error)) from error
+
+    @property
+    def sensor(self) -> Sensor:
+        """The two cameras without their images."""
+        return Sensor(self.id, self.left.camera, self.right.camera)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A photograph that no sensor uses, for checks of new views: what `camera` saw at `frame`."""
+
+    camera: Camera
+    image: str
+    frame: int
+
+    def __post_init__(self) -> None:
+        _check_path(self.image, IMAGE_SUFFIXES)
+        check_count(self.frame, "frame", at_least=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A recording of one scene by all sensors of a studio.
+
+    Parameters
+    ----------
+    folder : where `capture.json` and the images lie
+    name : the scene's name, the `dataset` of later stages
+    kind : "scene", "sphere" or "cuboid"
+    fps : frames per second
+    n_frames : number of instants that every camera has recorded
+    bounds : float64 (2, 3), mm, lowest and highest corner of the space to be reconstructed, over all frames
+    object : {"radius_mm": r} of a sphere, {"size_mm": [a, b, c]} of a cuboid, else empty
+    sensors : in the order in which the fly-through passes them
+    held_out : photographs for checks of new views
+
+    Raises
+    ------
+    CaptureError
+        If a value is not one of those above; the first one found is named.
+    """
+
+    folder: Path
+    name: str
+    kind: str
+    fps: float
+    n_frames: int
+    bounds: NDArray[np.float64]
+    object: dict[str, Any]
+    sensors: tuple[SensorStream, ...]
+    held_out: tuple[HeldOut, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        check_kind(self.kind)
+        check_fps(self.fps)
+        check_count(self.n_frames, "n_frames", at_least=1)
+        object.__setattr__(self, "bounds", check_bounds(self.bounds))
+        check_object(self.object)
+        _check_ids([stream.id for stream in self.sensors])
+        for stream in self.sensors:
+            _check_patterns(stream, self.n_frames)
+        for photograph in self.held_out:
+            if photograph.frame >= self.n_frames:
+                raise CaptureError(
+                    f"held_out {photograph.image}: frame {photograph.frame} of a capture of {self.n_frames} frames"
+                )
+
+    @property
+    def rig(self) -> Rig:
+        """All sensors' cameras."""
+        return Rig(tuple(stream.sensor for stream in self.sensors))
+
+    def stream(self, sensor_id: str) -> SensorStream:
+        """The sensor of that id.
+
+        Raises
+        ------
+        CaptureError
+            If there is none.
+        """
+        for stream in self.sensors:
+            if stream.id == sensor_id:
+                return stream
+        ids = ", ".join(stream.id for stream in self.sensors)
+        raise CaptureError(f"{self.folder}: there is no sensor {sensor_id!r}, there are {ids}")
+
+
+def image_path(folder: Path, pattern: str, frame: int) -> Path:
+    """The file of a pattern at a frame."""
+    return folder / FRAME_FIELD.sub(lambda found: found.group().format(frame=frame), pattern)
+
+
+def check_name(name: Any) -> str:
+    """The scene's name, or a CaptureError that says what is wrong with it; likewise below."""
+    if not isinstance(name, str) or not name.strip():
+        raise CaptureError(f"name is {name!r}, expected the scene's name")
+    return name
+
+
+def check_kind(kind: Any) -> str:
+    """One of KINDS."""
+    if kind not in KINDS:
+        raise CaptureError(f"kind is {kind!r}, expected one of {', '.join(KINDS)}")
+    return str(kind)
+
+
+def check_fps(fps: Any) -> float:
+    """A positive number."""
+    if not _is_number(fps) or not fps > 0:
+        raise CaptureError(f"fps is {fps!r}, expected a positive number")
+    return float(fps)
+
+
+def check_count(count: Any, name: str, *, at_least: int) -> int:
+    """A whole number."""
+    if isinstance(count, bool) or not isinstance(count, int) or count < at_least:
+        raise CaptureError(f"{name} is {count!r}, expected a whole number of at least {at_least}")
+    return count
+
+
+def check_bounds(bounds: Any) -> NDArray[np.float64]:
+    """Float64 (2, 3), each lowest value below its highest."""
+    try:
+        box = np.array(bounds, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise CaptureError(f"bounds is {bounds!r}, expected numbers") from error
+    if box.shape != (2, 3) or not np.isfinite(box).all():
+        raise CaptureError(f"bounds is {box.tolist()}, expected [[x, y, z] lowest, [x, y, z] highest] in mm")
+    if not (box[0] < box[1]).all():
+        raise CaptureError(f"bounds: the lowest corner {box[0].tolist()} is not below the highest {box[1].tolist()}")
+    return box
+
+
+def check_object(facts: Any) -> dict[str, Any]:
+    """What is known of a validation object."""
+    if not isinstance(facts, Mapping):
+        raise CaptureError(f"object is {facts!r}, expected a JSON object")
+    radius, size = facts.get("radius_mm", 1.0), facts.get("size_mm", [1.0, 1.0, 1.0])
+    if not _is_number(radius) or radius <= 0:
+        raise CaptureError(f"object: radius_mm is {radius!r}, expected a positive number")
+    if not isinstance(size, list | tuple) or len(size) != 3 or not all(_is_number(edge) and edge > 0 for edge in size):
+        raise CaptureError(f"object: size_mm is {size!r}, expected three positive numbers")
+    return dict(facts)
+
+
+def _check_ids(ids: list[str]) -> None:
+    if not ids:
+        raise CaptureError("a capture needs at least one sensor, found none")
+    if len(set(ids)) != len(ids):
+        raise CaptureError(f"sensor ids must differ, found {', '.join(ids)}")
+
+
+def _check_patterns(stream: SensorStream, n_frames: int) -> None:
+    for pattern in (stream.left.image, stream.right.image, *(stream.mask or ())):
+        if n_frames > 1 and not is_video(pattern) and not FRAME_FIELD.search(pattern):
+            raise CaptureError(
+                f"sensor {stream.id}: {pattern} names one image for {n_frames} frames; "
+                "put {frame:04d} where the number stands"
+            )
+
+
+def _check_path(path: str, suffixes: tuple[str, ...]) -> None:
+    pure, plain = PurePosixPath(path), FRAME_FIELD.sub("", path)
+    if pure.is_absolute() or ".." in pure.parts or "\\" in path or ":" in plain:
+        raise CaptureError(f"path {path!r} leaves the capture's folder; use a relative path with '/' and without '..'")
+    if "{" in plain or "}" in plain:
+        raise CaptureError(f"path {path!r}: the only placeholder is {{frame}}, with leading zeros {{frame:04d}}")
+    if pure.suffix.lower() not in suffixes:
+        raise CaptureError(f"path {path!r} ends in {pure.suffix!r}, expected one of {', '.join(suffixes)}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
