@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call starts again
-MAX_OPEN_VIDEOS = 32  # decoders kept open per process: sixteen sensors
+MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 
 
@@ -40,17 +40,6 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     if pixels is None:
         raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
     return np.asarray(pixels)
-
-
-def read_mask(path: Path) -> NDArray[np.bool_]:
-    """Read a mask, bool (H, W): True where the grey value is at least 128.
-
-    Raises
-    ------
-    CaptureError
-        As `read_image`.
-    """
-    return np.asarray(read_image(path)[..., 1] >= 128)
 
 
 def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
