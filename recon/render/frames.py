@@ -1,0 +1,136 @@
+"""From meshes and cameras to pictures, by one of two renderers: the stage between mesh and video."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.mesh import Mesh
+from recon.render.backdrop import backdrop, floor_shade
+from recon.render.light import lit
+from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
+from recon.render.rasterise import draw_model
+from recon.render.scene import Scene, Shot
+from recon.rig import Camera
+
+GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
+
+Renderer = Callable[[Iterable[Shot]], Iterator[NDArray[np.uint8]]]
+
+
+def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
+    """Draw shots by the rasteriser of this package, four samples a pixel."""
+    for shot in shots:
+        pixels = shot.camera.project(shot.mesh.vertices)
+        depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2:]
+        draw_model(
+            shot.picture,
+            np.concatenate([pixels, depth], axis=1).astype(np.float32),
+            shot.mesh.faces,
+            shot.mesh.front,
+            shot.mesh.back,
+            threads=shot.threads,
+        )
+        yield shot.picture
+
+
+RENDERERS: dict[str, Renderer] = {"pyrender": pyrender_frames, "software": software_frames}
+
+
+def render_frames(
+    meshes: Iterable[Mesh] | Callable[[int], Mesh],
+    cameras: Sequence[Camera],
+    scene: Scene,
+    *,
+    renderer: str = "auto",
+    threads: int = 1,
+) -> Iterator[NDArray[np.uint8]]:
+    """A picture of the model in the scene for each camera.
+
+    Parameters
+    ----------
+    meshes : the model of each frame in turn, or a function of the frame's number; the same object again is not lit anew
+    cameras : one a frame, without distortion
+    scene : as `scene_around` made it for the whole path, also where `cameras` are a part of it
+    renderer : a name in `RENDERERS`, or "auto" (see `choose_renderer`)
+    threads : how many threads the software renderer uses; its pictures do not depend on it
+
+    Yields
+    ------
+    uint8 (H, W, 3), sRGB
+
+    Raises
+    ------
+    ValueError
+        If the renderer is unknown, a mesh cannot be drawn (the message names the frame), or the meshes end early.
+    NoRendererError
+        If pyrender was asked for and cannot draw here.
+    """
+    draw = RENDERERS[choose_renderer(renderer)]
+    return draw(_shots(meshes, cameras, scene, threads))
+
+
+def choose_renderer(wanted: str = "auto") -> str:
+    """The renderer that `wanted` means on this machine: pyrender where OpenGL has a GPU, else the software renderer.
+
+    One renderer draws a whole stimulus set: choose once, and record the name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such renderer.
+    """
+    if wanted == "auto":
+        return "pyrender" if _has_gpu() else "software"
+    if wanted not in RENDERERS:
+        raise ValueError(f"there is no renderer {wanted!r}; expected auto or one of {', '.join(RENDERERS)}")
+    return wanted
+
+
+def describe_renderer(name: str) -> str:
+    """A chosen renderer with the platform and driver that it draws on, for a manifest."""
+    return f"pyrender ({', '.join(working_platform())})" if name == "pyrender" else name
+
+
+def model_frames(n_model: int, n_frames: int, *, model_fps: float, fps: float) -> tuple[int, ...]:
+    """Which frame of the model each frame of a video shows: as recorded, and again from the start when it ends.
+
+    Raises
+    ------
+    ValueError
+        If there is no frame or a rate is not positive.
+    """
+    if n_model < 1 or model_fps <= 0 or fps <= 0:
+        raise ValueError(f"{n_model} model frames at {model_fps}/s for a video at {fps}/s: all must be positive")
+    return tuple(int(frame * model_fps / fps + 1e-6) % n_model for frame in range(n_frames))
+
+
+def _shots(
+    meshes: Iterable[Mesh] | Callable[[int], Mesh], cameras: Sequence[Camera], scene: Scene, threads: int
+) -> Iterator[Shot]:
+    in_turn = map(meshes, count()) if callable(meshes) else iter(meshes)
+    last: Mesh | None = None
+    for frame, camera in enumerate(cameras):
+        mesh = next(in_turn, None)
+        if mesh is None:
+            raise ValueError(f"the meshes ended after {frame} of {len(cameras)} frames")
+        if mesh is not last:
+            try:
+                model = lit(mesh, scene)
+            except ValueError as error:
+                raise ValueError(f"frame {frame}: {error}") from error
+            shade, last = floor_shade(model, scene), mesh
+        yield Shot(model, camera, backdrop(scene, camera, shade, threads=threads), threads)
+
+
+def _has_gpu() -> bool:
+    if not any(Path(device).exists() for device in GPU_DEVICES):
+        return False
+    try:
+        return is_hardware(working_platform()[1])
+    except NoRendererError:
+        return False

@@ -1,0 +1,96 @@
+"""Light on the model: captured colours times a soft gain, baked into the vertices for either side of the surface.
+
+A reconstructed surface is dense, a few pixels a triangle, so light interpolated between vertices looks like light per
+pixel; and it depends on no camera, so a model that stands still is lit once and both renderers show the same light.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from recon.mesh import Mesh
+from recon.render.rasterise import height_map
+from recon.render.scene import LitMesh, Scene, light_grid
+
+GAMMA = 2.2  # light multiplies linear values; for a power law that is gain ** (1 / GAMMA) on encoded ones
+SHADOW_BIAS = 0.012  # of the bounds' radius: layers of noisy surface nearer than that do not shade each other
+SHADOW_TAPS = 2  # texels to either side over which the shadow's edge is softened
+
+
+def lit(mesh: Mesh, scene: Scene) -> LitMesh:
+    """The mesh in the scene's light.
+
+    Raises
+    ------
+    ValueError
+        If the mesh has no faces, coordinates that are not finite, or faces of vertices that do not exist.
+    """
+    vertices, faces = checked_geometry(mesh)
+    if scene.background.ambient >= 1:
+        return LitMesh(vertices, faces, mesh.colours, mesh.colours)
+    grid = light_grid(scene)
+    shadow = height_map(grid.project(vertices), faces, grid.shape)
+    radius = np.float32(scene.radius * SHADOW_BIAS)
+    # A point is tested where it lies a little off the surface, so that a surface does not shade itself.
+    lifted = grid.project(vertices + mesh.normals * radius), grid.project(vertices - mesh.normals * radius)
+    visible = _visibility(shadow, *lifted, (mesh.normals @ scene.to_light.astype(np.float32)), radius)
+    gains = _gains(mesh.normals, scene, visible)
+    front, back = (np.rint(mesh.colours * gain[:, None]).astype(np.uint8) for gain in gains)
+    return LitMesh(vertices, faces, front, back)
+
+
+def checked_geometry(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Vertices and faces that can be drawn.
+
+    Raises
+    ------
+    ValueError
+        If they cannot; says what was found.
+    """
+    vertices, faces = np.ascontiguousarray(mesh.vertices, np.float32), np.ascontiguousarray(mesh.faces, np.int32)
+    if len(faces) == 0:
+        raise ValueError(f"a mesh of {len(vertices)} vertices has no faces: there is nothing to render")
+    if not np.isfinite(vertices).all():
+        bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
+        raise ValueError(f"vertex {bad} of a mesh is at {vertices[bad].tolist()}, expected finite coordinates")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"faces name vertices {faces.min()} to {faces.max()}, but there are only {len(vertices)}")
+    for name, values in (("normals", mesh.normals), ("colours", mesh.colours)):
+        if values.shape != vertices.shape:
+            raise ValueError(f"a mesh has {name} of shape {values.shape}, expected {vertices.shape}, one a vertex")
+    return vertices, faces
+
+
+def _gains(
+    normals: NDArray[np.float32], scene: Scene, visible: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What the encoded colours of the front and of the back are multiplied by, (N,) each, at most 1."""
+    background = scene.background
+    towards = normals @ scene.to_light.astype(np.float32)
+    gains = []
+    for side in (np.float32(1), np.float32(-1)):
+        from_sky = 1 - background.sky * (1 - side * normals[:, 1]) / 2
+        from_key = np.maximum(side * towards, 0) * visible
+        light = background.ambient * from_sky + (1 - background.ambient) * from_key
+        gains.append(np.clip(light, 0, 1).astype(np.float32) ** np.float32(1 / GAMMA))
+    return gains[0], gains[1]
+
+
+@njit(cache=True, nogil=True)
+def _visibility(shadow, in_front, behind, towards, bias):  # type: ignore[no-untyped-def]  # numba
+    """Share of the key light that reaches each vertex, on the one side of it that faces the light."""
+    visible = np.empty(towards.shape[0], dtype=np.float32)
+    share = np.float32(1) / np.float32((2 * SHADOW_TAPS) ** 2)
+    for i in range(towards.shape[0]):
+        point = in_front[i] if towards[i] > 0 else behind[i]
+        column, row = int(np.floor(point[0])), int(np.floor(point[1]))
+        reached = np.float32(0)
+        for y in range(row - SHADOW_TAPS + 1, row + SHADOW_TAPS + 1):
+            for x in range(column - SHADOW_TAPS + 1, column + SHADOW_TAPS + 1):
+                is_outside = y < 0 or x < 0 or y >= shadow.shape[0] or x >= shadow.shape[1]
+                if is_outside or point[2] <= shadow[y, x] + bias:
+                    reached += share
+        visible[i] = reached
+    return visible

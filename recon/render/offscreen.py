@@ -1,0 +1,168 @@
+"""The pyrender renderer: models drawn by OpenGL without a window, on EGL or, where that is missing, on OSMesa.
+
+pyrender draws the lit mesh flat, so that the colours of its vertices are shown as they are (its own lights would take
+them as linear), and the picture is laid over the same backdrop that the software renderer draws on.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.render.scene import LitMesh, Shot
+from recon.rig import Camera
+
+# In the order in which they are tried, with the Debian packages that hold them.
+PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast", "software")
+PROBE_TIMEOUT_S = 60
+# In a process of its own: PyOpenGL cannot change its platform once loaded, and a broken driver may crash.
+PROBE = """
+import pyrender
+from OpenGL.GL import GL_RENDERER, glGetString
+renderer = pyrender.OffscreenRenderer(16, 16)
+print(glGetString(GL_RENDERER).decode())
+"""
+
+
+class NoRendererError(RuntimeError):
+    """OpenGL cannot draw without a window on this machine."""
+
+
+@cache
+def working_platform() -> tuple[str, str]:
+    """The first OpenGL platform that works and the name of its driver.
+
+    Where `PYOPENGL_PLATFORM` names one of them, only that one is tried.
+
+    Raises
+    ------
+    NoRendererError
+        If none works; says why and which package to install.
+    """
+    wanted = os.environ.get("PYOPENGL_PLATFORM", "")
+    failures = []
+    for platform in [wanted] if wanted in PLATFORMS else PLATFORMS:
+        driver, failure = _probed(platform)
+        if driver:
+            return platform, driver
+        failures.append(f"{platform}: {failure} (Debian: apt-get install {PLATFORMS[platform]})")
+    raise NoRendererError(
+        "pyrender cannot draw without a window here. "
+        + "; ".join(failures)
+        + ". Install one of these, or choose the software renderer, which needs no OpenGL"
+    )
+
+
+def is_hardware(driver: str) -> bool:
+    """Whether an OpenGL driver's name is that of a GPU rather than of a processor's imitation of one."""
+    return not any(name in driver.lower() for name in SOFTWARE_DRIVERS)
+
+
+def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
+    """Draw shots by pyrender, four samples a pixel; one OpenGL context, freed at the end.
+
+    Raises
+    ------
+    NoRendererError
+        If neither EGL nor OSMesa works.
+    """
+    platform, _ = working_platform()
+    os.environ["PYOPENGL_PLATFORM"] = platform
+    import pyrender  # reads the platform when it is imported
+
+    scale = 1 if platform == "egl" else 2  # OSMesa has one sample a pixel: four pixels become one
+    renderer: Any = None
+    scene = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 0.0))
+    try:
+        shown: LitMesh | None = None
+        for shot in shots:
+            width, height = shot.camera.size[0] * scale, shot.camera.size[1] * scale
+            renderer = renderer or pyrender.OffscreenRenderer(width, height)
+            renderer.viewport_width, renderer.viewport_height = width, height
+            if shot.mesh is not shown:
+                for node in list(scene.mesh_nodes):
+                    scene.remove_node(node)
+                scene.add(_two_sided(pyrender, shot.mesh))
+                shown = shot.mesh
+            yield _over(shot.picture, _drawn(pyrender, renderer, scene, shot, scale))
+    finally:
+        if renderer is not None:
+            renderer.delete()
+
+
+def _probed(platform: str) -> tuple[str, str]:
+    """The driver's name and "", or "" and why the platform does not work."""
+    environment = {**os.environ, "PYOPENGL_PLATFORM": platform}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", PROBE], env=environment, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S
+        )
+    except subprocess.TimeoutExpired:
+        return "", f"no answer in {PROBE_TIMEOUT_S} s"
+    lines = done.stdout.strip().splitlines()
+    if done.returncode == 0 and lines:
+        return lines[-1], ""
+    complaints = done.stderr.strip().splitlines()
+    return "", complaints[-1] if complaints else f"stopped with code {done.returncode}"
+
+
+def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
+    """A pyrender mesh that shows other colours from behind: two surfaces, each visible from its own side."""
+    material = pyrender.MetallicRoughnessMaterial(doubleSided=False)
+    sides = ((mesh.faces, mesh.front), (mesh.faces[:, ::-1], mesh.back))
+    return pyrender.Mesh(
+        [
+            pyrender.Primitive(
+                positions=mesh.vertices,
+                indices=np.ascontiguousarray(faces),
+                color_0=np.pad(colours.astype(np.float32) / 255, ((0, 0), (0, 1)), constant_values=1),
+                material=material,
+                mode=pyrender.constants.GLTF.TRIANGLES,
+            )
+            for faces, colours in sides
+        ]
+    )
+
+
+def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> NDArray[np.float32]:
+    """The model alone, float32 (H, W, 4): colours already multiplied by coverage, and coverage, 0 to 255."""
+    depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2]
+    near = max(float(depth.min()) * 0.9, 1.0)
+    K = shot.camera.K
+    lens = pyrender.IntrinsicsCamera(
+        fx=K[0, 0] * scale,
+        fy=K[1, 1] * scale,
+        cx=(K[0, 2] + 0.5) * scale,  # OpenGL counts from the picture's edge, not from a pixel's centre
+        cy=(K[1, 2] + 0.5) * scale,
+        znear=near,
+        zfar=max(float(depth.max()) * 1.1, near * 2),
+    )
+    node = scene.add(lens, pose=_world_from_gl_camera(shot.camera))
+    flags = pyrender.RenderFlags.FLAT | pyrender.RenderFlags.RGBA
+    drawn, distance = renderer.render(scene, flags=flags)
+    scene.remove_node(node)
+    if scale == 1:
+        return np.asarray(drawn, np.float32)
+    covered = (distance > 0)[..., None]
+    whole = np.concatenate([drawn[..., :3] * covered, covered * np.uint8(255)], axis=2)
+    height, width = whole.shape[0] // scale, whole.shape[1] // scale
+    return np.asarray(whole.reshape(height, scale, width, scale, 4).mean(axis=(1, 3)), np.float32)
+
+
+def _world_from_gl_camera(camera: Camera) -> NDArray[np.float64]:
+    """OpenGL's camera looks along -z with y up."""
+    return np.asarray(np.linalg.inv(camera.cam_from_world) @ np.diag([1.0, -1.0, -1.0, 1.0]))
+
+
+def _over(picture: NDArray[np.uint8], model: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The model over a picture."""
+    rest = 1 - model[..., 3:] / 255
+    return np.asarray(np.rint(model[..., :3] + rest * picture), np.uint8)

@@ -1,0 +1,291 @@
+"""Triangles to pixels without any graphics library: the software renderer's kernels, compiled by numba.
+
+Convention: pixel centres at integers. Corners are snapped to 1/256 pixel and covered by exact integer edge functions
+with the top-left rule, so neighbouring triangles neither overlap nor leave cracks. Each tile of the picture is drawn by
+one thread in the order of the faces: the picture is the same, bit by bit, for any number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SUBPIXELS = 256  # snapping grid of corners
+TILE = 64  # pixels; four samples of inverse depth and face of a tile are 128 KiB and stay in the second-level cache
+N_SAMPLES = 4
+# Rotated grid: no two samples share a row or a column, in 1/256 pixel.
+SAMPLE_X = np.array([-32, 96, -96, 32], dtype=np.int64)
+SAMPLE_REACH = 96
+SAMPLE_Y = np.array([-96, -32, 32, 96], dtype=np.int64)
+NEAREST = 1e-3  # mm; a face that reaches behind the camera is not drawn
+FARTHEST_PIXEL = (
+    2.0**21
+)  # corners beyond are too far outside for exact 64-bit edge functions; their faces are not drawn
+
+
+def height_map(points: NDArray[np.float32], faces: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """The smallest third coordinate that the triangles reach at each pixel.
+
+    Parameters
+    ----------
+    points : float32 (N, 3): column, row, depth of each vertex
+    faces : int32 (M, 3)
+    shape : (rows, columns)
+
+    Returns
+    -------
+    float32 (rows, columns), infinite where there is no triangle
+    """
+    heights = np.full(shape, np.inf, dtype=np.float32)
+    _draw_heights(points, faces, heights)
+    return heights
+
+
+def draw_model(
+    picture: NDArray[np.uint8],
+    projected: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    front: NDArray[np.uint8],
+    back: NDArray[np.uint8],
+    *,
+    threads: int = 1,
+) -> None:
+    """Draw triangles over a picture, four samples a pixel, each face from whichever side it is seen.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W, 3), drawn over in place
+    projected : float32 (N, 3): column, row (pixels) and depth (mm) of each vertex
+    faces : int32 (M, 3), counter-clockwise seen from the front
+    front, back : uint8 (N, 3), colours of the vertices on either side
+    threads : how many threads share the tiles; the picture does not depend on it
+    """
+    corners, inverse_depth = _snapped(projected)
+    rows, columns = (picture.shape[0] + TILE - 1) // TILE, (picture.shape[1] + TILE - 1) // TILE
+    starts, members = _binned(corners, inverse_depth, faces, picture.shape[0], picture.shape[1], rows, columns)
+
+    def draw(first: int) -> None:
+        _draw_tiles(picture, corners, inverse_depth, faces, front, back, starts, members, first, threads, columns)
+
+    in_threads(draw, threads)
+
+
+def in_threads(work: Callable[[int], None], threads: int) -> None:
+    """Call `work` with 0, 1, … threads - 1, each in a thread of its own; the kernels release the interpreter lock."""
+    if threads == 1:
+        work(0)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(work, range(threads)):
+            pass
+
+
+@njit(cache=True, nogil=True)
+def _snapped(projected):  # type: ignore[no-untyped-def]  # numba
+    """Corners int64 (N, 2) in 1/256 pixel and inverse depth float32 (N,), zero where a vertex cannot be drawn."""
+    n = projected.shape[0]
+    corners = np.zeros((n, 2), dtype=np.int64)
+    inverse_depth = np.zeros(n, dtype=np.float32)
+    for i in range(n):
+        x, y, z = projected[i, 0], projected[i, 1], projected[i, 2]
+        if z >= NEAREST and abs(x) < FARTHEST_PIXEL and abs(y) < FARTHEST_PIXEL:
+            corners[i, 0] = np.int64(np.floor(np.float64(x) * SUBPIXELS + 0.5))
+            corners[i, 1] = np.int64(np.floor(np.float64(y) * SUBPIXELS + 0.5))
+            inverse_depth[i] = np.float32(1.0) / z
+    return corners, inverse_depth
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _pixel_range(low, high, size):  # type: ignore[no-untyped-def]  # numba
+    """First and last pixel, inside 0 … size - 1, with samples that can lie in low … high (1/256 pixel)."""
+    first = (low - SAMPLE_REACH + SUBPIXELS - 1) // SUBPIXELS
+    last = (high + SAMPLE_REACH) // SUBPIXELS
+    return max(first, 0), min(last, size - 1)
+
+
+@njit(cache=True, nogil=True)
+def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_columns):  # type: ignore[no-untyped-def]  # numba
+    """Which faces touch which tile: `members[starts[t] : starts[t + 1]]`, ascending."""
+    counts = np.zeros(tile_rows * tile_columns + 1, dtype=np.int64)
+    ranges = np.empty((faces.shape[0], 4), dtype=np.int16)
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ranges[f, 0], ranges[f, 1] = 0, -1
+        if inverse_depth[a] == 0 or inverse_depth[b] == 0 or inverse_depth[c] == 0:
+            continue
+        ax, ay, bx, by = corners[a, 0], corners[a, 1], corners[b, 0], corners[b, 1]
+        cx, cy = corners[c, 0], corners[c, 1]
+        x0, x1 = _pixel_range(min(ax, bx, cx), max(ax, bx, cx), width)
+        y0, y1 = _pixel_range(min(ay, by, cy), max(ay, by, cy), height)
+        if x0 > x1 or y0 > y1:
+            continue
+        ranges[f, 0], ranges[f, 1], ranges[f, 2], ranges[f, 3] = y0 // TILE, y1 // TILE, x0 // TILE, x1 // TILE
+        for row in range(ranges[f, 0], ranges[f, 1] + 1):
+            for column in range(ranges[f, 2], ranges[f, 3] + 1):
+                counts[row * tile_columns + column + 1] += 1
+    starts = np.cumsum(counts)
+    members = np.empty(starts[-1], dtype=np.int32)
+    filled = starts[:-1].copy()
+    for f in range(faces.shape[0]):
+        for row in range(ranges[f, 0], ranges[f, 1] + 1):
+            for column in range(ranges[f, 2], ranges[f, 3] + 1):
+                tile = row * tile_columns + column
+                members[filled[tile]] = f
+                filled[tile] += 1
+    return starts, members
+
+
+@njit(cache=True, nogil=True)
+def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
+    picture, corners, inverse_depth, faces, front, back, starts, members, first, step, tile_columns
+):
+    """Draw every `step`-th tile from `first` on."""
+    nearest = np.empty((TILE, TILE, N_SAMPLES), dtype=np.float32)  # inverse depth of what each sample sees
+    seen = np.empty((TILE, TILE, N_SAMPLES), dtype=np.int32)  # its face
+    for tile in range(first, starts.shape[0] - 1, step):
+        if starts[tile] == starts[tile + 1]:
+            continue
+        y0, x0 = tile // tile_columns * TILE, tile % tile_columns * TILE
+        y1, x1 = min(y0 + TILE, picture.shape[0]), min(x0 + TILE, picture.shape[1])
+        nearest[:] = 0.0
+        seen[:] = -1
+        for m in range(starts[tile], starts[tile + 1]):
+            _see_face(corners, inverse_depth, faces, members[m], nearest, seen, y0, x0, y1, x1)
+        _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1)
+
+
+@njit(cache=True, nogil=True)
+def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
+    """Enter one face into the samples of a tile where it is the nearest so far."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, bx, by, cx, cy = corners[a, 0], corners[a, 1], corners[b, 0], corners[b, 1], corners[c, 0], corners[c, 1]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if area == 0:
+        return
+    if area < 0:
+        b, c = c, b
+        bx, by, cx, cy = cx, cy, bx, by
+        area = -area
+    left, right = _pixel_range(min(ax, bx, cx), max(ax, bx, cx), x1)
+    top, bottom = _pixel_range(min(ay, by, cy), max(ay, by, cy), y1)
+    left, top = max(left, x0), max(top, y0)
+
+    # Edge opposite a, b, c: value at a point is the doubled area of the triangle that it makes with the edge.
+    ax_step, ay_step = by - cy, cx - bx
+    bx_step, by_step = cy - ay, ax - cx
+    cx_step, cy_step = ay - by, bx - ax
+    px, py = left * SUBPIXELS, top * SUBPIXELS
+    a_row = (px - bx) * ax_step + (py - by) * ay_step - _kept_out(ax_step, ay_step)
+    b_row = (px - cx) * bx_step + (py - cy) * by_step - _kept_out(bx_step, by_step)
+    c_row = (px - ax) * cx_step + (py - ay) * cy_step - _kept_out(cx_step, cy_step)
+
+    za, zb, zc = np.float64(inverse_depth[a]), np.float64(inverse_depth[b]), np.float64(inverse_depth[c])
+    z_dx = (ax_step * za + bx_step * zb + cx_step * zc) / area  # per 1/256 pixel
+    z_dy = (ay_step * za + by_step * zb + cy_step * zc) / area
+    z_row = za + (px - ax) * z_dx + (py - ay) * z_dy
+    for y in range(top, bottom + 1):
+        ea, eb, ec, z = a_row, b_row, c_row, z_row
+        for x in range(left, right + 1):
+            for s in range(N_SAMPLES):
+                sx, sy = SAMPLE_X[s], SAMPLE_Y[s]
+                inside = (ea + sx * ax_step + sy * ay_step) | (eb + sx * bx_step + sy * by_step)
+                if (inside | (ec + sx * cx_step + sy * cy_step)) >= 0:
+                    depth = np.float32(z + sx * z_dx + sy * z_dy)
+                    if depth > nearest[y - y0, x - x0, s]:
+                        nearest[y - y0, x - x0, s] = depth
+                        seen[y - y0, x - x0, s] = face
+            ea += ax_step * SUBPIXELS
+            eb += bx_step * SUBPIXELS
+            ec += cx_step * SUBPIXELS
+            z += z_dx * SUBPIXELS
+        a_row += ay_step * SUBPIXELS
+        b_row += by_step * SUBPIXELS
+        c_row += cy_step * SUBPIXELS
+        z_row += z_dy * SUBPIXELS
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _kept_out(x_step, y_step):  # type: ignore[no-untyped-def]  # numba
+    """1 for an edge whose own points belong to the triangle beyond it (neither a top nor a left edge), else 0."""
+    return 0 if x_step > 0 or (x_step == 0 and y_step > 0) else 1
+
+
+@njit(cache=True, nogil=True)
+def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
+    """Colour a tile: once for each face that a pixel's samples see, at the middle of those samples."""
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            red, green, blue, covered = np.float32(0), np.float32(0), np.float32(0), 0
+            samples = seen[y - y0, x - x0]
+            for s in range(N_SAMPLES):
+                face = samples[s]
+                if face < 0:
+                    continue
+                count, sx, sy, is_first = 0, 0, 0, True
+                for other in range(N_SAMPLES):
+                    if samples[other] == face:
+                        if other < s:
+                            is_first = False
+                        count += 1
+                        sx += SAMPLE_X[other]
+                        sy += SAMPLE_Y[other]
+                if not is_first:
+                    continue
+                px, py = x * SUBPIXELS + sx / count, y * SUBPIXELS + sy / count
+                r, g, b = _colour_at(px, py, corners, inverse_depth, faces, front, back, face)
+                red += r * np.float32(count)
+                green += g * np.float32(count)
+                blue += b * np.float32(count)
+                covered += count
+            if covered > 0:
+                rest = np.float32(N_SAMPLES - covered)
+                share, half = np.float32(1.0 / N_SAMPLES), np.float32(0.5)
+                pixel = picture[y, x]
+                pixel[0] = np.uint8((red + rest * pixel[0]) * share + half)
+                pixel[1] = np.uint8((green + rest * pixel[1]) * share + half)
+                pixel[2] = np.uint8((blue + rest * pixel[2]) * share + half)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # type: ignore[no-untyped-def]  # numba
+    """The colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay = px - corners[a, 0], py - corners[a, 1]
+    bx, by = px - corners[b, 0], py - corners[b, 1]
+    cx, cy = px - corners[c, 0], py - corners[c, 1]
+    wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    colours = front if wa + wb + wc < 0 else back  # counter-clockwise with y up is clockwise with y down
+    wa, wb, wc = wa * inverse_depth[a], wb * inverse_depth[b], wc * inverse_depth[c]
+    scale = 1.0 / (wa + wb + wc)
+    wa, wb, wc = np.float32(wa * scale), np.float32(wb * scale), np.float32(wc * scale)
+    return (
+        wa * colours[a, 0] + wb * colours[b, 0] + wc * colours[c, 0],
+        wa * colours[a, 1] + wb * colours[b, 1] + wc * colours[c, 1],
+        wa * colours[a, 2] + wb * colours[b, 2] + wc * colours[c, 2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _draw_heights(points, faces, heights):  # type: ignore[no-untyped-def]  # numba
+    """Lower each pixel of `heights` to the smallest depth of the triangles over its centre."""
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+        cx, cy = points[c, 0], points[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0 or not np.isfinite(area):
+            continue
+        left, right = max(0, int(np.ceil(min(ax, bx, cx)))), min(heights.shape[1] - 1, int(np.floor(max(ax, bx, cx))))
+        top, bottom = max(0, int(np.ceil(min(ay, by, cy)))), min(heights.shape[0] - 1, int(np.floor(max(ay, by, cy))))
+        for y in range(top, bottom + 1):
+            for x in range(left, right + 1):
+                wa = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                wb = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                wc = np.float32(1) - wa - wb
+                if wa >= 0 and wb >= 0 and wc >= 0:
+                    depth = np.float32(wa * points[a, 2] + wb * points[b, 2] + wc * points[c, 2])
+                    heights[y, x] = min(heights[y, x], depth)

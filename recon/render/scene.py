@@ -1,0 +1,201 @@
+"""What stands around the model: background, floor and light, the same for every approach of a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.render.camera_path import checked_bounds
+from recon.rig import Camera, bounds_corners, look_at
+
+KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
+KEY_ELEVATION_DEG = 55.0
+SHADOW_TEXELS = 1024  # of the shadow map's longer side
+FLOOR_TEXELS = 512  # of the map of shadows on the floor
+
+
+@dataclass(frozen=True)
+class Background:
+    """An artificial background and its light.
+
+    Parameters
+    ----------
+    floor, horizon, zenith : sRGB colours, 0 to 255; the floor fades into the horizon, the horizon into the zenith
+    has_floor : whether there is a floor, and with it shadows on it
+    ambient : share of the light that reaches every surface alike; 1 leaves the captured colours what they were
+    sky : share of the ambient light that a surface facing straight down does not get
+    cast, contact : how dark the key light's shadow and the contact shadow on the floor are at most, 0 to 1
+    """
+
+    floor: tuple[float, float, float]
+    horizon: tuple[float, float, float]
+    zenith: tuple[float, float, float]
+    has_floor: bool = True
+    ambient: float = 0.62
+    sky: float = 0.25
+    cast: float = 0.38
+    contact: float = 0.55
+
+
+BACKGROUNDS: dict[str, Background] = {
+    "studio": Background(floor=(216, 215, 212), horizon=(186, 187, 188), zenith=(142, 146, 152)),
+    "dark": Background(floor=(74, 75, 78), horizon=(46, 47, 50), zenith=(24, 25, 28), cast=0.45, contact=0.6),
+    "plain": Background(
+        floor=(128, 128, 128), horizon=(128, 128, 128), zenith=(128, 128, 128), has_floor=False, ambient=1.0, sky=0.0
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A background placed around the bounds of a dataset.
+
+    Parameters
+    ----------
+    background : its colours and light
+    bounds : float64 (2, 3), mm; the floor is at their bottom
+    to_light : float64 (3,), unit length, towards the key light
+    """
+
+    background: Background
+    bounds: NDArray[np.float64]
+    to_light: NDArray[np.float64]
+
+    @property
+    def floor_y(self) -> float:
+        """Height of the floor, mm."""
+        return float(self.bounds[0, 1])
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """float64 (3,), mm: the middle of the bounds."""
+        return np.asarray(self.bounds.mean(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal of the bounds, mm."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class TexelGrid:
+    """A parallel projection of the world onto a square of texels, for maps of shadows.
+
+    Parameters
+    ----------
+    texels_from_world : float64 (3, 4): column, row (texels) and depth (mm) of a world point
+    shape : (rows, columns)
+    texel : mm
+    """
+
+    texels_from_world: NDArray[np.float64]
+    shape: tuple[int, int]
+    texel: float
+
+    def project(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
+        """float32 (N, 3): column, row and depth of points (N, 3)."""
+        transform = self.texels_from_world.astype(np.float32)
+        return np.asarray(points.astype(np.float32, copy=False) @ transform[:, :3].T + transform[:, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class LitMesh:
+    """A mesh with the colours to show on either side of it.
+
+    Parameters
+    ----------
+    vertices : float32 (N, 3), mm
+    faces : int32 (M, 3)
+    front, back : uint8 (N, 3), sRGB
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    front: NDArray[np.uint8]
+    back: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What a renderer draws: a model over a picture.
+
+    Parameters
+    ----------
+    mesh : the model, lit
+    camera : from where
+    picture : uint8 (H, W, 3), the scene without the model; the renderer may draw over it
+    threads : how many threads the renderer may use
+    """
+
+    mesh: LitMesh
+    camera: Camera
+    picture: NDArray[np.uint8]
+    threads: int = 1
+
+
+def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], background: str = "studio") -> Scene:
+    """The scene of a dataset: its light is placed once, by the whole camera path, and serves every frame and approach.
+
+    Raises
+    ------
+    ValueError
+        If there is no such background, no camera, or the bounds are empty.
+    """
+    if background not in BACKGROUNDS:
+        raise ValueError(f"there is no background {background!r}; expected one of {', '.join(BACKGROUNDS)}")
+    if not cameras:
+        raise ValueError("a scene needs the cameras that look at it, found none")
+    bounds = checked_bounds(bounds)
+    return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras))
+
+
+def light_grid(scene: Scene) -> TexelGrid:
+    """The bounds as the key light sees them; depth grows away from the light."""
+    pose = look_at(scene.centre + scene.to_light, scene.centre)
+    corners = bounds_corners(scene.bounds) @ pose[:3, :3].T + pose[:3, 3]
+    low, high = corners.min(axis=0)[:2], corners.max(axis=0)[:2]
+    texel = float((high - low).max()) / (SHADOW_TEXELS - 1)
+    rows, columns = int(np.ceil((high - low)[1] / texel)) + 1, int(np.ceil((high - low)[0] / texel)) + 1
+    transform = pose[:3].copy()
+    transform[:2] /= texel
+    transform[:2, 3] -= low / texel
+    return TexelGrid(transform, (rows, columns), texel)
+
+
+def floor_grid(scene: Scene, along: NDArray[np.floating]) -> TexelGrid:
+    """The floor as points fall on it parallel to `along` (mm, upwards); depth is the height above the floor.
+
+    The grid is a square around the bounds that the longest shadow does not leave; column is x, row is z.
+    """
+    half = floor_reach(scene)
+    texel = 2 * half / (FLOOR_TEXELS - 1)
+    slope_x, slope_z = float(along[0] / along[1]), float(along[2] / along[1])
+    to_floor = np.array([[1, -slope_x, 0, 0], [0, -slope_z, 1, 0], [0, 1, 0, -scene.floor_y]], dtype=np.float64)
+    to_floor[:2, 3] = (
+        slope_x * scene.floor_y - scene.centre[0] + half,
+        slope_z * scene.floor_y - scene.centre[2] + half,
+    )
+    to_floor[:2] /= texel
+    return TexelGrid(to_floor, (FLOOR_TEXELS, FLOOR_TEXELS), texel)
+
+
+def floor_reach(scene: Scene) -> float:
+    """Half the side of the floor's square that can hold shadows, mm."""
+    extent = scene.bounds[1] - scene.bounds[0]
+    footprint = float(np.hypot(extent[0], extent[2])) / 2
+    return 1.3 * footprint + float(extent[1]) / float(np.tan(np.deg2rad(KEY_ELEVATION_DEG)))
+
+
+def _key_direction(centre: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float64]:
+    """Towards the key light: to the left of where the cameras stand on average, and above."""
+    towards = np.mean([camera.centre - centre for camera in cameras], axis=0)
+    first = cameras[0].centre - centre
+    if np.linalg.norm(towards[[0, 2]]) < 0.05 * np.linalg.norm(first):  # a whole orbit has no side of its own
+        towards = first
+    azimuth = float(np.arctan2(towards[0], towards[2])) - float(np.deg2rad(KEY_AZIMUTH_DEG))
+    elevation = float(np.deg2rad(KEY_ELEVATION_DEG))
+    level = np.cos(elevation)
+    return np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])

@@ -1,0 +1,208 @@
+"""Pictures to video and back, through the ffmpeg program that imageio-ffmpeg brings."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import IO
+
+import imageio_ffmpeg
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.files import whole_file
+
+GOP = 25  # frames from one entry point to the next, which a player can jump to
+DELIVERED_CRF = 18  # x264's scale; measured 49 dB on rendered people
+MASTER_CRF = 4  # beyond what an eye can tell from the rendered frames, yet a tenth of their size without loss
+ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
+# Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
+SCALER = "bitexact+accurate_rnd+full_chroma_int"
+BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
+
+
+class VideoError(ValueError):
+    """A video that cannot be written or read; the message names the file and holds ffmpeg's own words."""
+
+
+@dataclass(frozen=True)
+class VideoFacts:
+    """What a video file is: pixels, frames a second, frames, and codec as ffmpeg names it."""
+
+    width: int
+    height: int
+    fps: float
+    n_frames: int
+    codec: str
+
+
+def write_video(
+    path: Path, frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float, crf: int = DELIVERED_CRF
+) -> VideoFacts:
+    """Encode frames as H.264 in MP4: the same frames give the same bytes.
+
+    Closed groups of 25 frames, BT.709, 4:2:0, the index before the pictures so that playing starts at once.
+
+    Parameters
+    ----------
+    path : where to, ending in .mp4; whole or absent afterwards
+    frames : uint8 (H, W, 3) each, sRGB
+    size : (width, height), pixels, both even
+    fps : frames a second
+    crf : x264's constant rate factor: `DELIVERED_CRF` for participants, `MASTER_CRF` for a master
+
+    Raises
+    ------
+    VideoError
+        If the size is odd, a frame has another size or type, there is no frame, or ffmpeg fails.
+    """
+    if size[0] % 2 or size[1] % 2 or min(size) < 2:
+        raise VideoError(f"{path}: a video of {size[0]}x{size[1]} pixels was asked for; width and height must be even")
+    if path.suffix.lower() != ".mp4":
+        raise VideoError(f"{path}: the name of a video must end in .mp4")
+    with whole_file(path) as temporary, tempfile.TemporaryFile() as complaints:
+        process = subprocess.Popen(
+            _encoder(temporary, size, fps, crf), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints
+        )
+        try:
+            n_frames = _feed(process, path, frames, size)
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            code = process.wait()
+        if code != 0:
+            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints)}")
+        facts = probe_video(temporary)
+    if facts.n_frames != n_frames:
+        raise VideoError(f"{path}: {n_frames} frames went in, {facts.n_frames} came out")
+    return facts
+
+
+def probe_video(path: Path) -> VideoFacts:
+    """Facts about a video, counted frame by frame from its packets.
+
+    Raises
+    ------
+    VideoError
+        If the file is missing or holds no video that ffmpeg can read.
+    """
+    lines = _run(path, ["-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]).decode("utf-8", "replace").splitlines()
+    header = dict(line[1:].split(": ", 1) for line in lines if line.startswith("#") and ": " in line)
+    packets = [line.split(",") for line in lines if line and not line.startswith("#")]
+    if "dimensions 0" not in header or not packets:
+        raise VideoError(f"{path}: holds no video")
+    width, height = (int(number) for number in header["dimensions 0"].split("x"))
+    tick = Fraction(header["tb 0"])
+    duration = sum(int(packet[3]) for packet in packets) * tick
+    fps = float(len(packets) / duration) if duration else 0.0
+    return VideoFacts(width, height, round(fps, 3), len(packets), header["codec_id 0"])
+
+
+def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """The frames of a video, uint8 (H, W, 3), sRGB.
+
+    Raises
+    ------
+    VideoError
+        If the file is missing, or any of it cannot be decoded.
+    """
+    facts = probe_video(path)
+    for frame in _decoded(path, facts, "rgb24", facts.width * facts.height * 3):
+        yield frame.reshape(facts.height, facts.width, 3)
+
+
+def read_luma(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """The luma of a 4:2:0 video's frames as stored, uint8 (H, W), 16 to 235.
+
+    Raises
+    ------
+    VideoError
+        As `read_video`.
+    """
+    facts = probe_video(path)
+    chroma = ((facts.width + 1) // 2) * ((facts.height + 1) // 2)
+    for frame in _decoded(path, facts, "yuv420p", facts.width * facts.height + 2 * chroma):
+        yield frame[: facts.width * facts.height].reshape(facts.height, facts.width)
+
+
+def _encoder(path: Path, size: tuple[int, int], fps: float, crf: int) -> list[str]:
+    rate = str(Fraction(fps).limit_denominator(1001))
+    return [
+        *(imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-y"),
+        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", rate, "-i", "pipe:0"),
+        *("-vf", f"scale=out_color_matrix=bt709:out_range=tv:flags={SCALER},format=yuv420p", *BT709),
+        *("-c:v", "libx264", "-preset", "medium", "-crf", str(crf), "-threads", str(ENCODER_THREADS)),
+        *("-g", str(GOP), "-keyint_min", str(GOP), "-sc_threshold", "0", "-flags", "+cgop+bitexact"),
+        *("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4", str(path)),
+    ]
+
+
+def _feed(
+    process: subprocess.Popen[bytes], path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int]
+) -> int:
+    """Write frames to the encoder; how many there were."""
+    assert process.stdin is not None  # it was opened as a pipe
+    n_frames = 0
+    shape = (size[1], size[0], 3)
+    with process.stdin as pipe:
+        for frame in frames:
+            if frame.shape != shape or frame.dtype != np.uint8:
+                raise VideoError(f"{path}: frame {n_frames} is {frame.dtype} {frame.shape}, expected uint8 {shape}")
+            try:
+                pipe.write(np.ascontiguousarray(frame).data)
+            except BrokenPipeError:
+                return n_frames  # ffmpeg has stopped; its exit code and words say why
+            n_frames += 1
+    if n_frames == 0:
+        raise VideoError(f"{path}: there are no frames to write")
+    return n_frames
+
+
+def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterator[NDArray[np.uint8]]:
+    """Raw frames of a video, flat; exactly as many as it holds."""
+    conversion = ["-vf", f"scale=in_color_matrix=bt709:in_range=tv:flags={SCALER}"] if pixels == "rgb24" else []
+    command = [*_reader(path), *conversion, "-fps_mode", "passthrough", "-pix_fmt", pixels, "-f", "rawvideo", "-"]
+    with tempfile.TemporaryFile() as complaints:
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=complaints)
+        assert process.stdout is not None  # it was opened as a pipe
+        n_frames = 0
+        try:
+            while len(frame := process.stdout.read(n_bytes)) == n_bytes:
+                n_frames += 1
+                yield np.frombuffer(frame, dtype=np.uint8)
+            code = process.wait()
+        finally:
+            process.kill()
+            process.stdout.close()
+            process.wait()
+        if code != 0 or n_frames != facts.n_frames:
+            words = _last_words(complaints)
+            raise VideoError(f"{path}: {n_frames} of {facts.n_frames} frames could be decoded: {words}")
+
+
+def _run(path: Path, arguments: list[str]) -> bytes:
+    """What ffmpeg writes to standard output for a file."""
+    if not path.is_file():
+        raise VideoError(f"{path}: there is no such file")
+    done = subprocess.run([*_reader(path), *arguments], stdin=subprocess.DEVNULL, capture_output=True)
+    if done.returncode != 0:
+        words = done.stderr.decode("utf-8", "replace").strip().splitlines()
+        raise VideoError(f"{path}: cannot be read as a video: {words[-1] if words else 'ffmpeg gave no reason'}")
+    return done.stdout
+
+
+def _reader(path: Path) -> list[str]:
+    """ffmpeg reading a file and stopping at the first fault instead of showing something in its place."""
+    exe = imageio_ffmpeg.get_ffmpeg_exe()
+    return [exe, "-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode", "-i", str(path)]
+
+
+def _last_words(complaints: IO[bytes]) -> str:
+    complaints.seek(0)
+    lines = complaints.read().decode("utf-8", "replace").strip().splitlines()
+    return lines[-1] if lines else "ffmpeg gave no reason"
