@@ -41,3 +41,17 @@ def approaches(depths: Iterable[str], fusions: Iterable[str]) -> tuple[Approach,
     """Every depth method with every fusion method, in the order given."""
     fusions = tuple(fusions)
     return tuple(Approach(depth, fusion) for depth in depths for fusion in fusions)
+
+
+def parse_approach(name: str) -> Approach:
+    """The approach of a name such as "pm_fb".
+
+    Raises
+    ------
+    ValueError
+        If the name is not DEPTH_FUSION with known methods.
+    """
+    depth, separator, fusion = name.partition("_")
+    if not separator:
+        raise ValueError(f"{name!r} is not an approach, expected DEPTH_FUSION, for example pm_fb")
+    return Approach(depth, fusion)

@@ -1,0 +1,255 @@
+"""The reconstruction backend's commands, mounted by the product's one command line.
+
+What a command needs is imported when it runs: `--help` and the server never load numba or OpenCV.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recon.console import JsonOption, ProgressLine, print_result
+
+if TYPE_CHECKING:
+    from recon.capture.check import CheckReport, SensorReport
+
+app = typer.Typer(no_args_is_help=True)
+capture_app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, segment, check.")
+app.add_typer(capture_app, name="capture")
+
+TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
+
+
+@capture_app.command("synth")
+def capture_synth(
+    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
+    scene: Annotated[str, typer.Option(help="ball, box, people, standing, face, sphere or cuboid.")] = "ball",
+    sensors: Annotated[int, typer.Option(min=1, help="How many stereo sensors.")] = 3,
+    frames: Annotated[int, typer.Option(min=1, help="How many frames; one period of the motion.")] = 25,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of every camera, pixels.")] = "1280x720",
+    noise: Annotated[float, typer.Option(min=0, help="Sensor noise, grey levels (standard deviation).")] = 1.5,
+    seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Record a synthetic scene with known depth, masks and mesh."""
+    from recon.studio import SynthParameters, synthesise
+
+    progress = ProgressLine()
+    parameters = SynthParameters(
+        scene=scene, n_sensors=sensors, n_frames=frames, size=parse_size(size), noise=noise, seed=seed
+    )
+    capture = synthesise(out, parameters, progress=progress)
+    progress.close()
+    result = {"capture": str(out), "name": capture.name, "sensors": len(capture.sensors), "frames": capture.n_frames}
+    print_result(
+        result, f"Recorded {capture.n_frames} frames by {len(capture.sensors)} sensors: {out}", as_json=as_json
+    )
+
+
+@capture_app.command("import")
+def capture_import(
+    kind: Annotated[str, typer.Argument(help="Format of the source: middlebury.")],
+    source: Annotated[Path, typer.Argument(help="Folder with the photographs and their *_par.txt.")],
+    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
+    pairs: Annotated[str, typer.Option(help="LEFT-RIGHT view numbers of every sensor, comma between.")] = TEMPLE_PAIRS,
+    frames: Annotated[int, typer.Option(min=1, help="Frames; frame k takes the views k further along the ring.")] = 3,
+    bounds: Annotated[
+        str | None, typer.Option(help="x0,y0,z0,x1,y1,z1 in mm; default: the source's own bounding box.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring a real recording into the capture format."""
+    if kind != "middlebury":
+        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected middlebury")
+    from recon.capture.check import check_capture
+    from recon.capture.middlebury import import_middlebury
+
+    import_middlebury(source, out, pairs=parse_pairs(pairs), n_frames=frames, bounds=parse_bounds(bounds))
+    report = check_capture(out)
+    print_result({"capture": str(out), **report.to_json()}, _check_sentences(out, report), as_json=as_json)
+
+
+@capture_app.command("segment")
+def capture_segment(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    method: Annotated[
+        str | None, typer.Option(help="plate or threshold; default: plate where there is one, else threshold.")
+    ] = None,
+    threshold: Annotated[int | None, typer.Option(min=1, max=254, help="Grey levels above the background.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write foreground masks by clean plate, or by threshold against a dark background."""
+    from recon.capture.segment import segment_capture
+
+    progress = ProgressLine()
+    made = segment_capture(capture, method=method, threshold=threshold, progress=progress)
+    progress.close()
+    result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
+    print_result(
+        result, f"Wrote masks of {made.n_frames} frames by {len(made.sensors)} sensors: {capture}", as_json=as_json
+    )
+
+
+@capture_app.command("check")
+def capture_check(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")], as_json: JsonOption = False
+) -> None:
+    """Everything that is wrong with a capture, in one go; exit 1 if anything is."""
+    from recon.capture.check import check_capture
+
+    report = check_capture(capture)
+    print_result(report.to_json(), _check_sentences(capture, report), as_json=as_json)
+    if report.problems:
+        raise typer.Exit(1)
+
+
+@app.command()
+def match(
+    left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bit.")],
+    right: Annotated[Path, typer.Argument(help="Right image, of the same size.")],
+    disparities: Annotated[int, typer.Option(help="How many disparities to search.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.pfm, .npy, .tiff or .png (a coloured preview).")],
+    method: Annotated[str, typer.Option(help="Depth method.")] = "id",
+    min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Disparity of one rectified pair; unmatched is NaN (npy, tiff) or inf (pfm)."""
+    from recon.pipeline import match_files
+
+    result = match_files(left, right, out, method=method, n_disparities=disparities, min_disparity=min_disparity)
+    sentence = f"{method}: {result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s: {out}"
+    print_result(result, sentence, as_json=as_json)
+
+
+@app.command()
+def reconstruct(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; starting again resumes it.")],
+    depth: Annotated[str | None, typer.Option(help="Depth methods, comma between; default: all there are.")] = None,
+    fusion: Annotated[str, typer.Option(help="Fusions, comma between.")] = "fa,fb",
+    frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
+    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Local processes.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """From a capture to depth maps, clouds and meshes, for every approach."""
+    from recon.depth import MATCHERS
+    from recon.pipeline import ReconstructOptions
+    from recon.pipeline import reconstruct as run_reconstruction
+    from recon.surface import SurfaceParameters
+
+    options = ReconstructOptions(
+        depths=parse_names(depth) if depth else tuple(MATCHERS),
+        fusions=parse_names(fusion),
+        frames=parse_frames(frames),
+        surface=SurfaceParameters(voxel_mm=voxel),
+        workers=workers,
+    )
+    progress = ProgressLine()
+    result = run_reconstruction(capture, out, options, progress)
+    progress.close()
+    made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
+    print_result(result, f"Reconstructed {result['dataset']} ({made}): {out}", as_json=as_json)
+
+
+@app.command()
+def render(
+    runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set.")],
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT, pixels.")] = "1920x1080",
+    fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
+    seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
+    background: Annotated[str, typer.Option(help="Name of the artificial background.")] = "studio",
+    loop: Annotated[
+        str, typer.Option(help="Recordings shorter than the video: repeat, bounce (back and forth) or static.")
+    ] = "bounce",
+    renderer: Annotated[str, typer.Option(help="auto, or the name of a renderer.")] = "auto",
+    master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
+    workers: Annotated[int, typer.Option(min=1, help="Local processes, one video each.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
+    from recon.pipeline import RenderOptions
+    from recon.pipeline import render as render_runs
+
+    options = RenderOptions(
+        size=parse_size(size),
+        fps=fps,
+        seconds=seconds,
+        background=background,
+        loop=loop,
+        renderer=renderer,
+        master=master,
+        workers=workers,
+    )
+    progress = ProgressLine()
+    manifest = render_runs(runs, out, options, progress)
+    progress.close()
+    print_result({"manifest": str(manifest)}, f"Rendered the stimulus set: {manifest}", as_json=as_json)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WIDTHxHEIGHT"."""
+    found = re.fullmatch(r"(\d+)x(\d+)", text)
+    if found is None:
+        raise typer.BadParameter(f"{text!r} is not a size; expected WIDTHxHEIGHT, for example 1920x1080")
+    return int(found[1]), int(found[2])
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """The names of "a,b,c"."""
+    return tuple(name.strip().lower() for name in text.split(",") if name.strip())
+
+
+def parse_frames(text: str | None) -> range | None:
+    """The frames of "A:B", with either end left out for the first or last."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d*):(\d*)", text)
+    if found is None:
+        raise typer.BadParameter(f"{text!r} is not a range of frames; expected A:B, for example 0:25")
+    return range(int(found[1] or 0), int(found[2]) if found[2] else 2**31)
+
+
+def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:
+    """The view numbers of "13-14,20-21"."""
+    found = [re.fullmatch(r"(\d+)-(\d+)", pair.strip()) for pair in text.split(",")]
+    if not all(found):
+        raise typer.BadParameter(f"{text!r} are not pairs of views; expected for example {TEMPLE_PAIRS}")
+    return tuple((int(pair[1]), int(pair[2])) for pair in found if pair)
+
+
+def parse_bounds(text: str | None) -> Any:
+    """Bounds (2, 3) in mm of "x0,y0,z0,x1,y1,z1", or None."""
+    if text is None:
+        return None
+    import numpy as np
+
+    try:
+        return np.array([float(value) for value in text.split(",")]).reshape(2, 3)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} are not bounds; expected x0,y0,z0,x1,y1,z1 in mm") from error
+
+
+def _check_sentences(folder: Path, report: CheckReport) -> str:
+    lines = [f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors"]
+    lines += [_sensor_sentence(sensor) for sensor in report.sensors]
+    lines += [f"problem: {problem}" for problem in report.problems] or ["Nothing is wrong."]
+    return "\n".join(lines)
+
+
+def _sensor_sentence(sensor: SensorReport) -> str:
+    facts = [f"baseline {sensor.baseline_mm:.2f} mm"]
+    if sensor.rectified_size and sensor.n_disparities and sensor.depth_per_disparity_mm:
+        width, height = sensor.rectified_size
+        facts.append(f"rectified {width}x{height}, {sensor.n_disparities} disparities")
+        facts.append(f"{sensor.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
+    if sensor.rows and sensor.rows.vertical_error_px is not None:
+        error, n_matches = sensor.rows.vertical_error_px, sensor.rows.n_matches
+        facts.append(f"median vertical error {error:.3f} px on {n_matches} matched points")
+    if sensor.mask_coverage:
+        facts.append(f"foreground {sensor.mask_coverage[0]:.1%} and {sensor.mask_coverage[1]:.1%}")
+    return f"  {sensor.id}: " + ", ".join(facts)

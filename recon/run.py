@@ -1,0 +1,126 @@
+"""A run on disk: where each artefact of a reconstruction lies, and what `run.json` says about them.
+
+A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it was made with),
+``depth/<method>/<sensor>/<frame>.npy``, ``clouds/<method>/<sensor>/<frame>.ply`` and
+``meshes/<approach>/<frame>.ply``.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from recon.artefacts import Artefacts
+from recon.capture.format import Capture, CaptureError, read_draft, write_capture
+from recon.files import read_json, write_json
+
+SCHEMA_VERSION = 1
+RUN_FILE = "run.json"
+
+
+def depth_name(method: str, sensor_id: str, frame: int) -> str:
+    """Where a disparity map lies in its run."""
+    return f"depth/{method}/{sensor_id}/{frame:04d}.npy"
+
+
+def cloud_name(method: str, sensor_id: str, frame: int) -> str:
+    """Where a sensor's cloud lies in its run."""
+    return f"clouds/{method}/{sensor_id}/{frame:04d}.ply"
+
+
+def mesh_name(approach: str, frame: int) -> str:
+    """Where a mesh lies in its run."""
+    return f"meshes/{approach}/{frame:04d}.ply"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A finished reconstruction.
+
+    Parameters
+    ----------
+    folder : where it lies
+    capture : rig, bounds and frame rate of the recording; its images may be elsewhere or gone
+    approaches : names such as "pm_fb"
+    frames : numbers of the recording's frames that were reconstructed
+    versions : of what made it
+    """
+
+    folder: Path
+    capture: Capture
+    approaches: tuple[str, ...]
+    frames: tuple[int, ...]
+    versions: dict[str, str]
+
+    @property
+    def dataset(self) -> str:
+        """The scene's name."""
+        return self.capture.name
+
+
+def read_run(folder: Path) -> Run:
+    """Read a run.
+
+    Raises
+    ------
+    ValueError
+        If the folder is not a finished run.
+    """
+    path = folder / RUN_FILE
+    if not path.is_file():
+        raise ValueError(
+            f"{folder}: is not a finished run, it has no {RUN_FILE}; make one with `reconstudy reconstruct`"
+        )
+    content = read_json(path)
+    if content.get("schema_version") != SCHEMA_VERSION:
+        raise ValueError(
+            f"{path}: schema_version is {content.get('schema_version')!r}, this program reads {SCHEMA_VERSION}"
+        )
+    draft = read_draft(folder)
+    if draft.capture is None:
+        raise CaptureError(draft.problems[0])
+    try:
+        return Run(
+            folder,
+            draft.capture,
+            tuple(map(str, content["approaches"])),
+            tuple(map(int, content["frames"])),
+            dict(content["versions"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
+
+
+def write_run(run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float]) -> dict[str, Any]:
+    """Write ``run.json`` and the capture's description beside it; returns the content of ``run.json``."""
+    write_capture(replace(run.capture, folder=run.folder))
+    names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames]
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "dataset": run.dataset,
+        "approaches": list(run.approaches),
+        "frames": list(run.frames),
+        "options": dict(options),
+        "versions": run.versions,
+        "seconds": {stage: round(seconds, 3) for stage, seconds in timings.items()},
+        "meshes": dict(zip(names, Artefacts(run.folder).digests(names), strict=True)),
+    }
+    write_json(run.folder / RUN_FILE, content)
+    return content
+
+
+def log(folder: Path, event: Mapping[str, Any]) -> None:
+    """Append one event to the run's ``log.jsonl``."""
+    with (folder / "log.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps(event) + "\n")
+
+
+def versions() -> dict[str, str]:
+    """Of this program and of what its results depend on."""
+    packages = ("reconstudy", "numpy", "numba", "opencv-python-headless")
+    return {"python": platform.python_version(), **{package: version(package) for package in packages}}
