@@ -1,0 +1,80 @@
+"""The participant's pages: the entrance, and the one page that holds everything from Begin to the thanks.
+
+The trials live in the page's script, which talks to the session API; a page tells nothing about what is compared.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.web.gates import entrance
+
+TEXTS = Path(__file__).parents[2] / "templates" / "participant" / "texts"
+DEFAULT_LANGUAGE = "en"
+STATUS_OF_MESSAGE = {"unknown": 404, "used": 410, "closed": 403}
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/")
+def entrance_page(request: Request, code: str = "") -> Response:
+    if code.strip():
+        return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
+    return _page(request, "participant/entrance.html")
+
+
+@router.get("/s/{code}")
+def participant_page(request: Request, code: str) -> Response:
+    found = entrance(request, code)
+    state = found.state if found else "unknown"
+    if found is None or state in STATUS_OF_MESSAGE:
+        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
+    return _page(request, "participant/study.html", study=found, code=code)
+
+
+def _page(request: Request, template: str, status_code: int = 200, **context: object) -> Response:
+    language = preferred_language(request.headers.get("accept-language", ""), languages())
+    page: Response = request.app.state.templates.TemplateResponse(
+        request,
+        template,
+        {"language": language, "texts": texts_in(language), **context},
+        status_code=status_code,
+        headers={"Cache-Control": "no-store"},  # what stands at an address changes with the invitation's state
+    )
+    return page
+
+
+def preferred_language(accepted: str, available: frozenset[str]) -> str:
+    """The first available language of an Accept-Language header by falling weight, else English."""
+    weighted = [_weighted(entry) for entry in accepted.split(",") if entry.strip()]
+    for _, language in sorted(weighted, key=lambda entry: -entry[0]):
+        if language in available:
+            return language
+    return DEFAULT_LANGUAGE
+
+
+def _weighted(entry: str) -> tuple[float, str]:
+    tag, _, weight = entry.partition(";")
+    try:
+        quality = float(weight.strip().removeprefix("q=") or 1)
+    except ValueError:
+        quality = 0.0
+    return quality, tag.strip().split("-")[0].lower()
+
+
+@cache
+def languages() -> frozenset[str]:
+    return frozenset(file.stem for file in TEXTS.glob("*.json"))
+
+
+@cache
+def texts_in(language: str) -> dict[str, Any]:
+    texts: dict[str, Any] = json.loads((TEXTS / f"{language}.json").read_text(encoding="utf-8"))
+    return texts

@@ -1,0 +1,115 @@
+/** Votes on their way: kept in this browser until the server has said that they are on its disk. */
+
+import { Refusal, patiently } from "./connection.js";
+import { sendVote } from "./session.js";
+
+/** @typedef {{id: string, owner: string, trial: string, vote: import("./session.js").Vote}} PendingVote */
+
+const DATABASE = "reconstudy";
+const STORE = "votes";
+const SETTLED_ELSEWHERE = 409; // another tab has voted on this trial
+
+export class Outbox {
+  /** @param {Shelf} shelf @param {string} owner whose votes to send: a browser may serve several participants in a row */
+  constructor(shelf, owner) {
+    this.shelf = shelf;
+    this.owner = owner;
+    this.delivery = Promise.resolve();
+  }
+
+  /** Resolves when the vote is kept, which is before it is sent. @param {string} trial @param {import("./session.js").Vote} vote */
+  async put(trial, vote) {
+    await this.shelf.add({ id: vote.id, owner: this.owner, trial, vote });
+    this.emptied().catch(() => {}); // whoever waits for emptied() hears of it
+  }
+
+  /** Resolves when the server has every vote; rejects when it refuses one. @returns {Promise<void>} */
+  emptied() {
+    const turn = this.delivery.catch(() => {}).then(() => this.#deliver());
+    this.delivery = turn;
+    return turn;
+  }
+
+  async #deliver() {
+    for (const { id, trial, vote } of await this.shelf.list(this.owner)) {
+      await patiently(() => sendVote(trial, vote)).catch(ignoreSettled);
+      await this.shelf.remove(id);
+    }
+  }
+}
+
+/** @param {unknown} error */
+function ignoreSettled(error) {
+  if (!(error instanceof Refusal) || error.status !== SETTLED_ELSEWHERE) throw error;
+}
+
+/**
+ * @typedef {object} Shelf
+ * @property {(pending: PendingVote) => Promise<unknown>} add
+ * @property {(owner: string) => Promise<PendingVote[]>} list
+ * @property {(id: string) => Promise<unknown>} remove
+ */
+
+/** @returns {Promise<Shelf>} on disk; in memory where the browser refuses storage */
+export async function openShelf() {
+  try {
+    return shelfOnDisk(await openDatabase());
+  } catch {
+    return shelfInMemory();
+  }
+}
+
+/** @param {IDBDatabase} database @returns {Shelf} */
+function shelfOnDisk(database) {
+  /** @param {(votes: IDBObjectStore) => void} change */
+  const write = (change) =>
+    new Promise((resolve, reject) => {
+      const transaction = database.transaction(STORE, "readwrite", { durability: "strict" });
+      transaction.oncomplete = resolve;
+      transaction.onabort = () => reject(transaction.error);
+      change(transaction.objectStore(STORE));
+    });
+  return {
+    add: (pending) => write((votes) => votes.put(pending)),
+    remove: (id) => write((votes) => votes.delete(id)),
+    list: async (owner) => {
+      const all = await answer(database.transaction(STORE).objectStore(STORE).getAll());
+      return all.filter((pending) => pending.owner === owner);
+    },
+  };
+}
+
+/** @returns {Shelf} */
+function shelfInMemory() {
+  /** @type {Map<string, PendingVote>} */
+  const votes = new Map();
+  return {
+    add: async (pending) => votes.set(pending.id, pending),
+    remove: async (id) => votes.delete(id),
+    list: async (owner) => [...votes.values()].filter((pending) => pending.owner === owner),
+  };
+}
+
+/** @returns {Promise<IDBDatabase>} */
+function openDatabase() {
+  const opening = indexedDB.open(DATABASE, 1);
+  opening.onupgradeneeded = () => opening.result.createObjectStore(STORE, { keyPath: "id" });
+  return answer(opening);
+}
+
+/** @template T @param {IDBRequest<T>} question @returns {Promise<T>} */
+function answer(question) {
+  return new Promise((resolve, reject) => {
+    question.onsuccess = () => resolve(question.result);
+    question.onerror = () => reject(question.error);
+  });
+}
+
+/** A random UUID; `crypto.randomUUID` is missing where a laboratory serves plain http. @returns {string} */
+export function randomId() {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  bytes[6] = (bytes[6] & 0x0f) | 0x40; // version 4
+  bytes[8] = (bytes[8] & 0x3f) | 0x80; // RFC 9562's variant
+  const hex = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  return hex.replace(/^(.{8})(.{4})(.{4})(.{4})(.{12})$/, "$1-$2-$3-$4-$5");
+}

@@ -1,0 +1,157 @@
+/** Shows one half of a film that holds A above B. There is one video element, so both halves always come from the same frame. */
+
+/** @typedef {import("./session.js").Letter} Letter */
+
+const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
+
+export class StackedPlayer {
+  /** @param {HTMLElement} film the window that crops @param {HTMLVideoElement} video */
+  constructor(film, video) {
+    this.film = film;
+    this.video = video;
+    this.halves = { a: "top", b: "bottom" };
+    /** @type {Letter} */
+    this.shown = "a";
+    this.address = "";
+    this.frameTime = NaN; // of the frame that was last given to the screen
+  }
+
+  /**
+   * Resolves when the first frame can be painted.
+   * @param {Blob} blob @param {import("./session.js").Media} media @param {Letter} first @param {AbortSignal} signal
+   */
+  async load(blob, media, first, signal) {
+    this.unload();
+    this.halves = media.a === "top" ? { a: "top", b: "bottom" } : { a: "bottom", b: "top" };
+    this.show(first);
+    for (const name of /** @type {const} */ (["width", "height", "guard_rows"])) {
+      this.film.style.setProperty(`--${name.replace("_", "-")}`, String(media[name]));
+    }
+    this.address = URL.createObjectURL(blob);
+    this.video.src = this.address;
+    await readiness(this.video, signal);
+    checkSize(this.video, media);
+  }
+
+  unload() {
+    this.video.pause();
+    this.video.removeAttribute("src");
+    this.video.load();
+    if (this.address) URL.revokeObjectURL(this.address);
+    this.address = "";
+  }
+
+  /** On screen by the next animation frame. @param {Letter} letter */
+  show(letter) {
+    this.shown = letter;
+    this.film.dataset.half = this.halves[letter];
+  }
+
+  /** Seconds into the film, by the last frame on screen; by the player's position where the browser does not tell of frames. */
+  get mediaTime() {
+    return Number.isNaN(this.frameTime) ? this.video.currentTime : this.frameTime;
+  }
+
+  pause() {
+    this.video.pause();
+  }
+
+  /**
+   * Plays the film, over and over if it is shorter than the exposure.
+   * @param {number} exposure_s of film, by the film's own clock
+   * @param {AbortSignal} signal
+   * @returns {Promise<void>} when that much was shown; rejects when the film stands still
+   */
+  play(exposure_s, signal) {
+    const { video } = this;
+    const clock = new FilmClock(video.duration, exposure_s);
+    this.#followFrames(signal);
+    return new Promise((resolve, reject) => {
+      const stillness = new Stillness();
+      const tick = (/** @type {number} */ now) => {
+        if (signal.aborted) return;
+        clock.advance(video.currentTime);
+        video.loop = clock.comesAgain;
+        if (clock.isOver) resolve();
+        else if (stillness.lasts(now, video.currentTime)) reject(new Error("the film stands still"));
+        else requestAnimationFrame(tick);
+      };
+      video.loop = clock.comesAgain;
+      video.addEventListener("ended", () => resolve(), { signal });
+      video.addEventListener("error", () => reject(video.error), { signal });
+      video.addEventListener("pause", () => video.ended || signal.aborted || video.play().catch(reject), { signal }); // a media key
+      video.play().catch(reject);
+      requestAnimationFrame(tick);
+    });
+  }
+
+  /** @param {AbortSignal} signal */
+  #followFrames(signal) {
+    const follow = (/** @type {number} */ _now, /** @type {VideoFrameCallbackMetadata} */ frame) => {
+      this.frameTime = frame.mediaTime;
+      if (!signal.aborted) this.video.requestVideoFrameCallback(follow);
+    };
+    this.frameTime = NaN;
+    this.video.requestVideoFrameCallback?.(follow);
+  }
+}
+
+/** Counts the film that was shown, in seconds, over any number of passes. */
+export class FilmClock {
+  /** @param {number} duration_s of one pass @param {number} exposure_s to be shown in all */
+  constructor(duration_s, exposure_s) {
+    this.duration_s = duration_s;
+    this.exposure_s = exposure_s;
+    this.passes = 0;
+    this.position_s = 0;
+  }
+
+  /** @param {number} position_s of the film now; smaller than before when a new pass has begun */
+  advance(position_s) {
+    if (position_s < this.position_s) this.passes += 1;
+    this.position_s = position_s;
+  }
+
+  get isOver() {
+    return this.passes * this.duration_s + this.position_s >= this.exposure_s;
+  }
+
+  /** Whether another pass follows the present one. */
+  get comesAgain() {
+    return this.exposure_s - (this.passes + 1) * this.duration_s > SHORTEST_LOOP_S;
+  }
+}
+
+/** Notices a film that does not move although the screen does. Time in a hidden tab, where nothing is painted, does not count. */
+class Stillness {
+  static LONGEST_MS = 5000;
+  static LONGEST_STEP_MS = 100;
+  still_ms = 0;
+  last_ms = NaN;
+  position_s = NaN;
+
+  /** @param {number} now_ms @param {number} position_s */
+  lasts(now_ms, position_s) {
+    const step_ms = Math.min(now_ms - this.last_ms, Stillness.LONGEST_STEP_MS) || 0;
+    this.still_ms = position_s === this.position_s ? this.still_ms + step_ms : 0;
+    this.last_ms = now_ms;
+    this.position_s = position_s;
+    return this.still_ms > Stillness.LONGEST_MS;
+  }
+}
+
+/** @param {HTMLVideoElement} video @param {AbortSignal} signal */
+function readiness(video, signal) {
+  return new Promise((resolve, reject) => {
+    video.addEventListener("canplaythrough", resolve, { once: true, signal });
+    video.addEventListener("error", () => reject(video.error), { once: true, signal });
+  });
+}
+
+/** @param {HTMLVideoElement} video @param {import("./session.js").Media} media */
+function checkSize(video, media) {
+  const rows = 2 * media.height + media.guard_rows;
+  if (video.videoWidth !== media.width || video.videoHeight !== rows) {
+    throw new Error(`the film is ${video.videoWidth}x${video.videoHeight}, expected ${media.width}x${rows}`);
+  }
+}

@@ -1,0 +1,86 @@
+/** The session API as the page uses it (`/api/v1`); who is asking stands in an HttpOnly cookie. */
+
+import { Unreachable, request } from "./connection.js";
+
+/**
+ * @typedef {"a" | "b"} Letter
+ * @typedef {object} Session
+ * @property {string} session its id
+ * @property {{slug: string, title: string, exposure_s: number}} study
+ * @property {"introduction" | "trial" | "finished"} stage
+ * @property {{done: number, total: number}} progress
+ *
+ * @typedef {object} Media one film that holds both stimuli, one above the other
+ * @property {string} url
+ * @property {"stacked"} layout
+ * @property {"top" | "bottom"} a
+ * @property {number} width of one half, pixels
+ * @property {number} height of one half, pixels
+ * @property {number} guard_rows between the halves, pixels
+ * @property {number} fps
+ * @property {number} n_frames
+ *
+ * @typedef {object} TrialDescription
+ * @property {string} trial
+ * @property {number} number
+ * @property {number} total
+ * @property {number} exposure_s
+ * @property {Letter} first_shown
+ * @property {Media} media
+ * @property {string | null} next_media
+ *
+ * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
+ * @property {Letter} first_shown
+ * @property {number} shown_ms
+ * @property {number} response_ms from the voting screen to Next
+ * @property {{to: Letter, at_ms: number, media_time_s: number}[]} switches
+ *
+ * @typedef {object} Vote
+ * @property {string} id made here, so that the same vote sent twice is known for one
+ * @property {Letter | "none"} choice
+ * @property {Viewing} viewing
+ */
+
+const API = "/api/v1";
+const LARGEST_KEPT_ALIVE = 32_768; // characters; browsers refuse more than 64 KiB under way at once
+
+/** @param {string} slug @param {string} invitation @returns {Promise<Session>} */
+export function beginSession(slug, invitation) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation });
+}
+
+/** @returns {Promise<Session>} */
+export function readSession() {
+  return call("GET", "/session");
+}
+
+/** @param {string} stage @param {object} data @returns {Promise<Session>} */
+export function completeStage(stage, data) {
+  return call("PUT", `/session/stages/${stage}`, { data });
+}
+
+/** @returns {Promise<TrialDescription | null>} null when no trial is left */
+export function readNextTrial() {
+  return call("GET", "/session/trials/next");
+}
+
+/** @param {string} trial @param {Vote} vote */
+export function sendVote(trial, vote) {
+  return call("PUT", `/session/trials/${encodeURIComponent(trial)}/vote`, vote);
+}
+
+/** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */
+async function call(method, path, body) {
+  const json = body && JSON.stringify(body);
+  const response = await request(API + path, {
+    method,
+    headers: body ? { "Content-Type": "application/json" } : {},
+    body: json,
+    cache: "no-store",
+    keepalive: json !== undefined && json.length < LARGEST_KEPT_ALIVE, // a vote on its way survives the page
+  });
+  if (response.status === 204) return null;
+  return response.json().catch((cause) => {
+    throw new Unreachable(`half an answer from ${path}`, { cause });
+  });
+}

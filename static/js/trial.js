@@ -1,0 +1,267 @@
+/**
+ * One trial: loading -> fixation -> exposure -> voting -> done, or failed from anywhere.
+ * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
+ */
+
+import { randomId } from "./outbox.js";
+import { StackedPlayer } from "./player.js";
+
+/**
+ * @typedef {import("./session.js").TrialDescription} TrialDescription
+ * @typedef {import("./session.js").Vote} Vote
+ * @typedef {import("./session.js").Letter} Letter
+ * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "failed"} State
+ */
+
+const FIXATION_MS = 500;
+const LOADING_IS_TOLD_AFTER_MS = 400;
+const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
+export const SWITCH_KEYS = new Set([" ", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"]);
+const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
+
+/** @type {Record<State, State[]>} */
+const FOLLOWERS = {
+  loading: ["fixation", "failed"],
+  fixation: ["exposure", "failed"],
+  exposure: ["voting", "failed"],
+  voting: ["done"],
+  done: [],
+  failed: [],
+};
+
+export class Trial {
+  /**
+   * @param {HTMLElement} screen
+   * @param {TrialDescription} description
+   * @param {import("./films.js").Film} film
+   */
+  constructor(screen, description, film) {
+    this.screen = screen;
+    this.description = description;
+    this.film = film;
+    this.player = new StackedPlayer(find(screen, ".film"), /** @type {HTMLVideoElement} */ (find(screen, "video")));
+    /** @type {Vote["viewing"]} */
+    this.viewing = { first_shown: description.first_shown, shown_ms: 0, response_ms: 0, switches: [] };
+    this.firstShownAt = NaN; // performance.now() of the first frame on screen
+    /** @type {State} */
+    this.state = "loading";
+    this.leaving = new AbortController();
+    this.resolve = (/** @type {Vote} */ _vote) => {};
+    this.reject = (/** @type {unknown} */ _reason) => {};
+  }
+
+  /** @returns {Promise<Vote>} rejects when the film cannot be shown */
+  run() {
+    labelTrial(this.screen, this.description);
+    const vote = new Promise((resolve, reject) => {
+      this.resolve = resolve;
+      this.reject = reject;
+    });
+    this.#enter("loading");
+    return vote;
+  }
+
+  /** @param {State} state @param {unknown} [result] the vote, or why it failed */
+  #go(state, result) {
+    if (!FOLLOWERS[this.state].includes(state)) throw new Error(`no way from ${this.state} to ${state}`);
+    this.leaving.abort();
+    this.leaving = new AbortController();
+    this.state = state;
+    this.#enter(state, result);
+  }
+
+  /** @param {State} state @param {unknown} [result] */
+  #enter(state, result) {
+    const { signal } = this.leaving;
+    this.screen.dataset.state = state;
+    if (state === "loading") this.#load(signal);
+    else if (state === "fixation") this.#fixate(signal);
+    else if (state === "exposure") this.#expose(signal);
+    else if (state === "voting") this.#ask(signal);
+    else this.#end(state, result);
+  }
+
+  /** @param {State} state @param {unknown} result */
+  #end(state, result) {
+    this.player.unload();
+    if (state === "done") this.resolve(/** @type {Vote} */ (result));
+    else this.reject(result);
+  }
+
+  /** @param {AbortSignal} signal */
+  #load(signal) {
+    const { media, first_shown } = this.description;
+    showProgress(this.screen, this.film, signal);
+    this.film.whole
+      .then((blob) => this.player.load(blob, media, first_shown, signal))
+      .then(() => this.#go("fixation"), (error) => this.#go("failed", error));
+  }
+
+  /** @param {AbortSignal} signal */
+  #fixate(signal) {
+    this.screen.focus({ preventScroll: true });
+    this.#showLetter(this.description.first_shown);
+    after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));
+  }
+
+  /** @param {number} now the animation frame that shows the film first */
+  #begin(now) {
+    this.firstShownAt = now;
+    this.#go("exposure");
+  }
+
+  /** @param {AbortSignal} signal */
+  #expose(signal) {
+    const switchNow = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      this.#switch(event.timeStamp);
+    };
+    const onKey = (/** @type {KeyboardEvent} */ event) => {
+      if (!SWITCH_KEYS.has(event.key) || event.ctrlKey || event.altKey || event.metaKey) return;
+      if (event.repeat) event.preventDefault();
+      else switchNow(event);
+    };
+    this.screen.addEventListener("pointerdown", switchNow, { signal });
+    this.screen.addEventListener("mousedown", preventDefault, { signal }); // no scrolling by the middle button
+    this.screen.addEventListener("contextmenu", preventDefault, { signal });
+    document.addEventListener("keydown", onKey, { signal });
+    this.player.play(this.description.exposure_s, signal).then(
+      () => this.#endExposure(),
+      (error) => signal.aborted || this.#go("failed", error),
+    );
+  }
+
+  #endExposure() {
+    this.viewing.shown_ms = this.#since(performance.now());
+    this.#go("voting");
+    this.player.pause();
+  }
+
+  /** @param {number} at performance.now() of the press */
+  #switch(at) {
+    const to = this.player.shown === "a" ? "b" : "a";
+    this.#showLetter(to);
+    this.viewing.switches.push({ to, at_ms: this.#since(at), media_time_s: this.player.mediaTime });
+  }
+
+  /** @param {Letter} letter */
+  #showLetter(letter) {
+    this.player.show(letter);
+    this.screen.dataset.letter = letter;
+    const status = find(this.screen, "[data-showing]");
+    status.textContent = fill(status.dataset.showing, { letter: letter.toUpperCase() });
+  }
+
+  /** @param {number} at performance.now() @returns {number} ms, to a tenth, since the film appeared */
+  #since(at) {
+    return tenths(Math.max(0, at - this.firstShownAt));
+  }
+
+  /** @param {AbortSignal} signal */
+  #ask(signal) {
+    const openedAt = performance.now();
+    const form = /** @type {HTMLFormElement} */ (find(this.screen, "form"));
+    const hint = find(form, ".choose");
+    form.reset();
+    hint.textContent = "";
+    find(form, "legend").focus({ preventScroll: true });
+    guardFromClicks(form, signal);
+    offerFullScreen(form, signal);
+    form.addEventListener("change", () => (hint.textContent = ""), { signal });
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const choice = /** @type {Vote["choice"] | null} */ (new FormData(form).get("choice"));
+      if (choice) this.#vote(choice, performance.now() - openedAt);
+      else hint.textContent = hint.dataset.choose ?? "";
+    }, { signal });
+    document.addEventListener("keydown", (event) => answerByKey(event, form), { signal });
+  }
+
+  /** @param {Vote["choice"]} choice @param {number} response_ms */
+  #vote(choice, response_ms) {
+    this.viewing.response_ms = tenths(response_ms);
+    this.#go("done", { id: randomId(), choice, viewing: this.viewing });
+  }
+}
+
+/** @param {KeyboardEvent} event @param {HTMLFormElement} form */
+function answerByKey(event, form) {
+  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+  const choice = CHOICE_OF_KEY.get(event.key);
+  if (choice) {
+    const radio = /** @type {HTMLInputElement} */ (form.querySelector(`input[value="${choice}"]`));
+    radio.focus({ preventScroll: true });
+    radio.click();
+  } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
+    event.preventDefault();
+    form.requestSubmit();
+  }
+}
+
+/** @param {HTMLFormElement} form @param {AbortSignal} signal */
+function guardFromClicks(form, signal) {
+  form.classList.add("arriving");
+  after(VOTING_OPENS_AFTER_MS, signal, () => form.classList.remove("arriving"));
+}
+
+/** @param {HTMLFormElement} form @param {AbortSignal} signal */
+function offerFullScreen(form, signal) {
+  const button = find(form, "[data-fullscreen]");
+  const update = () => (button.hidden = !document.fullscreenEnabled || document.fullscreenElement !== null);
+  update();
+  document.addEventListener("fullscreenchange", update, { signal });
+  button.addEventListener("click", enterFullScreen, { signal });
+}
+
+/** Asks for the full screen, as far as the browser has one; call on a press. */
+export function enterFullScreen() {
+  if (document.fullscreenElement === null) document.documentElement.requestFullscreen?.().catch(() => {});
+}
+
+/** @param {HTMLElement} screen @param {TrialDescription} description */
+function labelTrial(screen, { number, total }) {
+  for (const label of screen.querySelectorAll("[data-label]")) {
+    label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
+  }
+  /** @type {HTMLProgressElement} */ (find(screen, ".progress progress")).value = (number - 1) / total;
+}
+
+/** Tells of the loading only when it lasts. @param {HTMLElement} screen @param {import("./films.js").Film} film @param {AbortSignal} signal */
+function showProgress(screen, film, signal) {
+  const loading = find(screen, ".loading");
+  const bar = /** @type {HTMLProgressElement} */ (find(loading, "progress"));
+  loading.classList.remove("is-told");
+  bar.value = 0;
+  const update = () => {
+    loading.classList.add("is-told");
+    bar.value = film.size ? film.received / film.size : 0;
+    after(100, signal, update);
+  };
+  after(LOADING_IS_TOLD_AFTER_MS, signal, update);
+}
+
+/** @param {number} milliseconds @param {AbortSignal} signal @param {() => void} action not done if the signal comes first */
+function after(milliseconds, signal, action) {
+  const timer = setTimeout(action, milliseconds);
+  signal.addEventListener("abort", () => clearTimeout(timer), { once: true });
+}
+
+/** @param {string | undefined} text with {places} @param {Record<string, unknown>} values @returns {string} */
+export function fill(text, values) {
+  return (text ?? "").replace(/\{(\w+)\}/g, (place, name) => String(values[name] ?? place));
+}
+
+/** @param {ParentNode} parent @param {string} selector @returns {HTMLElement} */
+function find(parent, selector) {
+  return /** @type {HTMLElement} */ (parent.querySelector(selector));
+}
+
+/** @param {Event} event */
+function preventDefault(event) {
+  event.preventDefault();
+}
+
+/** @param {number} milliseconds */
+function tenths(milliseconds) {
+  return Math.round(10 * milliseconds) / 10;
+}
