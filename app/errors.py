@@ -1,0 +1,47 @@
+"""What can go wrong in a study, told apart where a caller must; `web/problems.py` says it over HTTP."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class StimuliError(ValueError):
+    """A stimulus set cannot be used as it is: names the file and the value."""
+
+
+class StudyError(Exception):
+    """A request that a study refuses, in one calm sentence that says what to do."""
+
+    status: ClassVar[int] = 400
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail)
+        self.detail = detail
+
+
+class UnauthorisedError(StudyError):
+    status = 401
+
+
+class ForbiddenError(StudyError):
+    status = 403
+
+
+class NotFoundError(StudyError):
+    status = 404
+
+
+class NotAcceptableError(StudyError):
+    status = 406
+
+
+class ConflictError(StudyError):
+    status = 409
+
+
+class GoneError(StudyError):
+    status = 410
+
+
+class InvalidError(StudyError):
+    status = 422

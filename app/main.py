@@ -1,0 +1,131 @@
+"""The study server, put together."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from fastapi.staticfiles import StaticFiles
+from fastapi.templating import Jinja2Templates
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from app.operate import open_store
+from app.settings import Settings
+from app.store.keys import utc_now
+from app.web import api, health, media, pages, participant, trials
+from app.web.admin import pages as admin_pages
+from app.web.problems import UnforeseenErrors, install_problems
+from app.web.security import BodyLimit, SameOrigin, SecurityHeaders
+
+ROOT = Path(__file__).parent.parent
+START_TIMEOUT_S = 30
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The whole server on one database."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        yield
+        app.state.database.dispose()
+
+    app = FastAPI(
+        title="reconstudy",
+        summary="Pair comparisons of 3D reconstructions: sessions, votes and scores",
+        version="1",
+        openapi_url="/api/v1/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+    )
+    app.state.settings = settings
+    app.state.database = open_store(settings)
+    app.state.templates = Jinja2Templates(env=_environment())
+    app.state.clock = utc_now
+    settings.media_dir.mkdir(parents=True, exist_ok=True)
+    for router in (
+        participant.router,
+        trials.router,
+        api.router,
+        media.router,
+        health.router,
+        admin_pages.router,
+        pages.router,
+    ):
+        app.include_router(router)
+    app.mount("/static", StaticFiles(directory=ROOT / "static"), name="static")
+    install_problems(app)
+    for middleware in (BodyLimit, SameOrigin, UnforeseenErrors, SecurityHeaders):  # the last one is outermost
+        app.add_middleware(middleware)
+    return app
+
+
+def serve(
+    settings: Settings,
+    host: str = "127.0.0.1",
+    port: int = 8000,
+    *,
+    on_start: Callable[[str], None] | None = None,
+) -> None:
+    """Serve until interrupted.
+
+    Parameters
+    ----------
+    port : 0 for any free one
+    on_start : told the base address once the server answers
+    """
+    _Server(create_app(settings), host, port, on_start).run()
+
+
+@contextmanager
+def running_server(settings: Settings, host: str = "127.0.0.1", port: int = 0) -> Iterator[str]:
+    """Serve from a thread of this process while the block runs; yields the base address."""
+    started = threading.Event()
+    address: list[str] = []
+
+    def on_start(base_url: str) -> None:
+        address.append(base_url)
+        started.set()
+
+    server = _Server(create_app(settings), host, port, on_start)
+    thread = threading.Thread(target=server.run, name="reconstudy-server", daemon=True)
+    thread.start()
+    try:
+        if not started.wait(START_TIMEOUT_S):
+            raise RuntimeError(f"the server on {host}:{port} did not start within {START_TIMEOUT_S} s")
+        yield address[0]
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+class _Server(uvicorn.Server):
+    """uvicorn that tells when, and on which port, it answers."""
+
+    def __init__(self, app: FastAPI, host: str, port: int, on_start: Callable[[str], None] | None) -> None:
+        # No access log: addresses hold invitations and sign-in links.
+        super().__init__(
+            uvicorn.Config(app, host=host, port=port, log_level="warning", access_log=False, server_header=False)
+        )
+        self._on_start = on_start
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and self._on_start is not None:
+            host, port = self.servers[0].sockets[0].getsockname()[:2]
+            self._on_start(f"http://{f'[{host}]' if ':' in host else host}:{port}")
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=FileSystemLoader(ROOT / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

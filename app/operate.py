@@ -1,0 +1,199 @@
+"""What the command line asks of the study server: create, list, invite, and let people in."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from app.settings import Settings
+from app.stimuli import Progress, StimulusSet, no_progress, prepare_pairs, read_stimulus_set
+from app.store import studies
+from app.store.designs import insert_design
+from app.store.engine import Database, open_database
+from app.store.experimenters import renew_link
+from app.store.invitations import insert_invitation, invitations_of
+from app.store.keys import utc_now
+from app.store.migrate import newest_version, upgrade, version_of
+from app.store.tokens import SCOPES, insert_token
+
+EXPOSURE_BOUNDS_S = (0.1, 3600.0)
+LONGEST_SLUG = 48
+
+
+def open_store(settings: Settings) -> Database:
+    """Open the database; the embedded one is brought to the newest version by itself.
+
+    Raises
+    ------
+    ValueError
+        If another database is not at the newest version.
+    """
+    database = open_database(settings.url)
+    if settings.is_embedded:
+        upgrade(database)
+    elif (version := version_of(database)) != newest_version():
+        database.dispose()
+        raise ValueError(
+            f"the database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`"
+        )
+    return database
+
+
+def upgrade_database(settings: Settings) -> dict[str, Any]:
+    """Bring the database to the newest version."""
+    database = open_database(settings.url)
+    try:
+        return {"version": upgrade(database)}
+    finally:
+        database.dispose()
+
+
+def create_study(
+    settings: Settings,
+    manifest_path: Path,
+    name: str,
+    *,
+    exposure_s: float | None = None,
+    seed: int | None = None,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """Create a study of a stimulus set: check it, prepare the pair videos, store the design and an open invitation.
+
+    Parameters
+    ----------
+    manifest_path : the stimulus set's folder or manifest
+    name : what participants and experimenters read
+    exposure_s : how long a pair is shown; None: as long as the shortest video
+    seed : of everybody's order; None: drawn
+
+    Raises
+    ------
+    ValueError
+        If there is a study of this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+    """
+    slug = slugify(name)
+    with _store(settings) as database:
+        _refuse_second(database, slug, name)
+        stimulus_set = read_stimulus_set(manifest_path, progress)
+        exposure_s = _exposure(stimulus_set) if exposure_s is None else exposure_s
+        if not EXPOSURE_BOUNDS_S[0] <= exposure_s <= EXPOSURE_BOUNDS_S[1]:
+            raise ValueError(
+                f"exposure {exposure_s} s: expected between {EXPOSURE_BOUNDS_S[0]} and {EXPOSURE_BOUNDS_S[1]}"
+            )
+        if seed is not None and not 0 <= seed < 2**63:
+            raise ValueError(f"seed {seed}: expected a whole number from 0 to 2^63 - 1")
+        pairs = prepare_pairs(stimulus_set, settings.media_dir, progress)
+        created_at = utc_now()
+        row = {
+            "slug": slug,
+            "name": name.strip(),
+            "state": "open",
+            "exposure_s": float(exposure_s),
+            "seed": secrets.randbits(63) if seed is None else seed,
+            "factors": stimulus_set.factors,
+            "manifest_sha256": stimulus_set.sha256,
+            "created_at": created_at,
+        }
+        with database.writing() as connection:
+            study_id = studies.insert_study(connection, row)
+            insert_design(connection, study_id, stimulus_set, pairs)
+            code = insert_invitation(connection, study_id, None, created_at)
+        with database.reading() as connection:
+            counts = studies.progress_of(connection, study_id)
+    return {
+        "slug": slug,
+        "name": row["name"],
+        "invitation": code,
+        "path": f"/s/{code}",
+        "exposure_s": row["exposure_s"],
+        "seed": row["seed"],
+        **{key: value for key, value in asdict(counts).items() if key.endswith(("datasets", "conditions", "pairs"))},
+    }
+
+
+def list_studies(settings: Settings) -> list[dict[str, Any]]:
+    """All studies with their progress and invitations, the newest first."""
+    with _store(settings) as database, database.reading() as connection:
+        return [
+            {
+                "slug": study.slug,
+                "name": study.name,
+                "state": study.state,
+                "exposure_s": study.exposure_s,
+                "created_at": study.created_at.isoformat(),
+                **asdict(studies.progress_of(connection, study.id)),
+                "invitations": [found.code for found in invitations_of(connection, study.id)],
+            }
+            for study in studies.all_studies(connection)
+        ]
+
+
+def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:
+    """Invite to a study: `places` participants, or as many as come."""
+    if places is not None and not 1 <= places <= 1_000_000:
+        raise ValueError(f"{places} places: expected between 1 and 1000000")
+    with _store(settings) as database, database.writing() as connection:
+        study = studies.study_by_slug(connection, slug)
+        if study is None:
+            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+        code = insert_invitation(connection, study.id, places, utc_now())
+    return {"invitation": code, "path": f"/s/{code}"}
+
+
+def add_experimenter(settings: Settings, name: str) -> dict[str, Any]:
+    """A sign-in link for an experimenter, who is added if need be; an older link of theirs ends."""
+    if not 1 <= len(name.strip()) <= 100:
+        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    with _store(settings) as database:
+        secret = renew_link(database, name.strip(), utc_now())
+    return {"name": name.strip(), "path": f"/admin/login/{secret}"}
+
+
+def add_token(settings: Settings, name: str) -> dict[str, Any]:
+    """A bearer token that may read results; it is shown this once."""
+    if not 1 <= len(name.strip()) <= 100:
+        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    with _store(settings) as database:
+        token = insert_token(database, name.strip(), utc_now())
+    return {"name": name.strip(), "token": token, "scopes": list(SCOPES)}
+
+
+def slugify(name: str) -> str:
+    """A study's name as it stands in addresses.
+
+    Raises
+    ------
+    ValueError
+        If nothing of the name can.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
+    if not slug or len(name) > 200:
+        raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
+    return slug
+
+
+@contextmanager
+def _store(settings: Settings) -> Iterator[Database]:
+    database = open_store(settings)
+    try:
+        yield database
+    finally:
+        database.dispose()
+
+
+def _refuse_second(database: Database, slug: str, name: str) -> None:
+    with database.reading() as connection:
+        is_taken = studies.slug_exists(connection, slug)
+    if is_taken:
+        raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
+
+
+def _exposure(stimulus_set: StimulusSet) -> float:
+    return min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)

@@ -1,0 +1,87 @@
+"""A study's design: its datasets, conditions, stimuli and pairs, none of which changes once it is there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sqlalchemy import Connection, Table, insert, select
+
+from app.stimuli import PairVideo, StimulusSet
+from app.store.keys import new_opaque_id
+from app.store.tables import condition, dataset, pair, stimulus
+from app.study.design import PlannedPair
+
+STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
+
+
+@dataclass(frozen=True)
+class PairFile:
+    """The file of a pair's video in the media folder."""
+
+    file: str
+    sha256: str
+
+
+def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs: Sequence[PairVideo]) -> None:
+    """Insert what a study compares."""
+    datasets = {
+        name: _insert(connection, dataset, {"study_id": study_id, "position": position, "name": name})
+        for position, name in enumerate(of.datasets)
+    }
+    levels = {stimulus.approach: stimulus.levels for stimulus in of.stimuli}
+    conditions = {
+        name: _insert(
+            connection, condition, {"study_id": study_id, "position": position, "name": name, "levels": levels[name]}
+        )
+        for position, name in enumerate(of.conditions)
+    }
+    stimuli = {
+        one.name: _insert(
+            connection,
+            stimulus,
+            {
+                "dataset_id": datasets[one.dataset],
+                "condition_id": conditions[one.approach],
+                **one.model_dump(include=STIMULUS_FACTS),
+            },
+        )
+        for one in of.stimuli
+    }
+    for video in pairs:
+        facts = {name: value for name, value in asdict(video).items() if name not in ("top", "bottom")}
+        ids = {"top_id": stimuli[video.top.name], "bottom_id": stimuli[video.bottom.name]}
+        own = {"dataset_id": datasets[video.top.dataset], "media": new_opaque_id()}
+        _insert(connection, pair, {**own, **ids, **facts})
+
+
+def datasets_of(connection: Connection, study_id: int) -> list[str]:
+    rows = select(dataset.c.name).where(dataset.c.study_id == study_id).order_by(dataset.c.position)
+    return list(connection.scalars(rows))
+
+
+def conditions_of(connection: Connection, study_id: int) -> dict[str, dict[str, str]]:
+    """Factor levels by the condition's name."""
+    rows = select(condition.c.name, condition.c.levels).where(condition.c.study_id == study_id)
+    return {row.name: row.levels for row in connection.execute(rows.order_by(condition.c.position))}
+
+
+def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
+    """All pairs of a study, as its orders need them."""
+    rows = connection.execute(
+        select(pair.c.id, pair.c.dataset_id, pair.c.top_id, pair.c.bottom_id)
+        .join(dataset)
+        .where(dataset.c.study_id == study_id)
+        .order_by(dataset.c.position, pair.c.id)
+    )
+    return [PlannedPair(row.id, row.dataset_id, row.top_id, row.bottom_id) for row in rows]
+
+
+def pair_file(connection: Connection, media: str) -> PairFile | None:
+    row = connection.execute(select(pair.c.file, pair.c.sha256).where(pair.c.media == media)).one_or_none()
+    return PairFile(row.file, row.sha256) if row else None
+
+
+def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> int:
+    return int(connection.execute(insert(table).values(**values).returning(table.c.id)).scalar_one())

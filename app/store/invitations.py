@@ -1,0 +1,50 @@
+"""Invitations: codes that let participants in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Select, func, insert, select
+
+from app.store.keys import new_code
+from app.store.tables import invitation, participant
+
+
+@dataclass(frozen=True)
+class Invitation:
+    """A code that lets participants in; `places` is how many, None for as many as come."""
+
+    id: int
+    study_id: int
+    code: str
+    places: int | None
+    n_used: int
+
+    @property
+    def is_used(self) -> bool:
+        return self.places is not None and self.n_used >= self.places
+
+
+def insert_invitation(connection: Connection, study_id: int, places: int | None, now: datetime) -> str:
+    """Make an invitation and return its code."""
+    code = new_code()
+    connection.execute(insert(invitation).values(study_id=study_id, code=code, places=places, created_at=now))
+    return code
+
+
+def invitation_by_code(connection: Connection, code: str) -> Invitation | None:
+    row = connection.execute(_invitations().where(invitation.c.code == code)).one_or_none()
+    return Invitation(**row._mapping) if row else None
+
+
+def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:
+    rows = connection.execute(_invitations().where(invitation.c.study_id == study_id).order_by(invitation.c.id))
+    return [Invitation(**row._mapping) for row in rows]
+
+
+def _invitations() -> Select[Any]:
+    used = select(func.count()).where(participant.c.invitation_id == invitation.c.id).scalar_subquery()
+    columns = (invitation.c.id, invitation.c.study_id, invitation.c.code, invitation.c.places)
+    return select(*columns, used.label("n_used"))

@@ -1,0 +1,40 @@
+"""Migrations: forward only, run by `db upgrade` and when the embedded database is opened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+
+from app.store.engine import Database
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def upgrade(database: Database) -> str:
+    """Bring a database to the newest version, which is returned. One that is there already is left alone."""
+    config = _config()
+    if version_of(database) != newest_version():
+        with database.writing() as connection:
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")
+    return newest_version()
+
+
+def version_of(database: Database) -> str | None:
+    """The version a database is at; None when it is empty."""
+    with database.reading() as connection:
+        return MigrationContext.configure(connection).get_current_revision()
+
+
+def newest_version() -> str:
+    head = ScriptDirectory.from_config(_config()).get_current_head()
+    assert head is not None, "there is at least one migration"
+    return head
+
+
+def _config() -> Config:
+    return Config(ROOT / "alembic.ini")

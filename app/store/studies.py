@@ -1,0 +1,97 @@
+"""Studies, and how far they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from sqlalchemy import Connection, Row, Select, exists, func, insert, select, update
+
+from app.store.tables import condition, dataset, pair, participant, session, study, vote
+from app.study.stages import FINISHED
+
+State = Literal["open", "closed"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study as its row."""
+
+    id: int
+    slug: str
+    name: str
+    state: State
+    exposure_s: float
+    seed: int
+    factors: Mapping[str, Sequence[str]]
+    manifest_sha256: str
+    created_at: datetime
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is."""
+
+    n_datasets: int
+    n_conditions: int
+    n_pairs: int
+    n_started: int
+    n_finished: int
+    n_votes: int
+
+
+def insert_study(connection: Connection, values: Mapping[str, Any]) -> int:
+    """Insert the row of a study; `values` are its columns."""
+    return int(connection.execute(insert(study).values(**values).returning(study.c.id)).scalar_one())
+
+
+def slug_exists(connection: Connection, slug: str) -> bool:
+    return bool(connection.scalar(select(exists().where(study.c.slug == slug))))
+
+
+def study_by_slug(connection: Connection, slug: str) -> Study | None:
+    return _study(connection.execute(select(study).where(study.c.slug == slug)).one_or_none())
+
+
+def study_by_id(connection: Connection, study_id: int) -> Study | None:
+    return _study(connection.execute(select(study).where(study.c.id == study_id)).one_or_none())
+
+
+def all_studies(connection: Connection) -> list[Study]:
+    """All studies, the newest first."""
+    rows = connection.execute(select(study).order_by(study.c.created_at.desc(), study.c.id.desc()))
+    return [Study(**row._mapping) for row in rows]
+
+
+def set_state(connection: Connection, study_id: int, state: State) -> None:
+    connection.execute(update(study).where(study.c.id == study_id).values(state=state))
+
+
+def progress_of(connection: Connection, study_id: int) -> Progress:
+    own = participant.c.study_id == study_id
+    sessions = select(func.count()).select_from(session.join(participant)).where(own)
+    counts = select(
+        _count(select(func.count()).where(dataset.c.study_id == study_id)).label("n_datasets"),
+        _count(select(func.count()).where(condition.c.study_id == study_id)).label("n_conditions"),
+        _count(select(func.count()).select_from(pair.join(dataset)).where(dataset.c.study_id == study_id)).label(
+            "n_pairs"
+        ),
+        _count(sessions).label("n_started"),
+        _count(sessions.where(session.c.stage == FINISHED)).label("n_finished"),
+        _count(
+            select(func.count())
+            .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
+            .where(own)
+        ).label("n_votes"),
+    )
+    return Progress(**connection.execute(counts).one()._mapping)
+
+
+def _study(row: Row[Any] | None) -> Study | None:
+    return Study(**row._mapping) if row else None
+
+
+def _count(query: Select[Any]) -> Any:
+    return query.scalar_subquery()

@@ -1,0 +1,131 @@
+"""Who may: each gate returns what a route needs, or raises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Literal
+
+from fastapi import Depends, Request
+from sqlalchemy import Connection
+
+from app.errors import NotFoundError, UnauthorisedError
+from app.settings import Settings
+from app.store.engine import Database
+from app.store.experimenters import Experimenter, experimenter_by_token
+from app.store.invitations import Invitation, invitation_by_code
+from app.store.sessions import Session, session_by_token
+from app.store.studies import Study, study_by_id, study_by_slug
+from app.store.tokens import READ, scopes_of
+
+PARTICIPANT_COOKIE = "session"
+EXPERIMENTER_COOKIE = "experimenter"
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """What stands behind an invitation's address; "mine": this browser's session was begun with it."""
+
+    slug: str
+    title: str
+    state: Literal["open", "mine", "used", "closed"]
+
+
+@dataclass(frozen=True)
+class SignedIn:
+    """A session, and the token that its participant holds."""
+
+    session: Session
+    token: str
+
+
+def database(request: Request) -> Database:
+    found: Database = request.app.state.database
+    return found
+
+
+def settings(request: Request) -> Settings:
+    found: Settings = request.app.state.settings
+    return found
+
+
+def now(request: Request) -> datetime:
+    moment: datetime = request.app.state.clock()
+    return moment
+
+
+def participant(request: Request) -> SignedIn:
+    """The session of who asks, by bearer token or cookie."""
+    token = _bearer(request) or request.cookies.get(PARTICIPANT_COOKIE)
+    with database(request).reading() as connection:
+        session = session_by_token(connection, token) if token else None
+    if token is None or session is None:
+        raise UnauthorisedError("There is no session here. Please open your invitation again.")
+    return SignedIn(session, token)
+
+
+def analyst(request: Request) -> None:
+    """A bearer token that may read, or an experimenter's cookie."""
+    token = _bearer(request)
+    if token is None:
+        experimenter(request)
+        return
+    with database(request).reading() as connection:
+        scopes = scopes_of(connection, token)
+    if scopes is None or READ not in scopes:
+        raise UnauthorisedError("This token is not known here, or may not read results.")
+
+
+def experimenter(request: Request) -> Experimenter:
+    """The experimenter who is signed in by cookie."""
+    token = request.cookies.get(EXPERIMENTER_COOKIE)
+    with database(request).reading() as connection:
+        found = experimenter_by_token(connection, token, now(request)) if token else None
+    if found is None:
+        raise UnauthorisedError("You are not signed in. Open the sign-in link that `reconstudy admin add NAME` prints.")
+    return found
+
+
+def study_called(request: Request, slug: str) -> Study:
+    with database(request).reading() as connection:
+        found = study_by_slug(connection, slug)
+    if found is None:
+        raise NotFoundError("There is no such study.")
+    return found
+
+
+def invitation_to(connection: Connection, slug: str, code: str) -> Invitation:
+    """The invitation with this code, if it is one to this study."""
+    invitation = invitation_by_code(connection, code)
+    study = study_by_id(connection, invitation.study_id) if invitation else None
+    if invitation is None or study is None or study.slug != slug:
+        raise NotFoundError("There is no such invitation. Please check the code.")
+    return invitation
+
+
+def entrance(request: Request, code: str) -> Entrance | None:
+    """What an invitation's address leads to; None if there is no such invitation. Looking uses nothing up."""
+    with database(request).reading() as connection:
+        invitation = invitation_by_code(connection, code)
+        study = study_by_id(connection, invitation.study_id) if invitation else None
+        token = request.cookies.get(PARTICIPANT_COOKIE)
+        session = session_by_token(connection, token) if token else None
+    if invitation is None or study is None:
+        return None
+    if session is not None and session.invitation_id == invitation.id:
+        return Entrance(study.slug, study.name, "mine")
+    if study.state == "closed":
+        return Entrance(study.slug, study.name, "closed")
+    return Entrance(study.slug, study.name, "used" if invitation.is_used else "open")
+
+
+def _bearer(request: Request) -> str | None:
+    scheme, _, token = request.headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" and token.strip() else None
+
+
+Store = Annotated[Database, Depends(database)]
+Now = Annotated[datetime, Depends(now)]
+Participant = Annotated[SignedIn, Depends(participant)]
+ASignedInExperimenter = Annotated[Experimenter, Depends(experimenter)]
+AStudy = Annotated[Study, Depends(study_called)]

@@ -1,0 +1,35 @@
+"""Pair videos under opaque names: ranges, conditional requests, and caching for good."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import FileResponse, Response
+
+from app.errors import NotFoundError
+from app.store.designs import pair_file
+from app.web.gates import Store, settings
+
+# A name never gets other content; shared caches must not serve a study's material to others.
+FOREVER = "private, max-age=31536000, immutable"
+
+router = APIRouter()
+
+
+@router.api_route("/media/{media}", methods=["GET", "HEAD"], response_class=FileResponse, include_in_schema=False)
+def media(media: Annotated[str, Path(max_length=32)], request: Request, database: Store) -> Response:
+    with database.reading() as connection:
+        found = pair_file(connection, media)
+    if found is None:
+        raise NotFoundError("There is no such video.")
+    headers = {"ETag": f'"{found.sha256}"', "Cache-Control": FOREVER}
+    if is_known(request.headers.get("if-none-match", ""), found.sha256):
+        return Response(status_code=304, headers=headers)
+    return FileResponse(settings(request).media_dir / found.file, headers=headers, media_type="video/mp4")
+
+
+def is_known(if_none_match: str, sha256: str) -> bool:
+    """Whether a client already has the content, by RFC 9110's weak comparison."""
+    tags = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
+    return "*" in tags or f'"{sha256}"' in tags

@@ -1,0 +1,142 @@
+"""A participant's session over REST: begin, resume, look, complete a stage."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request, Response
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from app.errors import ConflictError, NotFoundError
+from app.store.engine import Database
+from app.store.keys import resume_code
+from app.store.sessions import Session, begin_session, complete_stage, done_of, resume_session, session_by_token
+from app.study.stages import STAGES, IllegalMoveError
+from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, settings
+
+COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
+LARGEST_STAGE_DATA = 16 * 1024  # characters as JSON
+
+router = APIRouter(prefix="/api/v1", tags=["participants"])
+
+Slug = Annotated[str, Path(max_length=64, pattern=r"^[a-z0-9-]+$", examples=["temple"])]
+Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples=["k7m2p9xq4wva"])]
+
+
+class Strict(BaseModel):
+    """Bodies are taken as they are described, or not at all."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+def _plain_json(value: dict[str, Any]) -> dict[str, Any]:
+    if len(json.dumps(value, allow_nan=False)) > LARGEST_STAGE_DATA:
+        raise ValueError(f"longer than {LARGEST_STAGE_DATA} characters")
+    return value
+
+
+class Admission(Strict):
+    invitation: Code
+
+
+class Resumption(Strict):
+    resume_code: Code
+
+
+class StageData(Strict):
+    data: Annotated[dict[str, Any], AfterValidator(_plain_json)] = Field(default={}, examples=[{"language": "en"}])
+
+
+class StudyView(BaseModel):
+    slug: str
+    title: str
+    exposure_s: float
+
+
+class ProgressView(BaseModel):
+    done: int
+    total: int
+
+
+class SessionView(BaseModel):
+    """Where a participant is."""
+
+    session: str
+    study: StudyView
+    stage: str
+    stages: list[str]
+    progress: ProgressView
+    resume_code: str = Field(description="lets its participant go on in another browser")
+
+
+class OpenedSessionView(SessionView):
+    token: str = Field(description="a bearer token for clients without cookies")
+
+
+@router.post("/studies/{slug}/sessions", status_code=201)
+def begin(
+    slug: Slug, admission: Admission, request: Request, response: Response, database: Store, now: Now
+) -> OpenedSessionView:
+    """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: the study is closed."""
+    with database.reading() as connection:
+        invitation = invitation_to(connection, slug, admission.invitation)
+    token = begin_session(database, invitation, now)
+    return _opened(request, response, database, token)
+
+
+@router.post("/session/resume")
+def resume(resumption: Resumption, request: Request, response: Response, database: Store) -> OpenedSessionView:
+    """Go on with a session in another browser; the session's older token and resume code end."""
+    token = resume_session(database, resumption.resume_code)
+    if token is None:
+        raise NotFoundError("There is no session with this code. Please check it.")
+    return _opened(request, response, database, token)
+
+
+@router.get("/session")
+def look(signed_in: Participant, database: Store) -> SessionView:
+    """The stage of the session and how far it is."""
+    return SessionView(**_view(database, signed_in.session, signed_in.token))
+
+
+@router.put("/session/stages/{stage}")
+def complete(
+    stage: Annotated[str, Path(max_length=40)], body: StageData, signed_in: Participant, database: Store, now: Now
+) -> SessionView:
+    """Complete a stage; one that is already behind stays as it was. 409: not the current one, or it ends by itself."""
+    if stage not in STAGES:
+        raise NotFoundError("There is no such stage.")
+    try:
+        complete_stage(database, signed_in.session, stage, body.data, now)
+    except IllegalMoveError as error:
+        raise ConflictError(f"This stage cannot be completed now: {error}.") from error
+    return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token))
+
+
+def _opened(request: Request, response: Response, database: Database, token: str) -> OpenedSessionView:
+    is_secure = settings(request).secure_cookies or request.url.scheme == "https"
+    response.set_cookie(
+        PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure
+    )
+    return OpenedSessionView(**_view(database, _reread(database, token), token), token=token)
+
+
+def _reread(database: Database, token: str) -> Session:
+    with database.reading() as connection:
+        session = session_by_token(connection, token)
+    assert session is not None, "it was there in the transaction before"
+    return session
+
+
+def _view(database: Database, session: Session, token: str) -> dict[str, Any]:
+    with database.reading() as connection:
+        done = done_of(connection, session.id)
+    return {
+        "session": session.public_id,
+        "study": StudyView(slug=session.slug, title=session.name, exposure_s=session.exposure_s),
+        "stage": session.stage,
+        "stages": list(STAGES),
+        "progress": ProgressView(done=done.n_done, total=done.n_total),
+        "resume_code": resume_code(token),
+    }

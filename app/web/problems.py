@@ -1,0 +1,97 @@
+"""Every error as an RFC 9457 problem, or as a page where a person reads it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.errors import StudyError
+
+log = logging.getLogger(__name__)
+
+PROBLEM = "application/problem+json"
+PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz")  # addresses that people do not read
+SENTENCES = {
+    404: "There is nothing at this address.",
+    405: "This address does not take that method.",
+    413: "The request is too large.",
+    500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
+}
+
+
+def problem(
+    status: int, detail: str, *, extra: Mapping[str, Any] | None = None, headers: Mapping[str, str] | None = None
+) -> JSONResponse:
+    """A problem object; its type is "about:blank", so its title is the status."""
+    content = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail}
+    return JSONResponse({**content, **(extra or {})}, status, headers=dict(headers or {}), media_type=PROBLEM)
+
+
+def install_problems(app: FastAPI) -> None:
+    """Answer all errors that a route or the framework raises."""
+    app.add_exception_handler(StudyError, _study_error)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(RequestValidationError, _validation_error)
+
+
+class UnforeseenErrors:
+    """Answer what nobody foresaw: everything to the log, nothing to the outside."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        has_started = False
+
+        async def watch(message: Message) -> None:
+            nonlocal has_started
+            has_started = has_started or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self.app(scope, receive, watch)
+        except Exception:
+            log.exception("%s %s failed", scope["method"], scope["path"])
+            if has_started:
+                raise
+            await _answer(Request(scope), 500, SENTENCES[500])(scope, receive, send)
+
+
+def _study_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, StudyError)
+    headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
+    return _answer(request, error.status, error.detail, headers)
+
+
+def _http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return _answer(request, error.status_code, SENTENCES.get(error.status_code, str(error.detail)), error.headers)
+
+
+def _validation_error(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    faults = [{"at": ".".join(map(str, fault["loc"])), "message": fault["msg"]} for fault in error.errors()]
+    where = f"{faults[0]['at']}: {faults[0]['message']}" if faults else "unreadable"
+    return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
+
+
+def _answer(request: Request, status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
+    is_page = not request.url.path.startswith(PROGRAMS) and "text/html" in request.headers.get("accept", "")
+    if not is_page:
+        return problem(status, detail, headers=headers)
+    context = {"title": HTTPStatus(status).phrase, "detail": detail}
+    page: Response = request.app.state.templates.TemplateResponse(
+        request, "admin/problem.html", context, status_code=status, headers=dict(headers or {})
+    )
+    return page
