@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from recon.files import whole_file
+
+FLOAT_NORMAL = ("nx", "ny", "nz")
+UINT8_COLOUR = ("red", "green", "blue")
+PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
+GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
+METRES_PER_MM = 0.001  # glTF counts in metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +30,39 @@ class Cloud:
     points : float32 (N, 3), mm
     normals : float32 (N, 3), unit length, outwards (towards the sensor that saw the point)
     colours : uint8 (N, 3), sRGB
+    sigma : float32 (N,), mm, standard deviation of each point along its line of sight; None where unknown
+
+    Raises
+    ------
+    ValueError
+        If the arrays differ in length, a coordinate or normal is not finite, or a sigma is not positive.
     """
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
     colours: NDArray[np.uint8]
+    sigma: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        points = _finite(self.points, "points")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "normals", _finite(self.normals, "normals", len(points)))
+        object.__setattr__(self, "colours", _colours(self.colours, len(points)))
+        if self.sigma is not None:
+            sigma = np.ascontiguousarray(self.sigma, dtype=np.float32)
+            if sigma.shape != (len(points),) or not (np.isfinite(sigma) & (sigma > 0)).all():
+                raise ValueError(
+                    f"sigma has shape {sigma.shape}, expected ({len(points)},) finite positive lengths in mm"
+                )
+            object.__setattr__(self, "sigma", sigma)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def select(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> Cloud:
+        """The points that a mask (N,) or indices (M,) choose."""
+        sigma = None if self.sigma is None else self.sigma[chosen]
+        return Cloud(self.points[chosen], self.normals[chosen], self.colours[chosen], sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +75,298 @@ class Mesh:
     faces : int32 (M, 3), counter-clockwise seen from outside
     normals : float32 (N, 3), unit length, outwards
     colours : uint8 (N, 3), sRGB
+
+    Raises
+    ------
+    ValueError
+        If the arrays differ in length, a coordinate or normal is not finite, or a face names a vertex that
+        does not exist.
     """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     normals: NDArray[np.float32]
     colours: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        vertices = _finite(self.vertices, "vertices")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "normals", _finite(self.normals, "normals", len(vertices)))
+        object.__setattr__(self, "colours", _colours(self.colours, len(vertices)))
+        object.__setattr__(self, "faces", _faces(self.faces, len(vertices)))
+
+
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
+    """All meshes as one: the union of their vertices and faces, in the order given.
+
+    Raises
+    ------
+    ValueError
+        If there is no mesh.
+    """
+    if not meshes:
+        raise ValueError("merging needs at least one mesh, found none")
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+        np.concatenate([mesh.colours for mesh in meshes]),
+    )
+
+
+def write_cloud(path: Path, cloud: Cloud) -> Path:
+    """Write a cloud as binary PLY (little endian), whole or not at all; the same cloud gives the same bytes.
+
+    Raises
+    ------
+    ValueError
+        If the cloud is empty or the name does not end in .ply.
+    """
+    _check_suffix(path, (".ply",))
+    if not len(cloud):
+        raise ValueError(f"{path}: the cloud is empty, nothing to write")
+    vertices = _vertex_table(cloud.points, cloud.normals, cloud.colours, cloud.sigma)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(_ply_header(vertices) + vertices.tobytes())
+    return path
+
+
+def write_mesh(path: Path, mesh: Mesh) -> Path:
+    """Write a mesh as binary PLY or as GLB, whole or not at all; the same mesh gives the same bytes.
+
+    Convention
+    ----------
+    PLY keeps millimetres and sRGB bytes. GLB, as glTF 2.0 wants it, is scaled to metres by its node and holds
+    linear colours in 16 bits, from which the sRGB bytes come back exactly; its material is unlit, because the
+    studio's light is already in the colours.
+
+    Raises
+    ------
+    ValueError
+        If the mesh has no face or the name ends neither in .ply nor in .glb.
+    """
+    _check_suffix(path, (".ply", ".glb"))
+    if not len(mesh.faces):
+        raise ValueError(f"{path}: the mesh has no face, nothing to write")
+    content = _glb(mesh) if path.suffix.lower() == ".glb" else _ply_mesh(mesh)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
+def read_cloud(path: Path) -> Cloud:
+    """Read a PLY of coloured, oriented points.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or points lack normals or colours.
+    """
+    elements = _read_ply(path)
+    try:
+        sigma = _columns(path, elements, ("sigma",))[:, 0] if "sigma" in elements["vertex"]["properties"] else None
+        return Cloud(*_oriented_colours(path, elements), sigma)
+    except ValueError as error:
+        raise _named(path, error) from error
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a PLY of coloured triangles; vertices stay as they are in the file, coincident ones included.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, vertices lack normals or
+        colours, or faces are missing or no triangles.
+    """
+    elements = _read_ply(path)
+    try:
+        points, normals, colours = _oriented_colours(path, elements)
+        return Mesh(points, _faces(_face_table(path, elements), len(points)), normals, colours)
+    except ValueError as error:
+        raise _named(path, error) from error
+
+
+def read_points(path: Path) -> NDArray[np.float32]:
+    """Read only the points (N, 3) of any PLY, whatever else it holds.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, or a coordinate is not a number.
+    """
+    try:
+        return _finite(_columns(path, _read_ply(path), ("x", "y", "z")), "points")
+    except ValueError as error:
+        raise _named(path, error) from error
+
+
+def _finite(values: ArrayLike, name: str, length: int | None = None) -> NDArray[np.float32]:
+    array = np.ascontiguousarray(values, dtype=np.float32)
+    if array.ndim != 2 or array.shape[1] != 3 or (length is not None and len(array) != length):
+        raise ValueError(f"{name} have shape {array.shape}, expected ({'N' if length is None else length}, 3)")
+    if not np.isfinite(array).all():
+        row = int(np.argmin(np.isfinite(array).all(axis=1)))
+        raise ValueError(f"{name} hold values that are not finite numbers: row {row} is {array[row].tolist()}")
+    return array
+
+
+def _colours(values: ArrayLike, length: int) -> NDArray[np.uint8]:
+    array = np.asarray(values)
+    if array.shape != (length, 3) or array.dtype != np.uint8:
+        raise ValueError(f"colours are {array.dtype} {array.shape}, expected uint8 ({length}, 3) in sRGB")
+    return np.ascontiguousarray(array)
+
+
+def _faces(values: ArrayLike, n_vertices: int) -> NDArray[np.int32]:
+    array = np.asarray(values)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"faces are {array.dtype} {array.shape}, expected integers (M, 3)")
+    if array.size and (array.min() < 0 or array.max() >= n_vertices):
+        raise ValueError(f"faces name vertices {array.min()} to {array.max()}, but there are {n_vertices}")
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
+
+
+def _vertex_table(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    sigma: NDArray[np.float32] | None = None,
+) -> NDArray[np.void]:
+    fields = [(name, "<f4") for name in ("x", "y", "z", *FLOAT_NORMAL)] + [(name, "|u1") for name in UINT8_COLOUR]
+    table = np.empty(len(points), np.dtype(fields + ([] if sigma is None else [("sigma", "<f4")])))
+    for axis in range(3):
+        table["xyz"[axis]] = points[:, axis]
+        table[FLOAT_NORMAL[axis]] = normals[:, axis]
+        table[UINT8_COLOUR[axis]] = colours[:, axis]
+    if sigma is not None:
+        table["sigma"] = sigma
+    return table
+
+
+def _ply_header(vertices: NDArray[np.void], n_faces: int | None = None) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    lines += [f"property {PLY_TYPES[vertices.dtype[name].str]} {name}" for name in vertices.dtype.names or ()]
+    if n_faces is not None:
+        lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
+    return "\n".join([*lines, "end_header", ""]).encode("ascii")
+
+
+def _ply_mesh(mesh: Mesh) -> bytes:
+    vertices = _vertex_table(mesh.vertices, mesh.normals, mesh.colours)
+    faces = np.empty(len(mesh.faces), np.dtype([("count", "|u1"), ("index", "<i4", (3,))]))
+    faces["count"] = 3
+    faces["index"] = mesh.faces
+    return _ply_header(vertices, len(faces)) + vertices.tobytes() + faces.tobytes()
+
+
+def _read_ply(path: Path) -> dict[str, Any]:
+    """The elements of a PLY file as trimesh parses them, once it is certain that there are any."""
+    from trimesh.exchange.ply import load_ply  # here, because clouds and meshes are used where trimesh is not installed
+
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    try:
+        with path.open("rb") as file:
+            elements: dict[str, Any] = load_ply(file, fix_texture=False, skip_materials=True)["metadata"]["_ply_raw"]
+    except Exception as error:  # its parser raises whatever a damaged header leads to
+        raise ValueError(f"{path}: is not a whole PLY file: {type(error).__name__}: {error}") from error
+    if not elements.get("vertex", {}).get("length"):
+        raise ValueError(f"{path}: holds no points")
+    return elements
+
+
+def _columns(path: Path, elements: dict[str, Any], names: Sequence[str]) -> NDArray[Any]:
+    missing = [name for name in names if name not in elements["vertex"]["properties"]]
+    if missing:
+        raise ValueError(f"{path}: its points have no {', '.join(missing)}")
+    columns = np.column_stack([elements["vertex"]["data"][name] for name in names])
+    if len(columns) != elements["vertex"]["length"]:
+        raise ValueError(f"{path}: holds {len(columns)} points where its header says {elements['vertex']['length']}")
+    return columns
+
+
+def _oriented_colours(
+    path: Path, elements: dict[str, Any]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+    points, normals, colours = (
+        _columns(path, elements, names) for names in (("x", "y", "z"), FLOAT_NORMAL, UINT8_COLOUR)
+    )
+    return points, normals, colours
+
+
+def _face_table(path: Path, elements: dict[str, Any]) -> NDArray[np.integer]:
+    element = elements.get("face", {})
+    name = next((name for name in ("vertex_indices", "vertex_index") if name in element.get("properties", {})), None)
+    if not element.get("length") or name is None:
+        raise ValueError(f"{path}: holds no faces")
+    column = element["data"][name]
+    faces = np.asarray(column["f1"] if column.dtype.names else column)
+    if faces.shape != (element["length"], 3):
+        raise ValueError(f"{path}: its faces have shape {faces.shape}, expected {element['length']} triangles")
+    if not isinstance(element["data"], dict) and (column["f0"] != 3).any():
+        raise ValueError(f"{path}: its faces are no triangles throughout")
+    return faces
+
+
+def _named(path: Path, error: ValueError) -> ValueError:
+    return error if str(error).startswith(str(path)) else ValueError(f"{path}: {error}")
+
+
+def _glb(mesh: Mesh) -> bytes:
+    """A binary glTF 2.0 of one unlit, double-sided mesh."""
+    colours = np.full((len(mesh.colours), 4), 65535, dtype="<u2")
+    colours[:, :3] = _linear_from_srgb()[mesh.colours]
+    arrays = [
+        ("POSITION", mesh.vertices.astype("<f4"), 5126, "VEC3", 34962),
+        ("NORMAL", mesh.normals.astype("<f4"), 5126, "VEC3", 34962),
+        ("COLOR_0", colours, 5123, "VEC4", 34962),
+        ("indices", mesh.faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
+    ]
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    for name, array, component, kind, target in arrays:
+        offset = sum(view["byteLength"] for view in views)
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": target})
+        accessors.append({"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind})
+        if name == "POSITION":
+            accessors[-1] |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        if name == "COLOR_0":
+            accessors[-1]["normalized"] = True
+    binary = b"".join(array.tobytes() for _, array, *_ in arrays)
+    attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
+    document = {
+        "asset": {"version": "2.0", "generator": "reconstudy"},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0, "mode": 4}]}],
+        "materials": [
+            {
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1},
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
+    return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
+
+
+def _linear_from_srgb() -> NDArray[np.uint16]:
+    """uint16 (256,): linear light of each sRGB byte (IEC 61966-2-1)."""
+    encoded = np.arange(256) / 255
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.rint(linear * 65535), dtype=np.uint16)

@@ -1,0 +1,150 @@
+"""From a cloud to a mesh: the zero of a smooth signed field that exists only near the points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from recon.mesh import Cloud, Mesh
+from recon.surface.apss import signed_field
+from recon.surface.band import LARGEST_AXIS, SAMPLES, Band, Cells, band_around, extent_in_blocks, gather
+from recon.surface.components import drop_small_components
+from recon.surface.marching_cubes import march
+
+BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
+BYTES_PER_POINT = 200  # while points are gathered into cells, measured
+SPACINGS_PER_VOXEL = 2.0
+COARSE_CELLS = (128, 64, 32, 16, 8)  # along the longest side, to count how much surface a cloud covers
+POINTS_PER_COARSE_CELL = 8  # so that cells without a point inside the surface are rare
+CELLS_PER_AREA = 1.5  # cells that a unit of surface crosses, averaged over directions
+
+
+@dataclass(frozen=True)
+class SurfaceParameters:
+    """How a surface is sampled and where it ends.
+
+    Parameters
+    ----------
+    voxel_mm : distance of the samples; None takes twice the spacing of a sensor's points, or their depth error
+        where that is more
+    radius : where the weights end, voxels, 1 to 8
+    overhang : how far the surface may reach past the data's edge; 0.235 of the radius is the edge itself, for points
+        that fill a half plane under these weights
+    agreement : shortest mean normal that counts as one surface, 0 to 1
+    min_weight : least sum of weights, in points, that supports the surface
+    min_component : smallest connected component that is kept, as a share of the largest one's faces
+    memory_gb : the surface is refused where it would need more
+    """
+
+    voxel_mm: float | None = None
+    radius: float = 3.5
+    overhang: float = 0.3
+    agreement: float = 0.5
+    min_weight: float = 0.5
+    min_component: float = 0.02
+    memory_gb: float = 4.0
+
+    def __post_init__(self) -> None:
+        if self.voxel_mm is not None and not (np.isfinite(self.voxel_mm) and self.voxel_mm > 0):
+            raise ValueError(f"voxel_mm is {self.voxel_mm}, expected a length above 0")
+        if not 1 <= self.radius <= 8:
+            raise ValueError(f"radius is {self.radius} voxels, expected 1 to 8")
+        if not 0 <= self.min_component <= 1 or not self.memory_gb > 0:
+            raise ValueError(f"min_component {self.min_component} must be 0 to 1, memory_gb {self.memory_gb} above 0")
+
+
+def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
+    """Fit the algebraic point set surface to a cloud and triangulate it.
+
+    Holes stay open where no points support a surface.
+
+    Raises
+    ------
+    ValueError
+        If the cloud is empty, its points support no surface, or the samples would not fit into memory.
+    """
+    if not len(cloud):
+        raise ValueError("the cloud is empty: a surface needs points")
+    parameters = with_voxel([cloud], parameters)
+    voxel = parameters.voxel_mm
+    assert voxel is not None
+    cells, band = _sampled(cloud, voxel, parameters)
+    field, gradient, colour = signed_field(
+        cells, band, radius=parameters.radius, overhang=parameters.overhang,
+        agreement=parameters.agreement, min_weight=parameters.min_weight,
+    )  # fmt: skip
+    vertices, faces, normals, colours = march(field, gradient, colour, band.blocks, band.neighbours)
+    if not len(faces):
+        raise ValueError(
+            f"{len(cloud)} points about {spacing(cloud):.3g} mm apart support no surface at a voxel of {voxel:g} mm; "
+            "take more points or a larger voxel"
+        )
+    mesh = Mesh((vertices * voxel).astype(np.float32), faces, normals, colours)
+    return drop_small_components(mesh, parameters.min_component)
+
+
+def with_voxel(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:
+    """The same parameters with a voxel chosen for these clouds, where none is given."""
+    return parameters if parameters.voxel_mm else replace(parameters, voxel_mm=default_voxel(clouds))
+
+
+def default_voxel(clouds: Sequence[Cloud]) -> float:
+    """Voxel in mm for clouds of single sensors: twice the points' spacing, or their depth error if that is more.
+
+    Raises
+    ------
+    ValueError
+        If the points of every cloud lie in one place.
+    """
+    lengths = [max(SPACINGS_PER_VOXEL * spacing(cloud), _depth_error(cloud)) for cloud in clouds if len(cloud)]
+    voxel = float(np.median(lengths)) if lengths else 0.0
+    if not voxel > 0:
+        raise ValueError(f"{sum(map(len, clouds))} points in one place have no spacing: a surface needs an extent")
+    return voxel
+
+
+def spacing(cloud: Cloud) -> float:
+    """Mean distance of neighbouring points in mm, from the area that the cloud covers."""
+    lowest = cloud.points.min(axis=0)
+    size = float((cloud.points.max(axis=0) - lowest).max())
+    if size == 0:
+        return 0.0
+    for n_cells in COARSE_CELLS:
+        coarse = np.floor((cloud.points - lowest) * (n_cells / size)).astype(np.int64)
+        occupied = len(np.unique((coarse[:, 0] << 20) | (coarse[:, 1] << 10) | coarse[:, 2]))
+        if len(cloud) >= POINTS_PER_COARSE_CELL * occupied:
+            break
+    return size / n_cells * float(np.sqrt(occupied / CELLS_PER_AREA / len(cloud)))
+
+
+def _depth_error(cloud: Cloud) -> float:
+    return 0.0 if cloud.sigma is None else float(np.median(cloud.sigma))
+
+
+def _sampled(cloud: Cloud, voxel: float, parameters: SurfaceParameters) -> tuple[Cells, Band]:
+    """The cloud's cells and the band around them, if they fit into memory."""
+    if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
+        raise _too_large(cloud, voxel, parameters, "more samples than can be numbered")
+    cells = gather(cloud, voxel)
+    band = band_around(cells)
+    needed = _gigabytes(cloud, band)
+    if needed > parameters.memory_gb:
+        raise _too_large(
+            cloud, voxel, parameters, f"{needed:.3g} GB, more than the {parameters.memory_gb:g} GB allowed"
+        )
+    return cells, band
+
+
+def _gigabytes(cloud: Cloud, band: Band) -> float:
+    return (len(band.blocks) * BYTES_PER_BLOCK + len(cloud) * BYTES_PER_POINT) / 1e9
+
+
+def _too_large(cloud: Cloud, voxel: float, parameters: SurfaceParameters, need: str) -> ValueError:
+    fitting = voxel
+    while extent_in_blocks(cloud, fitting) > LARGEST_AXIS:
+        fitting *= 2
+    while (needed := _gigabytes(cloud, band_around(gather(cloud, fitting)))) > parameters.memory_gb:
+        fitting *= max(1.05, (needed / parameters.memory_gb) ** 0.5)  # the band grows with the inverse square
+    return ValueError(f"a voxel of {voxel:g} mm would need {need}; a voxel of {fitting:.3g} mm fits")

@@ -1,0 +1,251 @@
+"""Marching cubes on a band of blocks: triangles where the field changes sign between samples that exist.
+
+The cases are derived, not typed in: on every face of a cube the crossings are joined so that corners inside stay
+apart. That depends on nothing but the face's own four corners, so that two cubes agree on the face they share and
+no crack can open, whatever the field.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+# A face's corners, counter-clockwise seen from outside the cube; corner number x + 2 y + 4 z.
+CUBE_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
+MARGIN = 1e-3  # of a voxel: crossings keep off the samples, so that no triangle is degenerate
+
+
+def edge_corners() -> NDArray[np.int64]:
+    """int64 (12, 2): the corners that each edge joins, lower one first; four edges along x, then y, then z."""
+    return np.array([[c, c | 1 << axis] for axis in range(3) for c in range(8) if not c >> axis & 1])
+
+
+@cache
+def triangle_table() -> NDArray[np.int8]:
+    """int8 (256, T, 3): edges of the triangles of each case, -1 beyond the last; bit c is set where corner c is inside.
+
+    Triangles are counter-clockwise seen from outside.
+    """
+    fans = [[fan for loop in _loops(case) for fan in _fan(loop)] for case in range(256)]
+    table = np.full((256, max(len(triangles) for triangles in fans), 3), -1, np.int8)
+    for case, triangles in enumerate(fans):
+        table[case, : len(triangles)] = np.reshape(triangles, (-1, 3))
+    return table
+
+
+def _loops(case: int) -> list[list[int]]:
+    """The closed chains of edges that the surface crosses."""
+    number = {frozenset(pair): edge for edge, pair in enumerate(edge_corners().tolist())}
+    following: dict[int, int] = {}
+    for face in CUBE_FACES:
+        inside = [bool(case >> corner & 1) for corner in face]
+        for start in range(4):
+            if inside[start] and not inside[start - 1]:  # a run of inside corners begins
+                end = start
+                while inside[(end + 1) % 4]:
+                    end += 1
+                entry = number[frozenset((face[start - 1], face[start]))]
+                leave = number[frozenset((face[end % 4], face[(end + 1) % 4]))]
+                following[entry] = leave
+    loops = []
+    while following:
+        first, edge = following.popitem()
+        loop = [first]
+        while edge != first:
+            loop.append(edge)
+            edge = following.pop(edge)
+        loops.append(loop)
+    return loops
+
+
+def _fan(loop: list[int]) -> list[tuple[int, int, int]]:
+    """Triangles of a loop without a diagonal inside a face of the cube, where the next cube might draw it too."""
+    corners = edge_corners()
+    faces = [{face for face, around in enumerate(CUBE_FACES) if set(pair) <= set(around)} for pair in corners.tolist()]
+    turns = [loop[start:] + loop[:start] for start in range(len(loop))]
+    best = next(turn for turn in turns if not any(faces[turn[0]] & faces[other] for other in turn[2:-1]))
+    return [(best[0], best[i], best[i + 1]) for i in range(1, len(best) - 1)]
+
+
+def march(
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    blocks: NDArray[np.int64],
+    neighbours: NDArray[np.int32],
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8]]:
+    """The surface where the field is zero.
+
+    Parameters
+    ----------
+    field : float32 (B, 8, 8, 8), voxels, negative inside, NaN where there is no value
+    gradient : float32 (B, 8, 8, 8, 3), unit vectors outwards
+    colour : float32 (B, 8, 8, 8, 3), 0 to 255
+    blocks : int64 (B, 3)
+    neighbours : int32 (B, 27), as in `Band`
+
+    Returns
+    -------
+    vertices (N, 3) in voxels from the world's origin, faces (M, 3), normals (N, 3), colours (N, 3)
+        Some vertices may belong to no face.
+    """
+    table = triangle_table()
+    corners = edge_corners()
+    n_vertices, n_faces = count_crossings(field, neighbours, (table[:, :, 0] >= 0).sum(axis=1))
+    vertex_starts, face_starts = _starts(n_vertices), _starts(n_faces)
+    if vertex_starts[-1] > np.iinfo(np.int32).max:
+        raise ValueError(f"the surface would have {vertex_starts[-1]} vertices, more than int32 can number")
+    numbers, vertices, normals, colours = place_vertices(
+        field, gradient, colour, blocks, neighbours, vertex_starts, MARGIN
+    )
+    faces = join_vertices(field, neighbours, numbers, vertex_starts, face_starts, table, corners)
+    return vertices, faces, normals, colours
+
+
+def _starts(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+@njit(cache=True)
+def with_rim(field: NDArray[np.float32], neighbours: NDArray[np.int32], block: int) -> NDArray[np.float32]:
+    """float32 (9, 9, 9): a block's samples and the first of those beyond its upper sides."""
+    samples = np.full((9, 9, 9), np.float32(np.nan))
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                other = neighbours[block, 9 * (i + 1) + 3 * (j + 1) + k + 1]
+                if other < 0:
+                    continue
+                nx, ny, nz = 1 if i else 8, 1 if j else 8, 1 if k else 8
+                for x in range(nx):
+                    for y in range(ny):
+                        for z in range(nz):
+                            samples[8 * i + x, 8 * j + y, 8 * k + z] = field[other, x, y, z]
+    return samples
+
+
+@njit(cache=True)
+def crosses(a: float, b: float) -> bool:
+    """Whether the surface lies between two samples; zero counts as outside, and NaN has no side."""
+    return (a < 0 and b >= 0) or (a >= 0 and b < 0)
+
+
+@njit(cache=True)
+def case_of(samples: NDArray[np.float32], x: int, y: int, z: int) -> int:
+    """Which corners of a cube are inside; 0 if any of the eight has no value."""
+    case = 0
+    for corner in range(8):
+        value = samples[x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)]
+        if np.isnan(value):
+            return 0
+        if value < 0:
+            case |= 1 << corner
+    return case
+
+
+@njit(parallel=True, cache=True)
+def count_crossings(
+    field: NDArray[np.float32], neighbours: NDArray[np.int32], n_triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices and faces of each block (B,), (B,)."""
+    n_vertices = np.zeros(len(field), np.int64)
+    n_faces = np.zeros(len(field), np.int64)
+    for block in prange(len(field)):
+        samples = with_rim(field, neighbours, block)
+        for x in range(8):
+            for y in range(8):
+                for z in range(8):
+                    here = samples[x, y, z]
+                    n_vertices[block] += crosses(here, samples[x + 1, y, z])
+                    n_vertices[block] += crosses(here, samples[x, y + 1, z])
+                    n_vertices[block] += crosses(here, samples[x, y, z + 1])
+                    n_faces[block] += n_triangles[case_of(samples, x, y, z)]
+    return n_vertices, n_faces
+
+
+@njit(parallel=True, cache=True)
+def place_vertices(
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    blocks: NDArray[np.int64],
+    neighbours: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    margin: float,
+) -> tuple[NDArray[np.uint16], NDArray[np.float64], NDArray[np.float32], NDArray[np.uint8]]:
+    """A vertex on every edge that the surface crosses, and its number within its block (B, 8, 8, 8, 3)."""
+    numbers = np.zeros((len(field), 8, 8, 8, 3), np.uint16)
+    vertices = np.empty((starts[-1], 3))
+    normals = np.empty((starts[-1], 3), np.float32)
+    colours = np.empty((starts[-1], 3), np.uint8)
+    for block in prange(len(field)):
+        if starts[block + 1] == starts[block]:
+            continue
+        samples = with_rim(field, neighbours, block)
+        count = 0
+        for x in range(8):
+            for y in range(8):
+                for z in range(8):
+                    for axis in range(3):
+                        u, v, w = x + (axis == 0), y + (axis == 1), z + (axis == 2)
+                        here, there = samples[x, y, z], samples[u, v, w]
+                        if not crosses(here, there):
+                            continue
+                        number = starts[block] + count
+                        numbers[block, x, y, z, axis] = count
+                        count += 1
+                        t = min(max(here / (here - there), margin), 1 - margin)
+                        other = neighbours[block, 13 + 9 * (u >> 3) + 3 * (v >> 3) + (w >> 3)]
+                        u, v, w = u & 7, v & 7, w & 7
+                        length = 0.0
+                        for c in range(3):
+                            mixed = (1 - t) * gradient[block, x, y, z, c] + t * gradient[other, u, v, w, c]
+                            normals[number, c] = mixed
+                            length += mixed * mixed
+                            shade = (1 - t) * colour[block, x, y, z, c] + t * colour[other, u, v, w, c]
+                            colours[number, c] = np.uint8(min(max(shade + 0.5, 0.0), 255.0))
+                        for c in range(3):  # opposite gradients leave no direction between them
+                            normal = normals[number, c] / np.sqrt(length) if length > 0 else gradient[block, x, y, z, c]
+                            normals[number, c] = normal
+                        vertices[number, 0] = 8 * blocks[block, 0] + x + (t if axis == 0 else 0.0)
+                        vertices[number, 1] = 8 * blocks[block, 1] + y + (t if axis == 1 else 0.0)
+                        vertices[number, 2] = 8 * blocks[block, 2] + z + (t if axis == 2 else 0.0)
+    return numbers, vertices, normals, colours
+
+
+@njit(parallel=True, cache=True)
+def join_vertices(
+    field: NDArray[np.float32],
+    neighbours: NDArray[np.int32],
+    numbers: NDArray[np.uint16],
+    vertex_starts: NDArray[np.int64],
+    face_starts: NDArray[np.int64],
+    table: NDArray[np.int8],
+    corners: NDArray[np.int64],
+) -> NDArray[np.int32]:
+    """The faces (M, 3) of every cube whose eight corners have a value."""
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    for block in prange(len(field)):
+        if face_starts[block + 1] == face_starts[block]:
+            continue
+        samples = with_rim(field, neighbours, block)
+        face = face_starts[block]
+        for x in range(8):
+            for y in range(8):
+                for z in range(8):
+                    case = case_of(samples, x, y, z)
+                    for triangle in range(table.shape[1]):
+                        if table[case, triangle, 0] < 0:
+                            break
+                        for place in range(3):
+                            edge = table[case, triangle, place]
+                            corner = corners[edge, 0]
+                            u, v, w = x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)
+                            owner = neighbours[block, 13 + 9 * (u >> 3) + 3 * (v >> 3) + (w >> 3)]
+                            number = numbers[owner, u & 7, v & 7, w & 7, edge // 4]
+                            faces[face, place] = vertex_starts[owner] + number
+                        face += 1
+    return faces

@@ -1,0 +1,74 @@
+"""Fusing after and before the surface: the same steps in the other order, with what that changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recon.cloud import merge_clouds
+from recon.fusion import FUSIONS, fuse_after, fuse_before
+from recon.mesh import Cloud, merge_meshes
+from recon.surface import SurfaceParameters, default_voxel, surface_from_cloud
+
+PARAMETERS = SurfaceParameters(voxel_mm=3.0)
+
+
+def cap(direction: tuple[float, float, float], *, radius: float, seed: int) -> Cloud:
+    """The half of a ball of 60 mm, seen `radius - 60` mm too near, from one direction."""
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(40000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals[normals @ np.array(direction) > 0.2 * np.linalg.norm(direction)]
+    return Cloud(radius * normals, normals, np.full((len(normals), 3), 90, np.uint8))
+
+
+def three_views() -> list[Cloud]:
+    return [
+        cap((-1.0, 0, 1), radius=59.0, seed=1),
+        cap((0.0, 0, 1), radius=60.0, seed=2),
+        cap((1.0, 0, 1), radius=61.0, seed=3),
+    ]
+
+
+def test_fusing_after_is_the_union_of_the_sensors_surfaces() -> None:
+    clouds = three_views()
+    fused = fuse_after(clouds, PARAMETERS)
+    union = merge_meshes([surface_from_cloud(cloud, PARAMETERS) for cloud in clouds])
+    assert np.array_equal(fused.vertices, union.vertices)
+    assert np.array_equal(fused.faces, union.faces)
+
+
+def test_fusing_before_is_the_surface_of_all_points() -> None:
+    clouds = three_views()
+    fused = fuse_before(clouds, PARAMETERS)
+    joint = surface_from_cloud(merge_clouds(clouds), PARAMETERS)
+    assert np.array_equal(fused.vertices, joint.vertices)
+    assert np.array_equal(fused.faces, joint.faces)
+
+
+def test_views_that_disagree_stay_apart_after_and_are_averaged_before() -> None:
+    after, before = (fuse(three_views(), PARAMETERS) for fuse in (fuse_after, fuse_before))
+    front = [mesh.vertices[mesh.vertices[:, 2] > 50] for mesh in (after, before)]
+    spread = [np.linalg.norm(vertices, axis=1).std() for vertices in front]
+    assert len(front[0]) > 2.5 * len(front[1]), "three layers instead of one"
+    assert spread[0] > 0.6
+    assert spread[1] < 0.3
+
+
+def test_both_orders_choose_the_same_voxel() -> None:
+    clouds = three_views()
+    voxel = default_voxel(clouds)
+    for fuse in FUSIONS.values():
+        chosen, given = fuse(clouds, SurfaceParameters()), fuse(clouds, SurfaceParameters(voxel_mm=voxel))
+        assert np.array_equal(chosen.vertices, given.vertices)
+
+
+@pytest.mark.parametrize("method", sorted(FUSIONS))
+def test_every_fusion_takes_one_sensor_and_refuses_none(method: str) -> None:
+    clouds = three_views()[:1]
+    mesh = FUSIONS[method](clouds, PARAMETERS)
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 59).max() < 0.5
+    with pytest.raises(ValueError, match="no cloud"):
+        FUSIONS[method]([], PARAMETERS)
+    with pytest.raises(ValueError, match="cloud 2 of 2 is empty"):
+        FUSIONS[method]([clouds[0], clouds[0].select(np.zeros(len(clouds[0]), bool))], PARAMETERS)
