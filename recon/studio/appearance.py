@@ -1,0 +1,579 @@
+"""What things look like: colours of actors, objects and the studio's walls, and the light on them.
+
+Every colour is a function of the place on the body at rest, so that texture moves with the surface. Noise of
+several wavelengths is faded out where a pixel is too coarse to hold it (`footprint`), so nothing aliases.
+Colours are linear here. All kernels of this module stand in this one file because numba's cache needs it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+NOISE_SIZE = 64  # cells per side of the periodic noise: 1 MB, which stays in a core's cache
+N_LOOK = 32  # numbers that describe one look
+
+PERSON, BALL, BOX, SPHERE, CUBOID = 0.0, 1.0, 2.0, 3.0, 4.0
+PLAID, STRIPES, KNIT, PRINT = 0.0, 1.0, 2.0, 3.0
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours (sRGB, 0 to 1) and patterns of one actor or object.
+
+    Parameters
+    ----------
+    kind : PERSON, BALL, BOX, SPHERE or CUBOID
+    first, second, third, fourth, fifth : colours; a person's skin, shirt, shirt's pattern, trousers, hair
+    pattern : PLAID, STRIPES, KNIT or PRINT, of a person's shirt
+    sleeve : mm along the arm from the shoulder
+    long_hair : hair down to the shoulders
+    half_size : mm, half edges of a box or the radius of a ball
+    shift : mm, displaces the texture, so that equal bodies differ
+    """
+
+    kind: float
+    first: Colour
+    second: Colour
+    third: Colour = (0.2, 0.2, 0.2)
+    fourth: Colour = (0.2, 0.2, 0.2)
+    fifth: Colour = (0.1, 0.08, 0.06)
+    pattern: float = PLAID
+    sleeve: float = 505.0
+    long_hair: bool = False
+    half_size: Colour = (0.0, 0.0, 0.0)
+    shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Soft studio light: a key light that casts shadows, a fill and a rim light, and light from all around.
+
+    Directions point towards the light; powers are linear RGB at normal incidence on a white surface.
+    """
+
+    directions: tuple[Colour, ...] = ((-0.55, 0.72, 0.62), (0.75, 0.35, 0.60), (0.15, 0.65, -0.80))
+    powers: tuple[Colour, ...] = ((0.62, 0.60, 0.57), (0.26, 0.27, 0.29), (0.22, 0.22, 0.24))
+    above: Colour = (0.40, 0.41, 0.43)
+    below: Colour = (0.17, 0.16, 0.15)
+    softness: float = 0.25
+
+    def table(self) -> NDArray[np.float64]:
+        """Rows (2 + lights, 6) for the kernels: above and below, then direction and power of each light."""
+        rows: list[tuple[float, ...]] = [(*self.above, *self.below), (self.softness, 0.0, 0.0, 0.0, 0.0, 0.0)]
+        for direction, power in zip(self.directions, self.powers, strict=True):
+            unit = np.asarray(direction) / np.linalg.norm(direction)
+            rows.append((*map(float, unit), *power))
+        return np.array(rows)
+
+
+@dataclass(frozen=True)
+class Room:
+    """The studio's floor, and a curtain that hangs around it.
+
+    Parameters
+    ----------
+    radius : mm, of the curtain around the world's y axis; the sensors stand inside
+    floor_y : mm
+    """
+
+    radius: float = 3900.0
+    floor_y: float = 0.0
+    curtain: Colour = (0.36, 0.42, 0.46)
+    floor: Colour = (0.40, 0.37, 0.34)
+    shift: float = field(default=0.0)
+
+
+def linear(colour: Colour) -> NDArray[np.float64]:
+    """Linear intensities of display colours."""
+    return np.power(np.asarray(colour, dtype=np.float64), 2.2)
+
+
+def look_row(look: Look) -> NDArray[np.float64]:
+    """A look as the row (N_LOOK,) that the kernels read."""
+    row = np.zeros(N_LOOK)
+    row[0] = look.kind
+    for i, colour in enumerate((look.first, look.second, look.third, look.fourth, look.fifth)):
+        row[1 + 3 * i : 4 + 3 * i] = linear(colour)
+    row[16:21] = look.pattern, look.sleeve, float(look.long_hair), 0.0, look.shift
+    row[21:24] = look.half_size
+    return row
+
+
+def noise_volume(rng: np.random.Generator) -> NDArray[np.float32]:
+    """Periodic white noise (S, S, S), standard deviation 0.5, at most 1, for smooth interpolation."""
+    return np.clip(rng.normal(0.0, 0.5, (NOISE_SIZE,) * 3), -1.0, 1.0).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _noise(volume, x, y, z):  # type: ignore[no-untyped-def]
+    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
+    tx, ty, tz = x - fx, y - fy, z - fz
+    i0, j0, k0 = int(fx) & 63, int(fy) & 63, int(fz) & 63
+    i1, j1, k1 = (i0 + 1) & 63, (j0 + 1) & 63, (k0 + 1) & 63
+    tx, ty, tz = tx * tx * (3.0 - 2.0 * tx), ty * ty * (3.0 - 2.0 * ty), tz * tz * (3.0 - 2.0 * tz)
+    a = volume[i0, j0, k0] + tz * (volume[i0, j0, k1] - volume[i0, j0, k0])
+    b = volume[i0, j1, k0] + tz * (volume[i0, j1, k1] - volume[i0, j1, k0])
+    c = volume[i1, j0, k0] + tz * (volume[i1, j0, k1] - volume[i1, j0, k0])
+    d = volume[i1, j1, k0] + tz * (volume[i1, j1, k1] - volume[i1, j1, k0])
+    a += ty * (b - a)
+    c += ty * (d - c)
+    return a + tx * (c - a)
+
+
+@numba.njit(cache=True, nogil=True)
+def _step(value, low, high):  # type: ignore[no-untyped-def]
+    t = min(1.0, max(0.0, (value - low) / (high - low)))
+    return t * t * (3.0 - 2.0 * t)
+
+
+@numba.njit(cache=True, nogil=True)
+def _layer(volume, x, y, z, cell, footprint):  # type: ignore[no-untyped-def]
+    """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
+    if cell < 0.5 * footprint:
+        return 0.0
+    fade = _step(cell / footprint, 0.5, 1.5)
+    return fade * _noise(volume, x / cell, y / cell + 0.37 * cell, z / cell)
+
+
+@numba.njit(cache=True, nogil=True)
+def _wave(u, period, footprint):  # type: ignore[no-untyped-def]
+    """A soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
+    fade = _step(period / footprint, 1.5, 4.0)
+    return fade * min(1.0, max(-1.0, 3.0 * np.sin(6.283185307 * u / period)))
+
+
+@numba.njit(cache=True, nogil=True)
+def _skin(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    s = look[20]
+    tone = 1.0 + 0.07 * _layer(volume, x + s, y, z, 31.0, fp) + 0.08 * _layer(volume, x, y + s, z, 9.0, fp)
+    tone += 0.09 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
+    red = 0.10 * _layer(volume, x, y + s, z, 17.0, fp)
+    r, g, b = look[1] * tone * (1.0 + 0.3 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
+    if y < 1540.0 or z < 30.0:
+        return r, g, b
+    ax = abs(x)
+    # Cheeks and nose are redder.
+    flush = np.exp(-((ax - 38.0) ** 2 + (y - 1637.0) ** 2) / 500.0) + np.exp(-(x * x + (y - 1629.0) ** 2) / 150.0)
+    g, b = g * (1.0 - 0.16 * flush), b * (1.0 - 0.16 * flush)
+    # Lips, and the dark line between them.
+    width = 25.0
+    if ax < width + 3.0 and z > 60.0:
+        arch = np.sqrt(max(0.0, 1.0 - (ax / width) ** 2))
+        upper = 1595.5 + (9.0 - 1.5 * np.exp(-x * x / 16.0)) * arch
+        lower = 1595.5 - 11.0 * arch
+        lips = _step(upper - y, -0.8 - 0.4 * fp, 0.8 + 0.4 * fp) * _step(y - lower, -0.8 - 0.4 * fp, 0.8 + 0.4 * fp)
+        r, g, b = r * (1.0 - 0.12 * lips), g * (1.0 - 0.42 * lips), b * (1.0 - 0.36 * lips)
+        gap = _step(1.5 - abs(y - 1595.5), -0.4 - 0.5 * fp, 0.4 + 0.5 * fp) * arch
+        r, g, b = r * (1.0 - 0.80 * gap), g * (1.0 - 0.86 * gap), b * (1.0 - 0.86 * gap)
+    # Brows.
+    brow = 1688.0 - 0.012 * (ax - 30.0) ** 2 + 0.08 * (ax - 30.0)
+    hairs = _step(4.2 - abs(y - brow), -1.5, 1.5) * _step(ax, 11.0, 17.0) * _step(52.0 - ax, 0.0, 9.0)
+    hairs *= 0.75 + 0.5 * _layer(volume, x * 3.0, y, z, 2.0, fp)
+    hairs = min(1.0, max(0.0, hairs))
+    r, g, b = r + hairs * (look[13] - r), g + hairs * (look[14] - g), b + hairs * (look[15] - b)
+    return _eye(look, ax, x, y, z, fp, r, g, b)
+
+
+@numba.njit(cache=True, nogil=True)
+def _eye(look, ax, x, y, z, fp, r, g, b):  # type: ignore[no-untyped-def]
+    """White, iris, pupil and lids; look[19] is how far the lids are closed."""
+    ex, ey = ax - 32.0, y - 1666.5
+    if abs(ex) > 17.0 or abs(ey) > 12.0 or z < 60.0:
+        return r, g, b
+    arch = max(0.0, 1.0 - (ex / 13.5) ** 2)
+    top = 5.6 * arch * (1.0 - 1.9 * look[19])
+    bottom = -4.6 * arch
+    soft = 0.5 + 0.5 * fp
+    opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.2)
+    white = 0.62
+    radius = np.sqrt((x - np.sign(x) * 32.0) ** 2 + (ey - 0.5) ** 2)
+    iris = _step(5.8 - radius, -soft, soft)
+    pupil = _step(2.4 - radius, -soft, soft)
+    glint = _step(1.1 - np.sqrt((x - np.sign(x) * 32.0 + 1.8) ** 2 + (ey - 2.4) ** 2), -0.6, 0.6)
+    er, eg, eb = (
+        white + iris * (0.10 - white),
+        white * 0.95 + iris * (0.10 - white),
+        white * 0.9 + iris * (0.08 - white),
+    )
+    er, eg, eb = (
+        er * (1.0 - 0.85 * pupil) + 0.5 * glint,
+        eg * (1.0 - 0.85 * pupil) + 0.5 * glint,
+        eb * (1.0 - 0.85 * pupil) + 0.5 * glint,
+    )
+    lash = (1.0 - opened) * _step(1.3 - abs(ey - top), -soft, soft) * arch
+    r, g, b = r * (1.0 - 0.8 * lash), g * (1.0 - 0.8 * lash), b * (1.0 - 0.8 * lash)
+    return r + opened * (er - r), g + opened * (eg - g), b + opened * (eb - b)
+
+
+@numba.njit(cache=True, nogil=True)
+def _shirt(look, volume, x, y, z, along, fp):  # type: ignore[no-untyped-def]
+    s = look[20]
+    if abs(x) > 190.0:  # a sleeve: along the arm and around it
+        u, v = z + 0.3 * y, along
+    else:
+        u, v = 0.85 * x + 0.5 * z, y
+    mix = 0.0
+    if look[16] == 0.0:
+        mix = (
+            0.30 * _wave(u, 62.0, fp) + 0.30 * _wave(v, 62.0, fp) + 0.22 * _wave(u + 9.0, 20.7, fp) * _wave(v, 31.0, fp)
+        )
+        mix = 0.5 + mix
+    elif look[16] == 1.0:
+        mix = 0.5 + 0.5 * _wave(v, 46.0, fp)
+    elif look[16] == 2.0:
+        mix = 0.40 + 0.42 * _layer(volume, x + s, 0.6 * y, z, 5.0, fp) + 0.35 * _layer(volume, x, y + s, z, 1.9, fp)
+    else:
+        blot = _noise(volume, (x + s) / 24.0, y / 24.0, z / 24.0) + 0.4 * _layer(volume, x, y, z + s, 7.0, fp)
+        mix = _step(abs(blot), 0.26 - 0.01 * fp, 0.34 + 0.01 * fp)
+    mix = min(1.0, max(0.0, mix))
+    tone = 1.0 + 0.10 * _layer(volume, x, y + s, z, 45.0, fp) + 0.14 * _layer(volume, x + s, y, z, 6.0, fp)
+    tone += 0.18 * _layer(volume, x, y, z + s, 2.3, fp) + 0.18 * _layer(volume, x, y + s, z, 1.1, fp)
+    tone += 0.10 * _step(2.6 / fp, 1.5, 4.0) * np.sin(2.4166 * u) * np.sin(2.4166 * v)
+    return (
+        (look[4] + mix * (look[7] - look[4])) * tone,
+        (look[5] + mix * (look[8] - look[5])) * tone,
+        (look[6] + mix * (look[9] - look[6])) * tone,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _trousers(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    s = look[20] + 13.0
+    side = abs(x) - 108.0
+    worn = 0.35 * np.exp(-((z - 70.0) ** 2) / 2500.0) * np.exp(-((y - 620.0) ** 2) / 40000.0)
+    tone = (
+        1.0 + worn + 0.16 * _layer(volume, x + s, 0.6 * y, z, 52.0, fp) + 0.14 * _layer(volume, x, y + s, z, 14.0, fp)
+    )
+    tone += 0.20 * _layer(volume, x * 1.6, 0.35 * y, z * 1.6 + s, 3.6, fp) + 0.22 * _layer(volume, x + s, y, z, 1.5, fp)
+    tone += 0.14 * _step(3.0 / fp, 1.5, 4.0) * np.sin(2.0944 * (side + z + y))
+    seam = _step(3.0 - abs(z + 6.0), -1.0 - fp, 1.0 + fp) * _step(abs(side), 30.0, 40.0)
+    tone *= 1.0 - 0.28 * seam
+    return look[10] * tone, look[11] * tone, look[12] * tone
+
+
+@numba.njit(cache=True, nogil=True)
+def _hair(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    tone = 1.0 + 0.35 * _layer(volume, x, 0.25 * y, z, 5.0, fp) + 0.35 * _layer(volume, x + 7.0, 0.2 * y, z, 2.0, fp)
+    tone += 0.25 * _layer(volume, x, 0.5 * y + 3.0, z, 12.0, fp) + 0.2 * _layer(volume, x, 0.2 * y, z + 5.0, 1.0, fp)
+    tone = max(0.25, tone)
+    return look[13] * tone, look[14] * tone, look[15] * tone
+
+
+@numba.njit(cache=True, nogil=True)
+def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    """Colour and gloss of a person at a place of the rest body; the borders are those of `person.cloth_thickness`."""
+    ax = abs(x)
+    along = (ax - 180.0) * 0.683 - (y - 1412.0) * 0.730
+    soft = 0.5 + 0.5 * fp
+    cover = 0.0
+    gloss = 0.10
+    r, g, b = 0.0, 0.0, 0.0
+    if y > 1515.0:
+        line = 1722.0 - 0.9 * max(0.0, 45.0 - z) - 0.35 * max(0.0, -10.0 - z)
+        low = 1520.0 if look[18] > 0.0 else 1585.0
+        edge = 5.0 * _noise(volume, x / 6.0, y / 6.0, z / 6.0)
+        cover = _step(y - max(line, low) + edge, -2.0 - soft, 2.0 + soft) if ax < 125.0 else 0.0
+        if cover > 0.0:
+            r, g, b = _hair(look, volume, x, y, z, fp)
+            gloss = 0.16
+        if cover < 1.0:
+            sr, sg, sb = _skin(look, volume, x, y, z, fp)
+            r, g, b = sr + cover * (r - sr), sg + cover * (g - sg), sb + cover * (b - sb)
+        return r, g, b, gloss
+    collar = max(1452.0 - 0.5 * z - y, np.sqrt(x * x + (z + 18.0) ** 2) - 84.0)
+    shirt = _step(collar, -soft, soft)
+    if ax > 250.0:
+        shirt *= _step(look[17] - along, -soft, soft)
+    if shirt < 1.0:
+        r, g, b = _skin(look, volume, x, y, z, fp)
+    if shirt > 0.0:
+        cr, cg, cb = _shirt(look, volume, x, y, z, along, fp)
+        hem = _step(abs(collar - 9.0) - 7.0, -soft, soft)
+        cr, cg, cb = cr * (0.75 + 0.25 * hem), cg * (0.75 + 0.25 * hem), cb * (0.75 + 0.25 * hem)
+        r, g, b = r + shirt * (cr - r), g + shirt * (cg - g), b + shirt * (cb - b)
+        gloss = 0.03
+    if y < 975.0 and ax < 260.0:
+        below = _step(966.0 - y, -soft, soft)
+        tr, tg, tb = _trousers(look, volume, x, y, z, fp)
+        r, g, b = r + below * (tr - r), g + below * (tg - g), b + below * (tb - b)
+        if y < 85.0:
+            shoe = _step(78.0 - y, -soft, soft)
+            sole = _step(16.0 - y, -soft, soft)
+            tone = 1.0 + 0.3 * _layer(volume, x, y, z, 8.0, fp) + 0.3 * _layer(volume, x, y, z, 2.0, fp)
+            lr, lg, lb = (0.05 + 0.5 * sole) * tone, (0.045 + 0.48 * sole) * tone, (0.045 + 0.44 * sole) * tone
+            r, g, b = r + shoe * (lr - r), g + shoe * (lg - g), b + shoe * (lb - b)
+            gloss = 0.12
+    return r, g, b, gloss
+
+
+@numba.njit(cache=True, nogil=True)
+def _ball(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    """Six panels in three colours with dark seams, scuffed."""
+    angle = np.arctan2(z, x)
+    panel = int(np.floor(3.0 * angle / 3.14159265)) % 3
+    base = 1 + 3 * panel
+    tone = 1.0 + 0.12 * _layer(volume, x, y, z, 20.0, fp) + 0.16 * _layer(volume, x, y, z, 6.0, fp)
+    tone += 0.18 * _layer(volume, x, y, z, 2.4, fp) + 0.16 * _layer(volume, x, y, z, 1.1, fp)
+    seam_at = abs(np.sin(3.0 * angle)) * np.sqrt(x * x + z * z) / 3.0
+    seam = min(_step(seam_at, 1.0, 1.5 + fp), _step(abs(y), 1.5, 2.5 + fp))
+    star = _step(np.sqrt(x * x + z * z) - look[21] * 0.33, -0.5 - fp, 0.5 + fp)
+    tone *= 0.25 + 0.75 * seam
+    r = look[base] * star + 0.75 * (1.0 - star)
+    g = look[base + 1] * star + 0.75 * (1.0 - star)
+    b = look[base + 2] * star + 0.72 * (1.0 - star)
+    return r * tone, g * tone, b * tone, 0.2
+
+
+@numba.njit(cache=True, nogil=True)
+def _box(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    """Cardboard with flutes, a strip of tape and a printed label on each side."""
+    tone = 1.0 + 0.10 * _layer(volume, x, y, z, 60.0, fp) + 0.10 * _layer(volume, x, y, z, 15.0, fp)
+    tone += 0.14 * _layer(volume, x, y * 0.3, z, 4.0, fp) + 0.16 * _layer(volume, x, y, z, 1.4, fp)
+    r, g, b = look[1] * tone, look[2] * tone, look[3] * tone
+    hx, hy, hz = look[21], look[22], look[23]
+    on_x, on_y = abs(abs(x) - hx) < 1.0, abs(abs(y) - hy) < 1.0
+    u, v = (z, y) if on_x else ((x, z) if on_y else (x, y))
+    hu, hv = (hz, hy) if on_x else ((hx, hz) if on_y else (hx, hy))
+    tape = _step(24.0 - abs(u), -0.5 * fp - 0.3, 0.5 * fp + 0.3) if on_y else 0.0
+    r, g, b = r + tape * (0.45 - r), g + tape * (0.30 - g), b + tape * (0.14 - b)
+    if not on_y:
+        inside = min(0.62 * hu - abs(u), 0.42 * hv - abs(v - 0.1 * hv))
+        label = _step(inside, -0.3 - 0.5 * fp, 0.3 + 0.5 * fp)
+        letters = _noise(volume, u / 7.0 + 5.0, np.floor(v / 15.0) * 3.7, 0.5)
+        ink = _step(letters, 0.05, 0.15) * _step(abs((v / 15.0) % 1.0 - 0.5), 0.32, 0.28) * _step(inside, 8.0, 9.0)
+        rim = _step(abs(inside - 4.0), 1.6 + 0.5 * fp, 0.8)
+        ink = max(ink, rim)
+        pr, pg, pb = 0.62 + ink * (look[4] - 0.62), 0.60 + ink * (look[5] - 0.60), 0.55 + ink * (look[6] - 0.55)
+        r, g, b = r + label * (pr * tone - r), g + label * (pg * tone - g), b + label * (pb * tone - b)
+    return r, g, b, 0.05
+
+
+@numba.njit(cache=True, nogil=True)
+def _target(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    """Colourful blots of every size: features for matching at any distance."""
+    s = look[20]
+    wx, wy = (
+        x + 6.0 * _noise(volume, x / 13.0, y / 13.0, z / 13.0),
+        y + 6.0 * _noise(volume, x / 13.0, z / 13.0, y / 13.0),
+    )
+    a = _layer(volume, wx + s, wy, z, 34.0, fp) + 0.6 * _layer(volume, wx, wy + s, z, 13.0, fp)
+    c = _layer(volume, wx, wy, z + s, 27.0, fp) + 0.6 * _layer(volume, wx + s, wy, z, 10.0, fp)
+    first, second = _step(a, -0.10, 0.10), _step(c, 0.05, 0.25)
+    tone = 1.0 + 0.35 * _layer(volume, x, y, z, 5.5, fp) + 0.35 * _layer(volume, x + s, y, z, 2.6, fp)
+    tone += 0.30 * _layer(volume, x, y + s, z, 1.2, fp)
+    tone = max(0.2, tone)
+    r = look[1] + first * (look[4] - look[1])
+    g = look[2] + first * (look[5] - look[2])
+    b = look[3] + first * (look[6] - look[3])
+    r, g, b = r + second * (look[7] - r), g + second * (look[8] - g), b + second * (look[9] - b)
+    return r * tone, g * tone, b * tone, 0.02
+
+
+@numba.njit(cache=True, nogil=True)
+def _albedo(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+    if look[0] == 0.0:
+        r, g, b, gloss = _person(look, volume, x, y, z, fp)
+    elif look[0] == 1.0:
+        r, g, b, gloss = _ball(look, volume, x, y, z, fp)
+    elif look[0] == 2.0:
+        r, g, b, gloss = _box(look, volume, x, y, z, fp)
+    else:
+        r, g, b, gloss = _target(look, volume, x, y, z, fp)
+    return max(0.004, r), max(0.004, g), max(0.004, b), gloss
+
+
+@numba.njit(cache=True, nogil=True)
+def vertex_albedo(places, owners, looks, volume, footprint):  # type: ignore[no-untyped-def]
+    """Linear colours (N, 3) at places (N, 3) of the rest bodies whose looks are rows `owners` (N,) of `looks`."""
+    colours = np.empty((len(places), 3), np.float32)
+    for i in range(len(places)):
+        r, g, b, _ = _albedo(looks[owners[i]], volume, places[i, 0], places[i, 1], places[i, 2], footprint)
+        colours[i, 0], colours[i, 1], colours[i, 2] = r, g, b
+    return colours
+
+
+@numba.njit(cache=True, nogil=True)
+def _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, b, gloss):  # type: ignore[no-untyped-def]
+    """Light that a surface of colour (r, g, b) sends towards the unit vector v."""
+    up = 0.5 + 0.5 * ny
+    lr = openness * (lights[0, 3] + up * (lights[0, 0] - lights[0, 3]))
+    lg = openness * (lights[0, 4] + up * (lights[0, 1] - lights[0, 4]))
+    lb = openness * (lights[0, 5] + up * (lights[0, 2] - lights[0, 5]))
+    soft = lights[1, 0]
+    shine = 0.0
+    for i in range(2, len(lights)):
+        facing = (nx * lights[i, 0] + ny * lights[i, 1] + nz * lights[i, 2] + soft) / (1.0 + soft)
+        if facing <= 0.0:
+            continue
+        facing *= 0.45 + 0.55 * openness
+        if i == 2:
+            facing *= shadow
+        lr += facing * lights[i, 3]
+        lg += facing * lights[i, 4]
+        lb += facing * lights[i, 5]
+        hx, hy, hz = lights[i, 0] + vx, lights[i, 1] + vy, lights[i, 2] + vz
+        half = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
+        if half > 0.0:
+            half *= half
+            half *= half
+            half *= half
+            shine += facing * half * half * lights[i, 4]
+    shine *= gloss
+    return r * lr + shine, g * lg + shine, b * lb + shine
+
+
+@numba.njit(cache=True, nogil=True)
+def _shadow(depths, frame, x, y, z):  # type: ignore[no-untyped-def]
+    """Share of the key light that reaches a point: 16 comparisons in the map of nearest distances."""
+    u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
+    v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
+    d = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z + frame[2, 3]
+    h, w = depths.shape
+    lit = 0
+    for j in range(4):
+        for i in range(4):
+            row, column = int(v + 1.8 * (j - 1.5)), int(u + 1.8 * (i - 1.5))
+            if row < 0 or column < 0 or row >= h or column >= w or depths[row, column] <= d + 22.0:
+                lit += 1
+    return lit / 16.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _shade_sample(sx, sy, face, faces, pixels, surface, owners, looks, volume, lights, depths, frame, eye, spread):  # type: ignore[no-untyped-def]
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, bx, by = pixels[a, 0] - sx, pixels[a, 1] - sy, pixels[b, 0] - sx, pixels[b, 1] - sy
+    cx, cy = pixels[c, 0] - sx, pixels[c, 1] - sy
+    wa = (bx * cy - by * cx) * pixels[a, 2]
+    wb = (cx * ay - cy * ax) * pixels[b, 2]
+    wc = (ax * by - ay * bx) * pixels[c, 2]
+    total = wa + wb + wc
+    wa, wb, wc = wa / total, wb / total, wc / total
+    x = wa * surface[a, 6] + wb * surface[b, 6] + wc * surface[c, 6]
+    y = wa * surface[a, 7] + wb * surface[b, 7] + wc * surface[c, 7]
+    z = wa * surface[a, 8] + wb * surface[b, 8] + wc * surface[c, 8]
+    nx = wa * surface[a, 3] + wb * surface[b, 3] + wc * surface[c, 3]
+    ny = wa * surface[a, 4] + wb * surface[b, 4] + wc * surface[c, 4]
+    nz = wa * surface[a, 5] + wb * surface[b, 5] + wc * surface[c, 5]
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
+    distance = np.sqrt(vx * vx + vy * vy + vz * vz)
+    vx, vy, vz = vx / distance, vy / distance, vz / distance
+    r, g, bl, gloss = _albedo(
+        looks[owners[face]],
+        volume,
+        wa * surface[a, 0] + wb * surface[b, 0] + wc * surface[c, 0],
+        wa * surface[a, 1] + wb * surface[b, 1] + wc * surface[c, 1],
+        wa * surface[a, 2] + wb * surface[b, 2] + wc * surface[c, 2],
+        distance * spread,
+    )
+    openness = wa * surface[a, 9] + wb * surface[b, 9] + wc * surface[c, 9]
+    shadow = _shadow(depths, frame, x + 4.0 * nx, y + 4.0 * ny, z + 4.0 * nz)
+    return _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, bl, gloss)
+
+
+@numba.njit(cache=True, nogil=True)
+def shade(  # type: ignore[no-untyped-def]
+    column, row, seen, nearness, faces, pixels, surface, owners, looks, volume, lights, depths, frame, eye, spread
+):
+    """Linear colour and coverage of the window that a camera sees the actors in.
+
+    Parameters
+    ----------
+    column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
+    surface : float32 (N, 10), per vertex: place at rest, normal, place in the world, openness
+    owners : int (M,), the row of `looks` per face
+    depths, frame : the key light's map of nearest distances and its axes (`shadow.cast`)
+    eye : the camera's centre; spread : size of a pixel at a distance of 1 mm
+
+    Returns
+    -------
+    float32 (h, w, 4): linear RGB of the covered part, and the covered share
+    """
+    offset_x = (0.0, -0.125, 0.375, -0.375, 0.125)
+    offset_y = (0.0, -0.375, -0.125, 0.125, 0.375)
+    h, w = seen.shape[0], seen.shape[1]
+    result = np.zeros((h, w, 4), np.float32)
+    for y in range(h):
+        for x in range(w):
+            covered = 0
+            least, most = 1.0, 0.0
+            for s in range(1, 5):
+                if seen[y, x, s] >= 0:
+                    covered += 1
+                    least, most = min(least, nearness[y, x, s]), max(most, nearness[y, x, s])
+            if covered == 0:
+                continue
+            first, last = 1, 5
+            if covered == 4 and seen[y, x, 0] >= 0 and most - least < 0.012 * most:
+                first, last = 0, 1  # one smooth surface: its centre stands for the pixel
+            red, green, blue = 0.0, 0.0, 0.0
+            for s in range(first, last):
+                if seen[y, x, s] < 0:
+                    continue
+                r, g, b = _shade_sample(
+                    column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], faces, pixels, surface, owners,
+                    looks, volume, lights, depths, frame, eye, spread,
+                )  # fmt: skip
+                red, green, blue = red + r, green + g, blue + b
+            n = 1 if last == 1 else covered
+            result[y, x, 0], result[y, x, 1], result[y, x, 2] = red / n, green / n, blue / n
+            result[y, x, 3] = covered / 4.0
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def room_plate(height, width, inverse_k, camera_to_world, eye, radius, floor_y, curtain, floor, shift, volume):  # type: ignore[no-untyped-def]
+    """Linear colours (H, W, 3) and depths z (H, W), mm, of the empty studio.
+
+    Parameters
+    ----------
+    inverse_k : float64 (3, 3); camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
+    """
+    colours = np.empty((height, width, 3), np.float32)
+    depths = np.empty((height, width), np.float32)
+    spread = inverse_k[0, 0]
+    for row in range(height):
+        for column in range(width):
+            cx = inverse_k[0, 0] * column + inverse_k[0, 1] * row + inverse_k[0, 2]
+            cy = inverse_k[1, 1] * row + inverse_k[1, 2]
+            dx = camera_to_world[0, 0] * cx + camera_to_world[0, 1] * cy + camera_to_world[0, 2]
+            dy = camera_to_world[1, 0] * cx + camera_to_world[1, 1] * cy + camera_to_world[1, 2]
+            dz = camera_to_world[2, 0] * cx + camera_to_world[2, 1] * cy + camera_to_world[2, 2]
+            a, b = dx * dx + dz * dz, eye[0] * dx + eye[2] * dz
+            t = (-b + np.sqrt(b * b - a * (eye[0] * eye[0] + eye[2] * eye[2] - radius * radius))) / a
+            on_floor = dy < 0.0 and (floor_y - eye[1]) / dy < t
+            if on_floor:
+                t = (floor_y - eye[1]) / dy
+            x, y, z = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
+            fp = t * spread
+            if on_floor:
+                tone = (
+                    1.0
+                    + 0.10 * _layer(volume, x + shift, 0.0, z, 260.0, fp)
+                    + 0.12 * _layer(volume, x, 3.0, z, 60.0, fp)
+                )
+                tone += 0.14 * _layer(volume, x, 7.0, z, 14.0, fp) + 0.18 * _layer(volume, x, 11.0, z, 5.0, fp)
+                tone += 0.20 * _layer(volume, x, 15.0, z, 2.3, fp)
+                pool = 0.35 + 0.75 * np.exp(-(x * x + z * z) / 5.0e6)
+                near_wall = _step(radius - np.sqrt(x * x + z * z), -50.0, 500.0)
+                light = pool * (0.55 + 0.45 * near_wall)
+                r, g, bl = floor[0] * tone * light, floor[1] * tone * light, floor[2] * tone * light
+            else:
+                arc = np.arctan2(x, z) * radius
+                sway = 60.0 * _noise(volume, arc / 420.0 + shift, y / 1400.0, 0.3)
+                pleat = np.sin(6.2831853 * (arc + sway) / 190.0) + 0.35 * np.sin(6.2831853 * (arc - 0.5 * sway) / 73.0)
+                tone = 0.80 + 0.17 * pleat + 0.08 * _layer(volume, arc, y, 5.0, 120.0, fp)
+                tone += 0.09 * _layer(volume, arc, 0.4 * y, 5.0, 17.0, fp) + 0.12 * _layer(volume, arc, y, 9.0, 4.5, fp)
+                fall = 0.55 + 0.30 * _step(y, -200.0, 1600.0) - 0.10 * _step(y, 2000.0, 3200.0)
+                fall *= 0.55 + 0.45 * _step(y - floor_y, -60.0, 260.0)
+                r, g, bl = curtain[0] * tone * fall, curtain[1] * tone * fall, curtain[2] * tone * fall
+            colours[row, column, 0], colours[row, column, 1], colours[row, column, 2] = r, g, bl
+            depths[row, column] = t
+    return colours, depths

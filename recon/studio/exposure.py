@@ -1,0 +1,84 @@
+"""From light to the values that a camera writes: exposure, display curve, sensor noise."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+GAMMA = 2.2
+CURVE_STEPS = 4096
+
+
+def display_curve() -> NDArray[np.float32]:
+    """Display values 0 to 255 of linear intensities 0 to 1, float32 (CURVE_STEPS + 2,), with a soft shoulder."""
+    light = np.arange(CURVE_STEPS + 2) / CURVE_STEPS
+    return (255.0 * np.minimum(light, 1.0) ** (1 / GAMMA)).astype(np.float32)
+
+
+def plate_values(plate: NDArray[np.float32], gains: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Display values 0 to 255, not rounded, of a linear plate (H, W, 3) at a camera's gains (3,)."""
+    return (255.0 * np.clip(plate * gains.astype(np.float32), 0, 1) ** np.float32(1 / GAMMA)).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def expose(plate, actors, column, row, gains, curve, floor_map, floor_shade, noise, key):  # type: ignore[no-untyped-def]
+    """The picture that a camera writes, uint8 (H, W, 3) in the order blue, green, red.
+
+    Parameters
+    ----------
+    plate : float32 (H, W, 3), display values of the empty studio
+    actors : float32 (h, w, 4), linear colour and coverage, at `column`, `row`
+    gains : float64 (3,), the camera's exposure per channel
+    curve : `display_curve()`
+    floor_map : float64 (3, 3), cell of `floor_shade` from pixel
+    floor_shade : float32 (S, S), factor on the floor's display values
+    noise : standard deviation, grey levels
+    key : uint64, makes the noise of this picture
+    """
+    height, width = plate.shape[0], plate.shape[1]
+    h, w = actors.shape[0], actors.shape[1]
+    n_cells = floor_shade.shape[0]
+    picture = np.empty((height, width, 3), np.uint8)
+    sigma = np.float32(noise / 63.9980)  # of the sum of three uniform numbers 0 to 127: sqrt(3 (128^2 - 1) / 12)
+    half = np.float32(0.5)
+    values = np.empty((width, 3), np.float32)
+    for y in range(height):
+        for x in range(width):
+            factor = np.float32(1.0)
+            depth = floor_map[2, 0] * x + floor_map[2, 1] * y + floor_map[2, 2]
+            if depth > 0.0:
+                u = (floor_map[0, 0] * x + floor_map[0, 1] * y + floor_map[0, 2]) / depth
+                v = (floor_map[1, 0] * x + floor_map[1, 1] * y + floor_map[1, 2]) / depth
+                if 0.0 <= u < n_cells - 1.0 and 0.0 <= v < n_cells - 1.0:
+                    i, j = int(v), int(u)
+                    ti, tj = np.float32(v - i), np.float32(u - j)
+                    top = floor_shade[i, j] + tj * (floor_shade[i, j + 1] - floor_shade[i, j])
+                    low = floor_shade[i + 1, j] + tj * (floor_shade[i + 1, j + 1] - floor_shade[i + 1, j])
+                    factor = top + ti * (low - top)
+            values[x, 0] = plate[y, x, 0] * factor
+            values[x, 1] = plate[y, x, 1] * factor
+            values[x, 2] = plate[y, x, 2] * factor
+        if row <= y < row + h:
+            for i in range(w):
+                share = actors[y - row, i, 3]
+                if share == 0.0:
+                    continue
+                for c in range(3):
+                    light = actors[y - row, i, c] * gains[c]
+                    if share < 1.0:
+                        light = share * light + (1.0 - share) * (values[column + i, c] / 255.0) ** 2.2
+                    place = min(light, 1.0) * 4096.0
+                    k = int(place)
+                    values[column + i, c] = curve[k] + (place - k) * (curve[k + 1] - curve[k])
+        for x in range(width):
+            state = key + np.uint64(y * width + x) * np.uint64(0x9E3779B97F4A7C15)
+            state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            state = state ^ (state >> np.uint64(31))
+            for c in range(3):
+                bits = np.int32((state >> np.uint64(21 * c)) & np.uint64(0x1FFFFF))
+                deviate = np.float32((bits & 127) + ((bits >> 7) & 127) + (bits >> 14)) - np.float32(190.5)
+                value = values[x, c] + sigma * deviate + half
+                picture[y, x, 2 - c] = np.uint8(max(np.float32(0.0), min(np.float32(255.0), value)))
+    return picture

@@ -1,0 +1,195 @@
+"""Smooth closed bodies from rounded cones and ellipsoids: the actors' shape at rest, before it moves.
+
+A body is a table of parts; its surface is where the smooth union of the parts' distances is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from skimage.measure import marching_cubes
+
+N_COLUMNS = 21
+CONE, ELLIPSOID = 0.0, 1.0
+JOIN, CARVE = 1.0, -1.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """One rounded cone from `a` to `b`, or one ellipsoid around `a` with half axes `radii`.
+
+    Parameters
+    ----------
+    a, b : mm; `b` is None for an ellipsoid
+    radii : mm; (at a, at b) of a cone, (x, y, z) of an ellipsoid
+    bone : name of the bone that carries it
+    blend : mm, width of the smooth union with what came before
+    turn : float64 (3, 3), an ellipsoid's axes in its columns
+    carve : take away instead of adding
+    """
+
+    bone: str
+    a: Sequence[float]
+    b: Sequence[float] | None
+    radii: Sequence[float]
+    blend: float = 30.0
+    turn: ArrayLike = field(default_factory=lambda: np.eye(3))
+    carve: bool = False
+
+    def mirrored(self) -> Part:
+        """The same part on the other side of the plane x = 0; a bone `name_l` becomes `name_r`."""
+        flip = np.array([-1.0, 1.0, 1.0])
+        bone = f"{self.bone[:-2]}_r" if self.bone.endswith("_l") else self.bone
+        b = None if self.b is None else tuple(flip * self.b)
+        turn = flip[:, None] * np.asarray(self.turn) * flip
+        return Part(bone, tuple(flip * self.a), b, self.radii, self.blend, turn, self.carve)
+
+
+def part_table(parts: Sequence[Part]) -> NDArray[np.float64]:
+    """Parts as the rows (P, N_COLUMNS) that the kernels read."""
+    table = np.zeros((len(parts), N_COLUMNS))
+    for row, part in zip(table, parts, strict=True):
+        row[0] = ELLIPSOID if part.b is None else CONE
+        row[1] = CARVE if part.carve else JOIN
+        row[2] = part.blend
+        row[3:6] = part.a
+        row[6:9] = part.radii if part.b is None else part.b
+        row[9:11] = (max(part.radii), max(part.radii)) if part.b is None else part.radii
+        row[12:21] = np.asarray(part.turn, dtype=np.float64).ravel()
+    return table
+
+
+def body_mesh(
+    table: NDArray[np.float64], axes: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Triangulate the zero level on a rectilinear grid.
+
+    Parameters
+    ----------
+    table : float64 (P, N_COLUMNS)
+    axes : increasing x, y, z coordinates of the grid's planes, mm
+
+    Returns
+    -------
+    vertices : float64 (N, 3), mm, on the surface to a hundredth of a millimetre where it is smooth
+    faces : int32 (M, 3), counter-clockwise seen from outside
+    """
+    field_values = grid_distance(table, *axes)
+    indices, faces, _, _ = marching_cubes(field_values, 0.0, gradient_direction="ascent")
+    vertices = np.stack([np.interp(indices[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(axes)], axis=1)
+    return project_to_surface(table, vertices), faces[:, ::-1].astype(np.int32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _part_distance(row, x, y, z):  # type: ignore[no-untyped-def]
+    px, py, pz = x - row[3], y - row[4], z - row[5]
+    if row[0] == 0.0:
+        bx, by, bz = row[6] - row[3], row[7] - row[4], row[8] - row[5]
+        t = (px * bx + py * by + pz * bz) / (bx * bx + by * by + bz * bz)
+        t = min(1.0, max(0.0, t))
+        dx, dy, dz = px - t * bx, py - t * by, pz - t * bz
+        return np.sqrt(dx * dx + dy * dy + dz * dz) - (row[9] + t * (row[10] - row[9]))
+    ux = row[12] * px + row[15] * py + row[18] * pz
+    uy = row[13] * px + row[16] * py + row[19] * pz
+    uz = row[14] * px + row[17] * py + row[20] * pz
+    ax, ay, az = ux / row[6], uy / row[7], uz / row[8]
+    k0 = np.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / row[6], ay / row[7], az / row[8]
+    k1 = np.sqrt(ax * ax + ay * ay + az * az)
+    if k1 < 1e-12:
+        return -min(row[6], min(row[7], row[8]))
+    return k0 * (k0 - 1.0) / k1
+
+
+@numba.njit(cache=True, nogil=True)
+def _blend(d, e, k, op):  # type: ignore[no-untyped-def]
+    """Polynomial smooth minimum of d and e, or smooth maximum of d and -e."""
+    if op > 0.0:
+        h = max(k - abs(d - e), 0.0) / k
+        return min(d, e) - 0.25 * h * h * k
+    h = max(k - abs(d + e), 0.0) / k
+    return max(d, -e) + 0.25 * h * h * k
+
+
+@numba.njit(cache=True, nogil=True)
+def _distance(table, near, n_near, x, y, z):  # type: ignore[no-untyped-def]
+    d = 1e6
+    for i in range(n_near):
+        row = table[near[i]]
+        d = _blend(d, _part_distance(row, x, y, z), row[2], row[1])
+    return d
+
+
+@numba.njit(cache=True, nogil=True)
+def distance(table, points):  # type: ignore[no-untyped-def]
+    """Smooth signed distances (N,) of points (N, 3), negative inside, mm."""
+    everything = np.arange(len(table))
+    result = np.empty(len(points))
+    for i in range(len(points)):
+        result[i] = _distance(table, everything, len(table), points[i, 0], points[i, 1], points[i, 2])
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def part_distances(table, points):  # type: ignore[no-untyped-def]
+    """Distances (N, P) of points (N, 3) to every part alone, mm."""
+    result = np.empty((len(points), len(table)))
+    for i in range(len(points)):
+        for j in range(len(table)):
+            result[i, j] = _part_distance(table[j], points[i, 0], points[i, 1], points[i, 2])
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def project_to_surface(table, points):  # type: ignore[no-untyped-def]
+    """Move points (N, 3) along the gradient onto the zero level: three Newton steps of at most 4 mm."""
+    everything = np.arange(len(table))
+    n = len(table)
+    step = 0.05
+    result = points.copy()
+    for i in range(len(points)):
+        x, y, z = result[i, 0], result[i, 1], result[i, 2]
+        for _ in range(3):
+            d = _distance(table, everything, n, x, y, z)
+            gx = (_distance(table, everything, n, x + step, y, z) - d) / step
+            gy = (_distance(table, everything, n, x, y + step, z) - d) / step
+            gz = (_distance(table, everything, n, x, y, z + step) - d) / step
+            g2 = max(gx * gx + gy * gy + gz * gz, 0.05)
+            s = max(-4.0, min(4.0, d / g2))
+            x, y, z = x - s * gx, y - s * gy, z - s * gz
+        result[i, 0], result[i, 1], result[i, 2] = x, y, z
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def grid_distance(table, xs, ys, zs):  # type: ignore[no-untyped-def]
+    """Distances float32 (X, Y, Z) on a rectilinear grid; blocks far from the surface hold one rough value."""
+    result = np.empty((len(xs), len(ys), len(zs)), np.float32)
+    n = len(table)
+    everything = np.arange(n)
+    near = np.empty(n, np.int64)
+    for i0 in range(0, len(xs), 8):
+        for j0 in range(0, len(ys), 8):
+            for k0 in range(0, len(zs), 8):
+                i1, j1, k1 = min(i0 + 8, len(xs)), min(j0 + 8, len(ys)), min(k0 + 8, len(zs))
+                cx, cy, cz = 0.5 * (xs[i0] + xs[i1 - 1]), 0.5 * (ys[j0] + ys[j1 - 1]), 0.5 * (zs[k0] + zs[k1 - 1])
+                hx, hy, hz = xs[i1 - 1] - cx, ys[j1 - 1] - cy, zs[k1 - 1] - cz
+                radius = np.sqrt(hx * hx + hy * hy + hz * hz)
+                centre = _distance(table, everything, n, cx, cy, cz)
+                if abs(centre) > 1.8 * radius + 40.0:
+                    result[i0:i1, j0:j1, k0:k1] = centre
+                    continue
+                n_near = 0
+                for p in range(n):
+                    if _part_distance(table[p], cx, cy, cz) < 2.5 * radius + 90.0:
+                        near[n_near] = p
+                        n_near += 1
+                for i in range(i0, i1):
+                    for j in range(j0, j1):
+                        for k in range(k0, k1):
+                            result[i, j, k] = _distance(table, near, n_near, xs[i], ys[j], zs[k])
+    return result

@@ -1,0 +1,278 @@
+"""A person's shape at rest: parts, clothes, and which bone carries which vertex.
+
+Everything is in the rest frame of `skeleton.JOINTS`: a person 1780 mm tall, arms away from the body, facing +z,
+whose left is +x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from recon.studio.implicit import Part, body_mesh, distance, part_distances, part_table
+from recon.studio.skeleton import BONES, REST, vertex_normals
+
+ARM = np.array([0.683, -0.730, 0.03])  # direction of the left arm at rest
+BACK_OF_HAND = np.array([0.73, 0.683, 0.0])
+BLEND_MM = 22.0  # width over which a vertex passes from one bone to the next
+MOUTH_Y = 1596.0
+
+
+@dataclass(frozen=True)
+class Build:
+    """How one person differs from another.
+
+    Parameters
+    ----------
+    height : mm
+    girth : factor on the radii of trunk and limbs
+    shoulders, hips : factors on the widths
+    long_hair : hair down to the shoulders
+    """
+
+    height: float = 1780.0
+    girth: float = 1.0
+    shoulders: float = 1.0
+    hips: float = 1.0
+    long_hair: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class RestBody:
+    """A triangulated person at rest.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), mm, rest frame
+    faces : int32 (M, 3)
+    bones : int64 (N, 4), indices into BONES
+    weights : float64 (N, 4), rows sum to one
+    openness : float32 (N,), share of the sky that a vertex sees, 0 to 1
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    bones: NDArray[np.int64]
+    weights: NDArray[np.float64]
+    openness: NDArray[np.float32]
+
+
+def person_parts(build: Build) -> list[Part]:
+    """All parts of a clothed person, from the trunk outwards; the order is that of the smooth union."""
+    g, hips, shoulders = build.girth, build.hips, build.shoulders
+    trunk = [
+        Part("pelvis", (0, 955, -4), None, (150 * g * hips, 120, 108 * g), 60),
+        Part("spine", (0, 1085, 2), None, (138 * g, 130, 100 * g), 60),
+        Part("chest", (0, 1270, -2), None, (158 * g * shoulders, 190, 112 * g), 60),
+        Part("chest", (-120 * shoulders, 1412, -18), (120 * shoulders, 1412, -18), (58, 58), 60),
+        Part("neck", (0, 1445, -22), (0, 1565, 0), (58 * g, 54 * g), 30),
+    ]
+    sided = [
+        Part("pelvis", (72 * hips, 915, -55), None, (82 * g, 85, 70 * g), 50),
+        Part("chest", (72, 1325, 62), None, (78 * shoulders, 62, 42 * g), 60),
+        Part("neck", (100, 1440, -25), (25, 1492, -18), (34, 44), 50),
+        *_arm(g),
+        *_leg(g, hips),
+    ]
+    return [*trunk, *_both(sided), *head_parts()]
+
+
+def head_parts() -> list[Part]:
+    """Skull, face and ears; the features are 2 to 10 mm deep."""
+    middle = [
+        Part("head", (0, 1690, -10), None, (76, 90, 96), 20),
+        Part("head", (0, 1640, 28), None, (63, 88, 66), 30),
+        Part("head", (0, 1592, 36), None, (50, 40, 52), 30),
+        Part("head", (0, 1566, 72), None, (24, 15, 17), 22),
+        Part("head", (0, 1725, 40), None, (58, 38, 48), 30),
+        Part("head", (0, 1674, 88), (0, 1634, 109), (7, 10), 14),
+        Part("head", (0, 1630, 110), None, (11, 10, 11), 8),
+        Part("head", (0, 1602, 89), None, (25, 7, 11), 7),
+        Part("head", (0, 1588.5, 88), None, (21, 7.5, 11), 7),
+    ]
+    sided = [
+        Part("head", (10, 1686, 90), (44, 1688, 74), (8, 8), 18),
+        Part("head", (41, 1640, 62), None, (26, 25, 24), 25),
+        Part("head", (32, 1667, 100), None, (21, 12, 15), 16, carve=True),
+        Part("head", (32, 1667, 76), None, (13.5, 12.5, 13.5), 4),
+        Part("head", (10, 1627, 101), None, (8, 8, 10), 6),
+        Part("head", (77, 1652, -8), None, (8, 31, 19), 7, turn=_ear_turn()),
+        Part("head", (84, 1656, -4), None, (6, 18, 9), 5, turn=_ear_turn(), carve=True),
+    ]
+    return [*middle, *_both(sided)]
+
+
+def rest_body(build: Build, parts: list[Part], *, cell: float, noise: NDArray[np.float32]) -> RestBody:
+    """Triangulate a person, lay clothes and hair over it, and bind it to the bones.
+
+    Parameters
+    ----------
+    cell : mm, edge of the grid's cells on the trunk; the head's are half as long
+    noise : float32 (S, S, S), periodic, for folds
+    """
+    table = part_table(parts)
+    vertices, faces = body_mesh(table, _grid(parts, cell))
+    normals = vertex_normals(vertices, faces)
+    openness = _openness(table, vertices, normals)
+    bones, weights = _bind(parts, table, vertices)
+    vertices = vertices + cloth_thickness(vertices, build, noise)[:, None] * normals
+    return RestBody(vertices, faces, bones, weights, openness)
+
+
+def cloth_thickness(points: NDArray[np.float64], build: Build, noise: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How far clothes and hair stand off the body (N,), mm: hems, folds and locks."""
+    x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
+    along = (x - 180.0) * ARM[0] + (y - 1412.0) * ARM[1]
+    hand = _step(along, 500.0, 512.0) * (x > 250)
+    collar = np.maximum(1452.0 - 0.5 * z - y, np.hypot(x, z + 18.0) - 84.0)
+    shirt = _step(collar, -4.0, 4.0) * (1 - hand) * (y < 1515.0)
+    trousers = _step(966.0 - y, -4.0, 4.0) * (x < 260)
+    shoe = _step(78.0 - y, -4.0, 4.0)
+    folds = _folds(points, noise)
+    cloth = shirt * (1 - shoe) * (5.0 + 4.5 * folds) - trousers * (1 - shoe) * 4.0 - shoe * 3.0
+    return np.asarray(cloth + hair(points, build) * (9.0 + 4.0 * _sample(noise, points / (9.0, 26.0, 9.0))))
+
+
+def hair(points: NDArray[np.float64], build: Build) -> NDArray[np.float64]:
+    """Where hair grows (N,), 0 to 1. The same region is coloured by `appearance`."""
+    x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
+    line = 1722.0 - 0.9 * np.maximum(0.0, 45.0 - z) - 0.35 * np.maximum(0.0, -10.0 - z)
+    low = 1520.0 if build.long_hair else 1585.0
+    return np.asarray(_step(y - np.maximum(line, low), -6.0, 6.0) * (x < 125))
+
+
+def _arm(g: float) -> list[Part]:
+    shoulder, elbow, wrist = REST["upper_arm_l"], REST["forearm_l"], REST["hand_l"]
+    across = np.cross(ARM, BACK_OF_HAND)  # towards the thumb
+    across = across / np.linalg.norm(across) * (1.0 if across[2] > 0 else -1.0)
+    palm = np.stack([ARM, across, BACK_OF_HAND], axis=1)
+    knuckle = wrist + 88.0 * ARM
+    fingers = [
+        Part(
+            "hand_l",
+            tuple(knuckle + offset * across),
+            tuple(_finger_end(knuckle, across, offset, length)),
+            (9.5, 7.5),
+            5,
+        )
+        for offset, length in ((27.0, 74.0), (9.0, 84.0), (-9.0, 78.0), (-26.0, 62.0))
+    ]
+    thumb = wrist + 30.0 * ARM + 30.0 * across
+    return [
+        Part("upper_arm_l", tuple(shoulder), None, (58 * g, 60 * g, 56 * g), 40),
+        Part("upper_arm_l", tuple(shoulder), tuple(elbow), (51 * g, 43 * g), 40),
+        Part("forearm_l", tuple(elbow), tuple(wrist), (43 * g, 29 * g), 20),
+        Part("forearm_l", tuple(0.72 * elbow + 0.28 * wrist), None, (46 * g, 46 * g, 44 * g), 30),
+        Part("hand_l", tuple(wrist + 46.0 * ARM), None, (54, 41, 17), 18, turn=palm),
+        *fingers,
+        Part("hand_l", tuple(thumb), tuple(thumb + 52.0 * ARM + 26.0 * across), (13, 8.5), 14),
+    ]
+
+
+def _finger_end(
+    knuckle: NDArray[np.float64], across: NDArray[np.float64], offset: float, length: float
+) -> NDArray[np.float64]:
+    return np.asarray(knuckle + length * ARM + 1.25 * offset * across - 0.28 * length * BACK_OF_HAND)
+
+
+def _leg(g: float, hips: float) -> list[Part]:
+    return [
+        Part("thigh_l", (94 * hips, 890, -5), (106, 505, 6), (88 * g * hips, 62 * g), 40),
+        Part("shin_l", (107, 500, 8), (114, 100, -20), (61 * g, 47 * g), 30),
+        Part("shin_l", (110, 390, -22), None, (52 * g, 110, 52 * g), 40),
+        Part("foot_l", (114, 46, -48), (126, 38, 118), (43, 36), 12),
+        Part("foot_l", (116, 80, -22), (119, 58, 50), (42, 36), 20),
+    ]
+
+
+def _both(parts: list[Part]) -> list[Part]:
+    return [side for part in parts for side in (part, part.mirrored())]
+
+
+def _ear_turn() -> NDArray[np.float64]:
+    c, s = np.cos(0.45), np.sin(0.45)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+
+def _grid(parts: list[Part], cell: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Grid planes, twice as dense across the head, that enclose all parts."""
+    ends = [np.asarray(end) for part in parts for end in (part.a, part.b) if end is not None]
+    reach = [max(part.radii) for part in parts for end in (part.a, part.b) if end is not None]
+    low = np.min([end - r for end, r in zip(ends, reach, strict=True)], axis=0) - 2 * cell
+    high = np.max([end + r for end, r in zip(ends, reach, strict=True)], axis=0) + 2 * cell
+    fine = 0.5 * cell
+    return (
+        _planes(low[0], high[0], -95.0, 95.0, cell, fine),
+        _planes(low[1], high[1], 1540.0, high[1], cell, fine),
+        _planes(low[2], high[2], 40.0, 130.0, cell, fine),
+    )
+
+
+def _planes(
+    low: float, high: float, fine_low: float, fine_high: float, cell: float, fine: float
+) -> NDArray[np.float64]:
+    if high <= fine_high:
+        return np.concatenate([np.arange(low, fine_low, cell), np.arange(fine_low, high + fine, fine)])
+    inner = np.arange(fine_low, fine_high, fine)
+    below = np.arange(fine_low - cell, low - cell, -cell)[::-1] if low < fine_low else np.zeros(0)
+    return np.concatenate([below, inner, np.arange(fine_high, high + cell, cell)])
+
+
+def _openness(
+    table: NDArray[np.float64], vertices: NDArray[np.float64], normals: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Ambient light that reaches each vertex, from distances along its normal."""
+    closed = np.zeros(len(vertices))
+    for reach, weight in ((12.0, 0.30), (35.0, 0.40), (90.0, 0.45)):
+        closed += weight * np.clip(1.0 - distance(table, vertices + reach * normals) / reach, 0.0, 1.0)
+    return np.clip(1.0 - closed, 0.15, 1.0).astype(np.float32)
+
+
+def _bind(
+    parts: list[Part], table: NDArray[np.float64], vertices: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The four strongest bones of each vertex and their weights."""
+    to_part = part_distances(table, vertices)
+    owner = np.array([BONES.index(part.bone) for part in parts])
+    carved = np.array([part.carve for part in parts])
+    to_bone = np.full((len(vertices), len(BONES)), np.inf)
+    for bone in range(len(BONES)):
+        mine = (owner == bone) & ~carved
+        if mine.any():
+            to_bone[:, bone] = to_part[:, mine].min(axis=1)
+    weights = np.exp(-(to_bone - to_bone.min(axis=1, keepdims=True)) / BLEND_MM)
+    _open_jaw(vertices, weights)
+    bones = np.argsort(-weights, axis=1, kind="stable")[:, :4]
+    strongest = np.take_along_axis(weights, bones, axis=1)
+    return bones, strongest / strongest.sum(axis=1, keepdims=True)
+
+
+def _open_jaw(vertices: NDArray[np.float64], weights: NDArray[np.float64]) -> None:
+    """Hand the lower face from head to jaw, sharply between the lips and softly in the cheeks."""
+    x, y, z = np.abs(vertices[:, 0]), vertices[:, 1], vertices[:, 2]
+    softness = 2.0 + 28.0 * np.clip((x - 18.0) / 22.0, 0.0, 1.0)
+    lower = np.clip((MOUTH_Y - 0.5 - y) / softness + 0.5, 0.0, 1.0)
+    share = lower * np.clip((z + 5.0) / 50.0, 0.0, 1.0) * np.clip((y - 1535.0) / 15.0, 0.0, 1.0)
+    head, jaw = BONES.index("head"), BONES.index("jaw")
+    weights[:, jaw] = weights[:, head] * share
+    weights[:, head] *= 1.0 - share
+
+
+def _folds(points: NDArray[np.float64], noise: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Creases of cloth (N,), about -1 to 1: ridged noise, drawn out across the pull of the cloth."""
+    warp = 14.0 * np.stack([_sample(noise, points / 60.0 + shift) for shift in (3.1, 17.7, 31.3)], axis=1)
+    broad = _sample(noise, (points + warp) / (55.0, 34.0, 55.0))
+    fine = 1.0 - 2.0 * np.abs(_sample(noise, (points + warp) / (38.0, 17.0, 38.0) + 9.0))
+    return np.asarray(0.6 * broad + 0.4 * fine)
+
+
+def _sample(noise: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(map_coordinates(noise, points.T, order=1, mode="grid-wrap"), dtype=np.float64)
+
+
+def _step(value: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+    t = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))

@@ -1,0 +1,80 @@
+"""Shadows: what the key light sees, and how much light the actors take from the floor."""
+
+from __future__ import annotations
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+MAP_SIZE = 448
+FLOOR_CELLS = 256
+FLOOR_HALF_MM = 1800.0
+LOW_MM = 550.0  # surfaces below this height cast a sharper shadow
+CONTACT_MM = 260.0  # and below this one darken the floor under them
+
+
+def cast(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], direction: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """The key light's map of nearest surfaces.
+
+    Returns
+    -------
+    nearest : float32 (MAP_SIZE, MAP_SIZE), coordinate towards the light of the surface nearest to it, mm
+    frame : float64 (3, 4), map column, map row and coordinate towards the light from world points
+    """
+    right = np.cross((0.0, 1.0, 0.0), direction)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(direction, right), direction])
+    turned = vertices @ axes.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    scale = (MAP_SIZE - 5) / max(high[0] - low[0], high[1] - low[1])
+    factors = np.array([scale, scale, 1.0])
+    frame = np.concatenate(
+        [axes * factors[:, None], np.array([[2 - scale * low[0]], [2 - scale * low[1]], [0.0]])], axis=1
+    )
+    nearest = np.full((MAP_SIZE, MAP_SIZE), -1e9, np.float32)
+    _nearest(turned * factors + frame[:, 3], faces, nearest)
+    return nearest, frame
+
+
+def floor_shade(vertices: NDArray[np.float64], floor_y: float, direction: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Factor on the floor's display values, float32 (FLOOR_CELLS, FLOOR_CELLS) over z (rows) and x (columns)."""
+    height = vertices[:, 1] - floor_y
+    x, z = vertices[:, 0] - height * direction[0] / direction[1], vertices[:, 2] - height * direction[2] / direction[1]
+    low, contact = height < LOW_MM, height < CONTACT_MM
+    sharp, soft, under = np.zeros((3, FLOOR_CELLS, FLOOR_CELLS), np.float32)
+    _splat(x[low], z[low], sharp)
+    _splat(x[~low], z[~low], soft)
+    _splat(vertices[contact, 0], vertices[contact, 2], under)
+    key = np.maximum(cv2.GaussianBlur(sharp, (0, 0), 2.5), cv2.GaussianBlur(soft, (0, 0), 6.0))
+    light = (1.0 - 0.45 * key) * (1.0 - 0.6 * cv2.GaussianBlur(under, (0, 0), 4.0))
+    return np.asarray(np.power(light, 1.0 / 2.2), dtype=np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _splat(xs, zs, cells):  # type: ignore[no-untyped-def]
+    for i in range(len(xs)):
+        column, row = int((xs[i] + 1800.0) * (256 / 3600.0)), int((zs[i] + 1800.0) * (256 / 3600.0))
+        if 0 <= column < 256 and 0 <= row < 256:
+            cells[row, column] = 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(points, faces, nearest):  # type: ignore[no-untyped-def]
+    h, w = nearest.shape
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+        cx, cy = points[c, 0], points[c, 1]
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if area <= 0.0:
+            continue
+        for y in range(max(0, int(np.ceil(min(ay, min(by, cy))))), min(h - 1, int(max(ay, max(by, cy)))) + 1):
+            for x in range(max(0, int(np.ceil(min(ax, min(bx, cx))))), min(w - 1, int(max(ax, max(bx, cx)))) + 1):
+                u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) / area
+                v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) / area
+                t = 1.0 - u - v
+                if u >= 0.0 and v >= 0.0 and t >= 0.0:
+                    nearest[y, x] = max(nearest[y, x], u * points[a, 2] + v * points[b, 2] + t * points[c, 2])

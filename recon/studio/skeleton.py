@@ -1,0 +1,213 @@
+"""Bones and poses: how an actor's rest shape moves.
+
+A pose gives every bone a rotation and its joint a place; a vertex follows the bones by its weights
+(linear blend skinning). At rest all bones have the identity as rotation, so a bone's transform is
+`p -> R (p - joint at rest) + joint`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Vector = NDArray[np.float64]
+
+# Joints of a person 1780 mm tall who stands with the arms 47 degrees away from the body, facing +z.
+# Bone lengths over height: arm 0.16, forearm 0.145, thigh 0.24, shin 0.23 (after Drillis and Contini 1966).
+JOINTS: dict[str, tuple[float, float, float]] = {
+    "pelvis": (0.0, 960.0, 0.0),
+    "spine": (0.0, 1050.0, 0.0),
+    "chest": (0.0, 1180.0, -5.0),
+    "neck": (0.0, 1465.0, -18.0),
+    "head": (0.0, 1560.0, -2.0),
+    "jaw": (0.0, 1630.0, 8.0),
+    "upper_arm_l": (180.0, 1412.0, -15.0),
+    "forearm_l": (378.0, 1200.0, -20.0),
+    "hand_l": (552.0, 1014.0, -6.0),
+    "thigh_l": (92.0, 925.0, -5.0),
+    "shin_l": (108.0, 500.0, 8.0),
+    "foot_l": (114.0, 88.0, -22.0),
+    "upper_arm_r": (-180.0, 1412.0, -15.0),
+    "forearm_r": (-378.0, 1200.0, -20.0),
+    "hand_r": (-552.0, 1014.0, -6.0),
+    "thigh_r": (-92.0, 925.0, -5.0),
+    "shin_r": (-108.0, 500.0, 8.0),
+    "foot_r": (-114.0, 88.0, -22.0),
+}
+BONES = tuple(JOINTS)
+REST = {bone: np.array(joint) for bone, joint in JOINTS.items()}
+PALM = {"l": np.array([-0.73, -0.68, 0.0]), "r": np.array([0.73, -0.68, 0.0])}  # the palm's outward normal at rest
+FULL_REACH = 0.985  # of the limb's length: a knee or elbow never locks
+
+
+@dataclass(frozen=True)
+class Controls:
+    """What an animation steers; everything in the frame of a person 1780 mm tall who faces +z.
+
+    Parameters
+    ----------
+    pelvis : mm, displacement from standing
+    pelvis_turn, spine_turn, head_turn : degrees about x (nod), y (turn to the left), z (tilt to the right);
+        the spine's is shared by two bones, the head's by neck and head
+    hands : wrist positions by side "l", "r", mm; a missing one hangs
+    palms : a point that the palm faces, by side, mm
+    feet : displacement of the feet from standing by side, mm
+    jaw : degrees that the mouth is open
+    """
+
+    pelvis: ArrayLike = (0.0, 0.0, 0.0)
+    pelvis_turn: ArrayLike = (0.0, 0.0, 0.0)
+    spine_turn: ArrayLike = (0.0, 0.0, 0.0)
+    head_turn: ArrayLike = (0.0, 0.0, 0.0)
+    hands: Mapping[str, ArrayLike] = field(default_factory=dict)
+    palms: Mapping[str, ArrayLike] = field(default_factory=dict)
+    feet: Mapping[str, ArrayLike] = field(default_factory=dict)
+    jaw: float = 0.0
+
+
+def rotation(turn_deg: ArrayLike) -> Vector:
+    """Rotation (3, 3) about x, then z, then y by angles (x, y, z) in degrees."""
+    x, y, z = np.radians(np.asarray(turn_deg, dtype=np.float64))
+    cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray(about_y @ about_z @ about_x)
+
+
+def axis_rotation(axis: ArrayLike, angle: float) -> Vector:
+    """Rotation (3, 3) by `angle` radians about `axis` (Rodrigues)."""
+    x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def rotation_between(a: Vector, b: Vector) -> Vector:
+    """The smallest rotation (3, 3) that turns direction a into direction b."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        return np.eye(3)
+    return axis_rotation(axis, float(np.arctan2(sine, a @ b)))
+
+
+def pose(controls: Controls) -> NDArray[np.float64]:
+    """Bone transforms (B, 3, 4) in the order of BONES: person's frame from rest frame."""
+    turns: dict[str, Vector] = {}
+    joints: dict[str, Vector] = {}
+    _pose_trunk(controls, turns, joints)
+    for side in ("l", "r"):
+        _pose_arm(controls, side, turns, joints)
+        _pose_leg(controls, side, turns, joints)
+    return np.stack([_transform(turns[bone], REST[bone], joints[bone]) for bone in BONES])
+
+
+def _transform(turn: Vector, rest: Vector, joint: Vector) -> Vector:
+    return np.concatenate([turn, (joint - turn @ rest)[:, None]], axis=1)
+
+
+def _pose_trunk(controls: Controls, turns: dict[str, Vector], joints: dict[str, Vector]) -> None:
+    half_spine, half_head = rotation(np.divide(controls.spine_turn, 2)), rotation(np.divide(controls.head_turn, 2))
+    turns["pelvis"] = rotation(controls.pelvis_turn)
+    joints["pelvis"] = REST["pelvis"] + np.asarray(controls.pelvis)
+    for bone, parent, turn in (
+        ("spine", "pelvis", half_spine),
+        ("chest", "spine", half_spine),
+        ("neck", "chest", half_head),
+        ("head", "neck", half_head),
+        ("jaw", "head", rotation((controls.jaw, 0, 0))),
+    ):
+        turns[bone] = turns[parent] @ turn
+        joints[bone] = joints[parent] + turns[parent] @ (REST[bone] - REST[parent])
+
+
+def _pose_arm(controls: Controls, side: str, turns: dict[str, Vector], joints: dict[str, Vector]) -> None:
+    upper, fore, hand = f"upper_arm_{side}", f"forearm_{side}", f"hand_{side}"
+    out = 1.0 if side == "l" else -1.0
+    chest = turns["chest"]
+    shoulder = joints["chest"] + chest @ (REST[upper] - REST["chest"])
+    hanging = shoulder + chest @ np.array([out * 95.0, -505.0, 45.0])
+    wrist = np.asarray(controls.hands.get(side, hanging), dtype=np.float64)
+    pole = chest @ np.array([out * 0.75, -0.55, -0.6])  # elbows point outwards, down and back
+    elbow, wrist = _two_bones(shoulder, wrist, REST[fore] - REST[upper], REST[hand] - REST[fore], pole)
+    turns[upper] = rotation_between(chest @ (REST[fore] - REST[upper]), elbow - shoulder) @ chest
+    turns[fore] = rotation_between(turns[upper] @ (REST[hand] - REST[fore]), wrist - elbow) @ turns[upper]
+    turns[hand] = turns[fore]
+    if side in controls.palms:
+        twist = _twist(turns[fore] @ PALM[side], np.asarray(controls.palms[side]) - wrist, wrist - elbow)
+        turns[hand] = axis_rotation(wrist - elbow, twist) @ turns[fore]
+        turns[fore] = axis_rotation(wrist - elbow, 0.5 * twist) @ turns[fore]
+    joints[upper], joints[fore], joints[hand] = shoulder, elbow, wrist
+
+
+def _pose_leg(controls: Controls, side: str, turns: dict[str, Vector], joints: dict[str, Vector]) -> None:
+    thigh, shin, foot = f"thigh_{side}", f"shin_{side}", f"foot_{side}"
+    pelvis = turns["pelvis"]
+    hip = joints["pelvis"] + pelvis @ (REST[thigh] - REST["pelvis"])
+    ankle = REST[foot] + np.asarray(controls.feet.get(side, (0.0, 0.0, 0.0)))
+    knee, ankle = _two_bones(hip, ankle, REST[shin] - REST[thigh], REST[foot] - REST[shin], np.array([0.0, 0.0, 1.0]))
+    turns[thigh] = rotation_between(REST[shin] - REST[thigh], knee - hip)
+    turns[shin] = rotation_between(REST[foot] - REST[shin], ankle - knee)
+    turns[foot] = np.eye(3)
+    joints[thigh], joints[shin], joints[foot] = hip, knee, ankle
+
+
+def _two_bones(start: Vector, end: Vector, first: Vector, second: Vector, pole: Vector) -> tuple[Vector, Vector]:
+    """Middle and end joint of a limb that reaches for `end`, bent towards `pole` (law of cosines)."""
+    a, b = float(np.linalg.norm(first)), float(np.linalg.norm(second))
+    reach = end - start
+    length = float(np.clip(np.linalg.norm(reach), abs(a - b) + 1.0, FULL_REACH * (a + b)))
+    direction = reach / np.linalg.norm(reach)
+    along = (a * a - b * b + length * length) / (2 * length)
+    aside = np.sqrt(max(a * a - along * along, 0.0))
+    sideways = pole - (pole @ direction) * direction
+    middle = start + along * direction + aside * sideways / np.linalg.norm(sideways)
+    return middle, start + length * direction
+
+
+def _twist(palm: Vector, towards: Vector, axis: Vector) -> float:
+    """Angle about `axis` that brings `palm` closest to `towards`, at most 110 degrees, radians."""
+    axis = axis / np.linalg.norm(axis)
+    a, b = palm - (palm @ axis) * axis, towards - (towards @ axis) * axis
+    angle = np.arctan2(axis @ np.cross(a, b), a @ b)
+    return float(np.clip(angle, -1.9, 1.9))
+
+
+@numba.njit(cache=True, nogil=True)
+def skin(vertices, bones, weights, transforms):  # type: ignore[no-untyped-def]
+    """Move rest vertices (N, 3) with their four bones (N, 4) and weights (N, 4): float64 (N, 3)."""
+    moved = np.empty_like(vertices)
+    for i in range(len(vertices)):
+        x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        for r in range(3):
+            value = 0.0
+            for j in range(4):
+                m = transforms[bones[i, j]]
+                value += weights[i, j] * (m[r, 0] * x + m[r, 1] * y + m[r, 2] * z + m[r, 3])
+            moved[i, r] = value
+    return moved
+
+
+@numba.njit(cache=True, nogil=True)
+def vertex_normals(vertices, faces):  # type: ignore[no-untyped-def]
+    """Area-weighted unit normals (N, 3) of a mesh whose faces are counter-clockwise seen from outside."""
+    normals = np.zeros_like(vertices)
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for v in (a, b, c):
+            normals[v, 0] += nx
+            normals[v, 1] += ny
+            normals[v, 2] += nz
+    for i in range(len(normals)):
+        length = np.sqrt(normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2)
+        if length > 0.0:
+            normals[i] /= length
+    return normals

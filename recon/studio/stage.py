@@ -1,0 +1,102 @@
+"""A scene made ready: every rest body triangulated once, then moved to any phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.mesh import Mesh
+from recon.studio import objects
+from recon.studio.appearance import look_row, vertex_albedo
+from recon.studio.person import person_parts, rest_body
+from recon.studio.scenes import Actor, Moment, Prop, Scene
+from recon.studio.skeleton import pose, rotation, skin, vertex_normals
+
+REST_HEIGHT_MM = 1780.0
+
+
+@dataclass(frozen=True, eq=False)
+class Staged:
+    """All bodies of a scene at one instant.
+
+    Parameters
+    ----------
+    surface : float32 (N, 10), per vertex: place at rest, normal, place in the world, openness
+    vertices : float64 (N, 3), mm, world
+    looks : float64 (bodies, N_LOOK)
+    """
+
+    surface: NDArray[np.float32]
+    vertices: NDArray[np.float64]
+    looks: NDArray[np.float64]
+
+
+class Stage:
+    """The bodies of a scene, one after the other in shared arrays.
+
+    Attributes
+    ----------
+    faces : int32 (M, 3)
+    owners : int64 (M,), the body of each face
+    """
+
+    def __init__(self, scene: Scene, *, cell: float, noise: NDArray[np.float32]) -> None:
+        self._scene = scene
+        self._people = [
+            rest_body(actor.build, person_parts(actor.build), cell=cell, noise=noise) for actor in scene.actors
+        ]
+        self._things = [_prop_mesh(prop, cell) for prop in scene.props]
+        looks = [actor.look for actor in scene.actors] + [prop.look for prop in scene.props]
+        self._looks = np.stack([look_row(look) for look in looks])
+        rests = [body.vertices for body in self._people] + [vertices for vertices, _ in self._things]
+        faces = [body.faces for body in self._people] + [faces for _, faces in self._things]
+        starts = np.cumsum([0, *map(len, rests)])
+        self._rest = np.concatenate(rests)
+        self._openness = np.concatenate(
+            [*(body.openness for body in self._people), np.ones(sum(len(v) for v, _ in self._things))]
+        )
+        self.faces = np.concatenate([f + start for f, start in zip(faces, starts[:-1], strict=True)]).astype(np.int32)
+        self.owners = np.repeat(np.arange(len(faces)), [len(f) for f in faces])
+        body_of_vertex = np.repeat(np.arange(len(rests)), [len(v) for v in rests])
+        self._albedo = vertex_albedo(self._rest, body_of_vertex, self._looks, noise, cell)
+
+    def at(self, phase: float) -> Staged:
+        """The scene at a phase, 0 to 1."""
+        moment = self._scene.moment(phase)
+        vertices = np.concatenate([*self._moved_people(moment), *self._moved_things(moment)])
+        surface = np.empty((len(vertices), 10), np.float32)
+        surface[:, 0:3] = self._rest
+        surface[:, 3:6] = vertex_normals(vertices, self.faces)
+        surface[:, 6:9] = vertices
+        surface[:, 9] = self._openness
+        looks = self._looks.copy()
+        looks[: len(moment.blink), 19] = moment.blink
+        return Staged(surface, vertices, looks)
+
+    def mesh(self, staged: Staged) -> Mesh:
+        """The ground truth at an instant, coloured as under white light from everywhere."""
+        colours = np.rint(255 * np.clip(self._albedo, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+        return Mesh(staged.vertices.astype(np.float32), self.faces, staged.surface[:, 3:6].copy(), colours)
+
+    def _moved_people(self, moment: Moment) -> list[NDArray[np.float64]]:
+        moved = []
+        for actor, body, controls in zip(self._scene.actors, self._people, moment.controls, strict=True):
+            moved.append(_placed(actor, skin(body.vertices, body.bones, body.weights, pose(controls))))
+        return moved
+
+    def _moved_things(self, moment: Moment) -> list[NDArray[np.float64]]:
+        things = zip(self._things, moment.poses, strict=True)
+        return [vertices @ world[:3, :3].T + world[:3, 3] for (vertices, _), world in things]
+
+
+def _placed(actor: Actor, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    scale = actor.build.height / REST_HEIGHT_MM
+    return np.asarray(scale * vertices @ rotation((0.0, actor.turn_deg, 0.0)).T + np.asarray(actor.place))
+
+
+def _prop_mesh(prop: Prop, cell: float) -> objects.Mesh:
+    if len(prop.size) == 1:
+        return objects.ball(prop.size[0], min(cell, 0.02 * prop.size[0]))
+    return objects.box((prop.size[0], prop.size[1], prop.size[2]), cell)

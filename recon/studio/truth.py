@@ -1,0 +1,64 @@
+"""The ground truth of a synthetic capture: `truth/` in its folder.
+
+`truth/depth/<sensor>/<side>/<frame>.png` holds the depth z in the camera's frame at each pixel's centre, 16 bit:
+0 where no actor is, else z = DEPTH_FROM_MM + DEPTH_STEP_MM * value. `truth/mask/...` is 255 where an actor is at the
+pixel's centre. `truth/mesh/<frame>.ply` is what was rendered. `truth/truth.json` holds the true cameras and poses.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import Capture, CaptureError
+from recon.mesh import Mesh, read_mesh
+from recon.studio.rasterise import Visibility
+
+DEPTH = "truth/depth/{view}/{frame:04d}.png"
+MASK = "truth/mask/{view}/{frame:04d}.png"
+MESH = "truth/mesh/{frame:04d}.ply"
+FACTS = "truth/truth.json"
+DEPTH_FROM_MM = 1000.0
+DEPTH_STEP_MM = 0.05
+DEPTH_TOP = 65535
+PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+
+
+def write_view(folder: Path, view: str, frame: int, size: tuple[int, int], seen: Visibility) -> None:
+    """Write depth and mask of what one camera sees."""
+    h, w = seen.nearness.shape[:2]
+    window = np.s_[seen.row : seen.row + h, seen.column : seen.column + w]
+    near = seen.nearness[..., 0]
+    covered = near > 0
+    depth = np.zeros(size[::-1], np.uint16)
+    values = (1.0 / np.where(covered, near, 1.0) - DEPTH_FROM_MM) / DEPTH_STEP_MM
+    depth[window] = np.where(covered, np.clip(np.rint(values), 1, DEPTH_TOP), 0)
+    mask = np.zeros(size[::-1], np.uint8)
+    mask[window] = 255 * covered
+    for pattern, picture in ((DEPTH, depth), (MASK, mask)):
+        path = folder / pattern.format(view=view, frame=frame)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
+
+
+def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArray[np.float32]:
+    """True depth z in the camera's frame, float32 (H, W), mm, NaN where no actor is.
+
+    Raises
+    ------
+    CaptureError
+        If the capture has no such truth.
+    """
+    path = capture.folder / DEPTH.format(view=f"{sensor_id}/{side}", frame=frame)
+    values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+    if values is None:
+        raise CaptureError(f"{path}: there is no such depth; only synthetic captures have one")
+    return np.where(values > 0, DEPTH_FROM_MM + DEPTH_STEP_MM * values, np.nan).astype(np.float32)
+
+
+def read_truth_mesh(capture: Capture, frame: int) -> Mesh:
+    """What was rendered at a frame."""
+    return read_mesh(capture.folder / MESH.format(frame=frame))
