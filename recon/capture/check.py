@@ -80,9 +80,13 @@ class CheckReport:
     sensors: tuple[SensorReport, ...]
     problems: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """The report as a JSON object."""
         return {"schema_version": SCHEMA_VERSION, **asdict(self)}
+
+    def as_text(self) -> str:
+        """One line for each sensor; the problems are left to the caller."""
+        return "\n".join(_sensor_line(sensor) for sensor in self.sensors)
 
 
 def check_capture(capture_folder: Path) -> CheckReport:
@@ -157,6 +161,21 @@ def _features(
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     found, descriptors = sift.detectAndCompute(grey, mask.astype(np.uint8))
     return np.array([feature.pt for feature in found], dtype=np.float64).reshape(-1, 2), descriptors
+
+
+def _sensor_line(sensor: SensorReport) -> str:
+    parts = [f"{sensor.id}: baseline {sensor.baseline_mm:.2f} mm"]
+    if sensor.rectified_size is not None:
+        width, height = sensor.rectified_size
+        parts.append(f"rectified {width}x{height}, {sensor.n_disparities} disparities")
+        parts.append(f"{sensor.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
+    if sensor.rows is not None and sensor.rows.vertical_error_px is not None:
+        parts.append(
+            f"median vertical error {sensor.rows.vertical_error_px:.3f} px on {sensor.rows.n_matches} matched points"
+        )
+    if sensor.mask_coverage is not None:
+        parts.append("masks cover {:.1%} and {:.1%}".format(*sensor.mask_coverage))
+    return ", ".join(parts)
 
 
 def _picture_problems(folder: Path, draft: Draft) -> Iterator[str]:

@@ -1,0 +1,229 @@
+"""Foreground masks: what differs from the clean plate, or what is brighter than a dark background.
+
+Masks are PNG files (255 foreground, 0 background) beside the images, and `capture.json` names them.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from recon.capture.format import (
+    Capture,
+    CaptureError,
+    SensorStream,
+    image_path,
+    read_capture,
+    read_frame,
+    read_plates,
+    write_capture,
+)
+from recon.execute import Progress, silent
+
+METHODS = ("plate", "threshold")
+SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
+NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
+QUIET_SHARE = 0.25  # of the pixels show background in every picture
+QUIET_DEVIATIONS = 0.9  # that quantile of the largest of three normal deviations
+MIN_PLATE_DIFFERENCE = 8.0  # grey levels: compression and flicker stay below
+HISTOGRAM_SMOOTHING = 3.0  # grey levels
+VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to this multiple of its lowest point
+SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
+
+
+@dataclass(frozen=True)
+class CleanUp:
+    """What is made of the raw decision per pixel.
+
+    Parameters
+    ----------
+    opening_px : diameter of the specks and threads that are dropped
+    closing_px : diameter of the gaps that are closed
+    max_hole : share of the picture; background enclosed by the object is a crevice below it, a true gap above
+    min_part : share of the picture; smaller parts of the foreground are dropped
+    """
+
+    opening_px: int = 3
+    closing_px: int = 5
+    max_hole: float = 3e-3
+    min_part: float = 1e-3
+
+
+def segment_capture(
+    folder: Path,
+    *,
+    method: str | None = None,
+    threshold: float | None = None,
+    clean_up: CleanUp | None = None,
+    progress: Progress = silent,
+) -> Capture:
+    """Write the foreground masks of all sensors and frames, then name them in `capture.json`.
+
+    Parameters
+    ----------
+    folder : the capture's folder
+    method : "plate" (difference from the clean plate), "threshold" (brighter than a dark background), or None:
+        "plate" if every sensor has one, else "threshold"
+    threshold : grey levels of difference or brightness above which a pixel is foreground, None to find one for
+        each sensor
+    progress : called with ("masks", done, total)
+
+    Raises
+    ------
+    CaptureError
+        If the method is unknown, a plate or image is missing or unreadable, or a mask is empty; `capture.json` is
+        as it was, then.
+    """
+    capture = read_capture(folder)
+    method = _method(capture, method)
+    tasks = [(stream, frame) for stream in capture.sensors for frame in range(capture.n_frames)]
+    thresholds = {
+        stream.id: _found_threshold(capture, stream, method) if threshold is None else threshold
+        for stream in capture.sensors
+    }
+    with _staged(folder) as staging:
+        for n_done, (stream, frame) in enumerate(tasks, start=1):
+            for side, evidence in enumerate(_evidence(capture, stream, frame, method)):
+                name = image_path(Path(), _mask_patterns(stream)[side], frame)
+                mask = clean_mask(evidence > thresholds[stream.id], clean_up or CleanUp())
+                if not mask.any():
+                    raise CaptureError(f"{folder / name}: no foreground above {thresholds[stream.id]:.1f} grey levels")
+                _write_mask(staging / name, mask)
+            progress("masks", n_done, len(tasks))
+    segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
+    write_capture(segmented)
+    return segmented
+
+
+def clean_mask(raw: NDArray[np.bool_], clean_up: CleanUp) -> NDArray[np.bool_]:
+    """Drop specks, close narrow gaps, drop small parts and fill small holes of a mask, bool (H, W)."""
+    mask = cv2.morphologyEx(raw.astype(np.uint8), cv2.MORPH_OPEN, _disc(clean_up.opening_px))
+    mask = _closed(mask, clean_up.closing_px)
+    mask = _without_small_parts(mask, round(clean_up.min_part * mask.size), connectivity=8)
+    background = _without_small_parts(1 - mask, round(clean_up.max_hole * mask.size), connectivity=4)
+    return np.asarray(background == 0)
+
+
+def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
+    """The brightness above which a picture with a dark background shows the object.
+
+    It is the near edge of the valley between background and object in the histogram (256,) of brightness: further
+    up, the object's own shadows would be lost.
+
+    Raises
+    ------
+    CaptureError
+        If all pixels are equally bright.
+
+    Source
+    ------
+    The two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root of
+    brightness, in which shot noise is equally strong everywhere; the valley: ours.
+    """
+    counts = np.asarray(histogram, dtype=np.float64)
+    level = np.sqrt(np.arange(256))
+    split = _otsu(counts, level) + 1
+    dark = round(float(np.average(level[:split], weights=counts[:split])) ** 2)
+    bright = round(float(np.average(level[split:], weights=counts[split:])) ** 2)
+    smooth = gaussian_filter1d(counts, HISTOGRAM_SMOOTHING)
+    return dark + float(np.argmax(smooth[dark:] <= VALLEY_EDGE * smooth[dark : bright + 1].min()))
+
+
+def _otsu(counts: NDArray[np.float64], level: NDArray[np.float64]) -> int:
+    """The last bin of the lower class."""
+    below = np.cumsum(counts)[:-1]
+    above, moment = counts.sum() - below, np.cumsum(counts * level)
+    both = (below > 0) & (above > 0)
+    if not both.any():
+        raise CaptureError("all pixels are equally bright: there is nothing to tell the object by")
+    means_apart = moment[:-1][both] / below[both] - (moment[-1] - moment[:-1][both]) / above[both]
+    return int(np.flatnonzero(both)[np.argmax(below[both] * above[both] * means_apart**2)])
+
+
+def _method(capture: Capture, method: str | None) -> str:
+    without = [stream.id for stream in capture.sensors if stream.plate is None]
+    if method is None:
+        return "threshold" if without else "plate"
+    if method not in METHODS:
+        raise CaptureError(f"method is {method!r}, expected one of {', '.join(METHODS)}")
+    if method == "plate" and without:
+        raise CaptureError(f"{capture.folder}: {', '.join(without)} has no clean plate; use the method threshold")
+    return method
+
+
+def _evidence(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
+    """How much each pixel looks like foreground (left, right), (H, W), grey levels.
+
+    By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
+    of any channel.
+    """
+    images = read_frame(capture, stream.id, frame)
+    if method == "threshold":
+        return [_smooth(image).max(axis=2) for image in images]
+    plates = read_plates(capture, stream.id)
+    assert plates is not None, "the method was chosen with plates"
+    return [np.abs(_smooth(image) - _smooth(plate)).max(axis=2) for image, plate in zip(images, plates, strict=True)]
+
+
+def _found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
+    frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
+    evidence = np.concatenate([side.ravel() for frame in frames for side in _evidence(capture, stream, frame, method)])
+    if method == "threshold":
+        return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
+    noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
+    return max(MIN_PLATE_DIFFERENCE, NOISE_FACTOR * noise)
+
+
+def _smooth(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX))
+
+
+def _disc(diameter: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter)))
+
+
+def _closed(mask: NDArray[np.uint8], diameter: int) -> NDArray[np.uint8]:
+    # an object may leave the picture
+    padded = cv2.copyMakeBorder(mask, diameter, diameter, diameter, diameter, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(diameter))
+    return np.asarray(closed[diameter:-diameter, diameter:-diameter])
+
+
+def _without_small_parts(mask: NDArray[np.uint8], min_area: int, *, connectivity: int) -> NDArray[np.uint8]:
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(mask, connectivity=connectivity)
+    kept = facts[:, cv2.CC_STAT_AREA] >= min_area
+    kept[0] = False  # what is not in the mask
+    return np.asarray(kept[labels], dtype=np.uint8)
+
+
+def _mask_patterns(stream: SensorStream) -> tuple[str, str]:
+    return f"{stream.id}/mask/left/{{frame:04d}}.png", f"{stream.id}/mask/right/{{frame:04d}}.png"
+
+
+def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), mask.astype(np.uint8) * 255):
+        raise CaptureError(f"{path}: cannot be written")
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder whose files move to `folder` if the block ends without an error."""
+    staging = folder / f".masks.{os.getpid()}.part"
+    try:
+        yield staging
+        for path in sorted(path for path in staging.rglob("*") if path.is_file()):
+            target = folder / path.relative_to(staging)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(target)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
