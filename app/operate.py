@@ -19,7 +19,7 @@ from app.store.engine import Database, open_database
 from app.store.experimenters import renew_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
-from app.store.migrate import newest_version, upgrade, version_of
+from app.store.migrate import upgrade, why_not_ready
 from app.store.tokens import SCOPES, insert_token
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
@@ -37,11 +37,9 @@ def open_store(settings: Settings) -> Database:
     database = open_database(settings.url)
     if settings.is_embedded:
         upgrade(database)
-    elif (version := version_of(database)) != newest_version():
+    elif reason := why_not_ready(database):
         database.dispose()
-        raise ValueError(
-            f"the database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`"
-        )
+        raise ValueError(reason)
     return database
 
 

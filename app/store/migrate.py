@@ -8,6 +8,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.store.engine import Database
 
@@ -28,6 +29,17 @@ def version_of(database: Database) -> str | None:
     """The version a database is at; None when it is empty."""
     with database.reading() as connection:
         return MigrationContext.configure(connection).get_current_revision()
+
+
+def why_not_ready(database: Database) -> str | None:
+    """What keeps the database from being used; None if nothing does."""
+    try:
+        version = version_of(database)
+    except SQLAlchemyError as error:
+        return f"The database does not answer ({type(error).__name__})."
+    if version != newest_version():
+        return f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
+    return None
 
 
 def newest_version() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -139,13 +140,15 @@ def trials(
 @router.get("/studies/{slug}/scores", responses=CSV_TOO)
 def scores(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Scores of the votes so far: natural log-odds that sum to zero in each comparison and dataset."""
-    return table(_analysis(database, of)["scores"], SCORES, chosen, f"{of.slug}-scores")
+    rows = _analysis(database, of)["scores"]
+    return table(rows, _columns(SCORES, rows), chosen, f"{of.slug}-scores")
 
 
 @router.get("/studies/{slug}/triads", responses=CSV_TOO)
 def triads(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Circular triads by participant and dataset."""
-    return table(_analysis(database, of)["triads"], TRIADS, chosen, f"{of.slug}-triads")
+    rows = _analysis(database, of)["triads"]
+    return table(rows, _columns(TRIADS, rows), chosen, f"{of.slug}-triads")
 
 
 @router.get("/studies/{slug}/analysis", responses=CSV_TOO)
@@ -155,6 +158,11 @@ def analysis(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     if chosen == "csv":
         return table(flattened(content), ("key", "value"), chosen, f"{of.slug}-analysis")
     return JSONResponse(content)
+
+
+def _columns(first: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The agreed columns, then what else the rows have."""
+    return list(dict.fromkeys([*first, *(key for row in rows for key in row)]))
 
 
 def _analysis(database: Database, of: Study) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from datetime import datetime
 from typing import Annotated, Literal
 
 from fastapi import Depends, Request
-from sqlalchemy import Connection
 
 from app.errors import NotFoundError, UnauthorisedError
 from app.settings import Settings
@@ -94,10 +93,11 @@ def study_called(request: Request, slug: str) -> Study:
     return found
 
 
-def invitation_to(connection: Connection, slug: str, code: str) -> Invitation:
+def invitation_to(database: Database, slug: str, code: str) -> Invitation:
     """The invitation with this code, if it is one to this study."""
-    invitation = invitation_by_code(connection, code)
-    study = study_by_id(connection, invitation.study_id) if invitation else None
+    with database.reading() as connection:
+        invitation = invitation_by_code(connection, code)
+        study = study_by_id(connection, invitation.study_id) if invitation else None
     if invitation is None or study is None or study.slug != slug:
         raise NotFoundError("There is no such invitation. Please check the code.")
     return invitation
@@ -124,8 +124,16 @@ def _bearer(request: Request) -> str | None:
     return token.strip() if scheme.lower() == "bearer" and token.strip() else None
 
 
-Store = Annotated[Database, Depends(database)]
-Now = Annotated[datetime, Depends(now)]
+async def _database(request: Request) -> Database:  # async, because FastAPI sends a plain function to another thread
+    return database(request)
+
+
+async def _now(request: Request) -> datetime:
+    return now(request)
+
+
+Store = Annotated[Database, Depends(_database)]
+Now = Annotated[datetime, Depends(_now)]
 Participant = Annotated[SignedIn, Depends(participant)]
 ASignedInExperimenter = Annotated[Experimenter, Depends(experimenter)]
 AStudy = Annotated[Study, Depends(study_called)]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
-from sqlalchemy.exc import SQLAlchemyError
 
-from app.store.migrate import newest_version, version_of
+from app.store.migrate import why_not_ready
 from app.web.gates import Store, settings
 from app.web.problems import problem
 
@@ -20,12 +19,8 @@ def healthz() -> dict[str, str]:
 
 @router.get("/readyz", response_model=None)
 def readyz(request: Request, database: Store) -> JSONResponse:
-    try:
-        version = version_of(database)
-    except SQLAlchemyError as error:
-        return problem(503, f"The database does not answer: {type(error).__name__}.")
-    if version != newest_version():
-        return problem(503, f"The database is at version {version}; run `reconstudy db upgrade`.")
+    if reason := why_not_ready(database):
+        return problem(503, reason)
     if not settings(request).media_dir.is_dir():
         return problem(503, "The folder of pair videos is not there.")
     return JSONResponse({"status": "ready"})

@@ -79,9 +79,7 @@ def begin(
     slug: Slug, admission: Admission, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
     """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: the study is closed."""
-    with database.reading() as connection:
-        invitation = invitation_to(connection, slug, admission.invitation)
-    token = begin_session(database, invitation, now)
+    token = begin_session(database, invitation_to(database, slug, admission.invitation), now)
     return _opened(request, response, database, token)
 
 

@@ -1,0 +1,175 @@
+"""Artificial participants of known preference, who take the whole study over HTTP like anybody else.
+
+What a trial compares they learn from the analyst's side, because the participant's side does not tell.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import numpy as np
+
+from app.study.simulate import choose, tie_weight
+
+Progress = Callable[[int, int, str], None]
+
+TIMEOUT_S = 30.0
+MOST_SWITCHES = 8
+TYPICAL_RESPONSE_MS = 1500.0
+
+
+def no_progress(done: int, total: int, what: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Preference:
+    """What artificial participants prefer.
+
+    Parameters
+    ----------
+    abilities : natural log-odds by item
+    tie_rate : probability of no preference between equals (Davidson)
+    """
+
+    abilities: Mapping[str, float]
+    tie_rate: float
+
+    def choose(self, item_a: str, item_b: str, rng: np.random.Generator) -> str:
+        return choose(self.abilities[item_a], self.abilities[item_b], self.tie_rate, rng)
+
+
+def simulate(
+    base_url: str,
+    slug: str,
+    invitation: str,
+    token: str,
+    participants: int,
+    abilities: Mapping[str, float] | None = None,
+    tie_rate: float = 0.1,
+    seed: int = 0,
+    *,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """Let artificial participants take a study, one after another.
+
+    Parameters
+    ----------
+    base_url : of the server, for example "http://127.0.0.1:8000"
+    slug, invitation : of the study
+    token : an analyst's bearer token
+    abilities : natural log-odds by item, for every item of the study; None: drawn by the seed
+    tie_rate : probability of no preference between equals
+    seed : of all choices; the same seed and slots give the same choices
+    progress : told after each vote
+
+    Raises
+    ------
+    ValueError
+        If an item of the study has no ability, or the server refuses something: then the sentence is the server's.
+    """
+    tie_weight(tie_rate)
+    started, n_votes = time.perf_counter(), 0
+    with httpx.Client(base_url=base_url, timeout=TIMEOUT_S) as client:
+        study = _ask(client, "GET", f"/api/v1/studies/{slug}", token).json()
+        items = sorted({row["item"] for row in study["conditions"]})
+        if abilities is None:
+            abilities = dict(
+                zip(items, np.random.default_rng(seed).normal(size=len(items)).round(3).tolist(), strict=True)
+            )
+        if missing := sorted(set(items) - abilities.keys()):
+            raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
+        preference = Preference(abilities, tie_rate)
+        for number in range(participants):
+            rng = np.random.default_rng([seed, number])
+            session = begin(client, slug, invitation)
+            hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
+            while trial := next_trial(client, session["token"]):
+                compared = hidden[trial["trial"]]
+                choice = preference.choose(compared["item_a"], compared["item_b"], rng)
+                vote(client, session["token"], trial, choice, rng)
+                n_votes += 1
+                progress(n_votes, participants * study["n_pairs"], f"participant {number + 1} of {participants}")
+    seconds = time.perf_counter() - started
+    return {
+        "study": slug,
+        "participants": participants,
+        "votes": n_votes,
+        "seconds": round(seconds, 3),
+        "tie_rate": tie_rate,
+        "seed": seed,
+        "abilities": dict(abilities),
+    }
+
+
+def begin(client: httpx.Client, slug: str, invitation: str) -> dict[str, Any]:
+    """Begin a session and pass the introduction."""
+    admission = {"invitation": invitation}
+    session: dict[str, Any] = _ask(client, "POST", f"/api/v1/studies/{slug}/sessions", None, admission).json()
+    while session["stage"] not in ("trial", "finished"):
+        path = f"/api/v1/session/stages/{session['stage']}"
+        session |= _ask(client, "PUT", path, session["token"], {"data": {"simulated": True}}).json()
+    return session
+
+
+def trials_of(client: httpx.Client, slug: str, session: str, token: str) -> list[dict[str, Any]]:
+    """What each of a session's trials compares, as an analyst sees it."""
+    path = f"/api/v1/studies/{slug}/trials?session={session}"
+    rows: list[dict[str, Any]] = _ask(client, "GET", path, token).json()
+    return rows
+
+
+def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | None:
+    """The next trial; None when none is left."""
+    answer = _ask(client, "GET", "/api/v1/session/trials/next", session_token)
+    return None if answer.status_code == 204 else answer.json()
+
+
+def vote(
+    client: httpx.Client, session_token: str, trial: Mapping[str, Any], choice: str, rng: np.random.Generator
+) -> None:
+    """Vote, after looks and pauses such as people make."""
+    body = {"id": str(uuid.uuid4()), "choice": choice, "viewing": viewing(trial, rng)}
+    _ask(client, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", session_token, body)
+
+
+def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """A viewing record: some switches within the exposure, a log-normal pause before the answer."""
+    shown_ms = 1000.0 * trial["exposure_s"]
+    times = np.sort(rng.uniform(0, shown_ms, rng.integers(1, MOST_SWITCHES + 1))).round(1).tolist()
+    labels = ("b", "a") if trial["first_shown"] == "a" else ("a", "b")
+    length_s = trial["media"]["n_frames"] / trial["media"]["fps"]
+    return {
+        "first_shown": trial["first_shown"],
+        "shown_ms": shown_ms,
+        "response_ms": round(TYPICAL_RESPONSE_MS * float(rng.lognormal(0, 0.5)), 1),
+        "switches": [
+            {"to": labels[turn % 2], "at_ms": at_ms, "media_time_s": round(at_ms / 1000 % length_s, 4)}
+            for turn, at_ms in enumerate(times)
+        ],
+    }
+
+
+def _ask(
+    client: httpx.Client, method: str, path: str, token: str | None, body: Mapping[str, Any] | None = None
+) -> httpx.Response:
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    try:
+        answer = client.request(method, path, headers=headers, json=body)
+    except httpx.TransportError as error:
+        raise ValueError(f"{client.base_url}: the server does not answer: {error}") from error
+    if answer.is_error:
+        raise ValueError(f"{method} {path}: {answer.status_code}: {_detail(answer)}")
+    return answer
+
+
+def _detail(answer: httpx.Response) -> str:
+    try:
+        return str(answer.json()["detail"])
+    except (ValueError, KeyError, TypeError):
+        return answer.text[:200]
