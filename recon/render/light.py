@@ -25,9 +25,11 @@ def lit(mesh: Mesh, scene: Scene) -> LitMesh:
     Raises
     ------
     ValueError
-        If the mesh has no faces, coordinates that are not finite, or faces of vertices that do not exist.
+        If the mesh has no faces.
     """
-    vertices, faces = checked_geometry(mesh)
+    if len(mesh.faces) == 0:
+        raise ValueError(f"a mesh of {len(mesh.vertices)} vertices has no faces: there is nothing to render")
+    vertices, faces = mesh.vertices, mesh.faces
     if scene.background.ambient >= 1:
         return LitMesh(vertices, faces, mesh.colours, mesh.colours)
     grid = light_grid(scene)
@@ -39,28 +41,6 @@ def lit(mesh: Mesh, scene: Scene) -> LitMesh:
     gains = _gains(mesh.normals, scene, visible)
     front, back = (np.rint(mesh.colours * gain[:, None]).astype(np.uint8) for gain in gains)
     return LitMesh(vertices, faces, front, back)
-
-
-def checked_geometry(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Vertices and faces that can be drawn.
-
-    Raises
-    ------
-    ValueError
-        If they cannot; says what was found.
-    """
-    vertices, faces = np.ascontiguousarray(mesh.vertices, np.float32), np.ascontiguousarray(mesh.faces, np.int32)
-    if len(faces) == 0:
-        raise ValueError(f"a mesh of {len(vertices)} vertices has no faces: there is nothing to render")
-    if not np.isfinite(vertices).all():
-        bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
-        raise ValueError(f"vertex {bad} of a mesh is at {vertices[bad].tolist()}, expected finite coordinates")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(f"faces name vertices {faces.min()} to {faces.max()}, but there are only {len(vertices)}")
-    for name, values in (("normals", mesh.normals), ("colours", mesh.colours)):
-        if values.shape != vertices.shape:
-            raise ValueError(f"a mesh has {name} of shape {values.shape}, expected {vertices.shape}, one a vertex")
-    return vertices, faces
 
 
 def _gains(

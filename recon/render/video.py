@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import zip_longest
 from pathlib import Path
+from statistics import fmean
 from typing import IO
 
+import cv2
 import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,9 @@ GOP = 25  # frames from one entry point to the next, which a player can jump to
 DELIVERED_CRF = 18  # x264's scale; measured 49 dB on rendered people
 MASTER_CRF = 4  # beyond what an eye can tell from the rendered frames, yet a tenth of their size without loss
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
+# What a delivered video must keep of its frames, in luma: below, encoding could be taken for a fault of the model.
+MEAN_PSNR_DB, FRAME_PSNR_DB, MEAN_SSIM = 48.0, 44.0, 0.99
+LOSSLESS_DB = 100.0
 # Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
 SCALER = "bitexact+accurate_rnd+full_chroma_int"
 BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
@@ -38,6 +45,34 @@ class VideoFacts:
     fps: float
     n_frames: int
     codec: str
+
+
+@dataclass(frozen=True)
+class VideoCheck:
+    """How near each frame of a video is to the frame it was made from, in luma.
+
+    Parameters
+    ----------
+    psnr_db : one a frame
+    ssim : one a frame
+    """
+
+    psnr_db: tuple[float, ...]
+    ssim: tuple[float, ...]
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is below the bar for a delivered video; empty for a good one."""
+        worst = min(range(len(self.psnr_db)), key=self.psnr_db.__getitem__)
+        mean, ssim = fmean(self.psnr_db), fmean(self.ssim)
+        found = []
+        if mean < MEAN_PSNR_DB:
+            found.append(f"mean PSNR-Y is {mean:.2f} dB, expected {MEAN_PSNR_DB:g}")
+        if self.psnr_db[worst] < FRAME_PSNR_DB:
+            found.append(f"PSNR-Y of frame {worst} is {self.psnr_db[worst]:.2f} dB, expected {FRAME_PSNR_DB:g}")
+        if ssim < MEAN_SSIM:
+            found.append(f"mean SSIM-Y is {ssim:.4f}, expected {MEAN_SSIM:g}")
+        return tuple(found)
 
 
 def write_video(
@@ -128,6 +163,64 @@ def read_luma(path: Path) -> Iterator[NDArray[np.uint8]]:
     chroma = ((facts.width + 1) // 2) * ((facts.height + 1) // 2)
     for frame in _decoded(path, facts, "yuv420p", facts.width * facts.height + 2 * chroma):
         yield frame[: facts.width * facts.height].reshape(facts.height, facts.width)
+
+
+def check_video(path: Path, frames: Iterable[NDArray[np.uint8]]) -> VideoCheck:
+    """Compare every frame of a 4:2:0 video with the frame that it was made from, in luma.
+
+    Parameters
+    ----------
+    path : the video
+    frames : uint8 (H, W, 3) each, sRGB, as they were given to `write_video`
+
+    Raises
+    ------
+    VideoError
+        If the video cannot be decoded or does not have exactly these frames.
+    """
+    psnr, ssim = [], []
+    for number, (frame, stored) in enumerate(zip_longest(frames, read_luma(path))):
+        if frame is None or stored is None or frame.shape[:2] != stored.shape:
+            found = "no frame" if stored is None else f"a frame of {stored.shape}"
+            wanted = "none" if frame is None else f"one of {frame.shape[:2]}"
+            raise VideoError(f"{path}: has {found} at number {number}, expected {wanted}")
+        luma = luma_of(frame)
+        psnr.append(psnr_of(luma, stored))
+        ssim.append(ssim_of(luma, stored))
+    return VideoCheck(tuple(psnr), tuple(ssim))
+
+
+def luma_of(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """BT.709 luma, uint8 (H, W), 16 to 235, of an RGB frame (H, W, 3)."""
+    weights = np.array([[0.2126, 0.7152, 0.0722]], dtype=np.float32) * np.float32(219 / 255)
+    return np.asarray(np.rint(cv2.transform(frame.astype(np.float32), weights) + 16), np.uint8)
+
+
+def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio of two images, dB; `LOSSLESS_DB` where they are equal."""
+    squared = float(np.square(np.subtract(image, other, dtype=np.float32)).mean(dtype=np.float64))
+    return 10 * math.log10(255**2 / squared) if squared else LOSSLESS_DB
+
+
+def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
+    """Structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
+
+    Source
+    ------
+    Wang, Bovik, Sheikh, Simoncelli 2004, equation 13
+    """
+    a, b = image.astype(np.float32), other.astype(np.float32)
+    mean_a, mean_b = _windowed(a), _windowed(b)
+    variances = _windowed(a * a) + _windowed(b * b) - mean_a**2 - mean_b**2
+    covariance = _windowed(a * b) - mean_a * mean_b
+    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+    similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
+    similarity /= (mean_a**2 + mean_b**2 + c1) * (variances + c2)
+    return float(similarity[5:-5, 5:-5].mean(dtype=np.float64))
+
+
+def _windowed(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), np.float32)
 
 
 def _encoder(path: Path, size: tuple[int, int], fps: float, crf: int) -> list[str]:
