@@ -90,7 +90,7 @@ STUDIES = (
 )
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
-    **{key: [] for key in ("scores", "models", "triads", "agreement", "observers")},
+    **{key: [] for key in ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "pairs")},
     "warnings": ["there are no votes yet"],
     "settings": {},
 }

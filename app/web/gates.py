@@ -48,6 +48,11 @@ def settings(request: Request) -> Settings:
     return found
 
 
+def is_secure(request: Request) -> bool:
+    """Whether cookies must keep to https."""
+    return settings(request).secure_cookies or request.url.scheme == "https"
+
+
 def now(request: Request) -> datetime:
     moment: datetime = request.app.state.clock()
     return moment
@@ -135,5 +140,5 @@ async def _now(request: Request) -> datetime:
 Store = Annotated[Database, Depends(_database)]
 Now = Annotated[datetime, Depends(_now)]
 Participant = Annotated[SignedIn, Depends(participant)]
-ASignedInExperimenter = Annotated[Experimenter, Depends(experimenter)]
+Person = Annotated[Experimenter, Depends(experimenter)]
 AStudy = Annotated[Study, Depends(study_called)]

@@ -13,7 +13,7 @@ from app.store.engine import Database
 from app.store.keys import resume_code
 from app.store.sessions import Session, begin_session, complete_stage, done_of, resume_session, session_by_token
 from app.study.stages import STAGES, IllegalMoveError
-from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, settings
+from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, is_secure
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
 LARGEST_STAGE_DATA = 16 * 1024  # characters as JSON
@@ -113,9 +113,8 @@ def complete(
 
 
 def _opened(request: Request, response: Response, database: Database, token: str) -> OpenedSessionView:
-    is_secure = settings(request).secure_cookies or request.url.scheme == "https"
     response.set_cookie(
-        PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure
+        PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure(request)
     )
     return OpenedSessionView(**_view(database, _reread(database, token), token), token=token)
 

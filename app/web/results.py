@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from app.store.designs import conditions_of
 from app.store.engine import Database
 from app.store.votes import vote_records
 
 
 def analysis_of(database: Database, study_id: int) -> dict[str, Any] | None:
     """The content of analysis.json for the votes so far; None while there are none."""
-    from app.analysis import analyse
-    from app.analysis.votes import votes_from_rows
+    from app.analysis import AnalysisSettings, analyse, votes_from_rows
 
     with database.reading() as connection:
         rows = list(vote_records(connection, study_id))
-    return analyse(votes_from_rows(rows)) if rows else None
+        levels = conditions_of(connection, study_id)
+    return analyse(votes_from_rows(rows), AnalysisSettings(factors=items_factors(levels))) if rows else None
 
 
-def scores_svg(analysis: dict[str, Any]) -> str:
-    """The plot of all scores."""
+def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
+    """Levels by item for each factor that every item has a level of."""
+    factors = dict.fromkeys(factor for own in levels.values() for factor in own)
+    return {
+        factor: {item: own[factor] for item, own in levels.items()}
+        for factor in factors
+        if all(factor in own for own in levels.values())
+    }
+
+
+def scores_svg(analysis: dict[str, Any], comparison: str) -> str | None:
+    """The plot of a comparison's scores ("all", or a factor); None if there are none."""
     from app.analysis.charts import chart_svg, scores_chart
 
-    return chart_svg(scores_chart(analysis))
+    chart = scores_chart(analysis, comparison)
+    return None if chart is None else chart_svg(chart)

@@ -1,0 +1,117 @@
+"""An analysis in the words and numbers of the results page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+MINUS = "−"
+NOTHING = "–"
+
+
+@dataclass(frozen=True)
+class ScoreLine:
+    item: str
+    score: str
+    interval: str
+    wins: str
+    losses: str
+    ties: str
+    status: str
+
+
+@dataclass(frozen=True)
+class ScoreGroup:
+    """The scores of one dataset, or of all together."""
+
+    name: str
+    rows: Sequence[ScoreLine]
+
+
+@dataclass(frozen=True)
+class ComparisonView:
+    """The scores of all conditions ("all"), or of one factor's levels."""
+
+    name: str
+    has_plot: bool
+    groups: Sequence[ScoreGroup]
+
+
+@dataclass(frozen=True)
+class TriadsLine:
+    """A participant's circular triads by dataset, and of all that are complete together."""
+
+    participant: str
+    cells: Sequence[str]
+    total: str
+    p_value: str
+
+
+@dataclass(frozen=True)
+class ResultsView:
+    comparisons: Sequence[ComparisonView]
+    datasets: Sequence[str]
+    triads: Sequence[TriadsLine]
+    warnings: Sequence[str]
+
+
+def results_view(analysis: Mapping[str, Any]) -> ResultsView:
+    """What the results page shows of analysis.json."""
+    datasets = _unique(row["dataset"] for row in analysis["triads"])
+    return ResultsView(
+        [_comparison(name, analysis["scores"]) for name in _unique(row["comparison"] for row in analysis["scores"])],
+        datasets,
+        _triads(analysis, datasets),
+        analysis["warnings"],
+    )
+
+
+def decimal(value: float | None, digits: int = 2) -> str:
+    """A number with a true minus; a dash where there is none."""
+    return NOTHING if value is None else f"{value:.{digits}f}".replace("-", MINUS)
+
+
+def p_value(value: float | None) -> str:
+    if value is None:
+        return NOTHING
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _comparison(name: str, scores: Iterable[Mapping[str, Any]]) -> ComparisonView:
+    own = [row for row in scores if row["comparison"] == name]
+    # All datasets together first: it is what most readers look for.
+    datasets = sorted(_unique(row["dataset"] for row in own), key=lambda dataset: dataset != "all")
+    groups = [_group(dataset, [row for row in own if row["dataset"] == dataset]) for dataset in datasets]
+    return ComparisonView(name, any(row["score"] is not None for row in own), groups)
+
+
+def _group(dataset: str, rows: Sequence[Mapping[str, Any]]) -> ScoreGroup:
+    best_first = sorted(rows, key=lambda row: -(row["score"] if row["score"] is not None else float("-inf")))
+    return ScoreGroup("all datasets" if dataset == "all" else dataset, [_line(row) for row in best_first])
+
+
+def _line(row: Mapping[str, Any]) -> ScoreLine:
+    interval = NOTHING if row["ci_low"] is None else f"{decimal(row['ci_low'])} to {decimal(row['ci_high'])}"
+    wins, losses, ties = (f"{row[name]:g}" for name in ("wins", "losses", "ties"))
+    return ScoreLine(row["item"], decimal(row["score"]), interval, wins, losses, ties, row["status"])
+
+
+def _triads(analysis: Mapping[str, Any], datasets: Sequence[str]) -> list[TriadsLine]:
+    circular = {(row["participant"], row["dataset"]): row for row in analysis["triads"]}
+    pooled = {row["participant"]: row for row in analysis["triads_pooled"]}
+    lines = []
+    for participant in _unique(row["participant"] for row in analysis["triads"]):
+        cells = [_circular(circular.get((participant, dataset))) for dataset in datasets]
+        together = pooled.get(participant)
+        total, p = (str(together["circular"]), together["p_value"]) if together else (NOTHING, None)
+        lines.append(TriadsLine(participant, cells, total, p_value(p)))
+    return lines
+
+
+def _circular(row: Mapping[str, Any] | None) -> str:
+    return NOTHING if row is None or row["circular"] is None else str(row["circular"])
+
+
+def _unique(names: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(names))
