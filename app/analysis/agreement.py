@@ -1,0 +1,141 @@
+"""Do participants agree with each other? Kendall's coefficient of agreement u, and whether preferences are
+transitive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from app.analysis.bradley_terry import only_compared
+from app.analysis.counts import PairCounts, count_pairs
+from app.analysis.votes import VotesTable
+
+LARGEST_TRANSITIVITY = 60  # items; 34 220 triples
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Kendall's u with its test; None where the design does not allow it."""
+
+    u: float | None
+    minimum: float | None
+    chi2: float | None
+    df: float | None
+    p_value: float | None
+    n_votes_per_pair: int | None
+
+
+NO_AGREEMENT = Agreement(None, None, None, None, None, None)
+
+
+def agreement(counts: PairCounts) -> Agreement:
+    """Return Kendall's coefficient of agreement.
+
+    Parameters
+    ----------
+    counts : PairCounts
+        Every pair judged by the same number of participants, without ties; else all fields are None.
+
+    Source
+    ------
+    Kendall and Babington Smith (1940), sections 13 to 17: u = 2 Sigma / (C(m,2) C(n,2)) - 1 with Sigma the number of
+    pairs of participants who agree on a pair of items, and the chi-square approximation with its continuity
+    correction of one.
+    """
+    n_pairs, totals = comb(counts.n_items, 2), counts.totals
+    if (
+        len(counts.first) < n_pairs
+        or n_pairs == 0
+        or counts.ties.any()
+        or totals.min() != totals.max()
+        or totals[0] < 2
+    ):
+        return NO_AGREEMENT
+    m = int(totals[0])
+    agreeing = float(np.sum(counts.wins * (counts.wins - 1) + counts.losses * (counts.losses - 1)) / 2)
+    u = 2 * agreeing / (comb(m, 2) * n_pairs) - 1
+    minimum = -1 / (m - 1) if m % 2 == 0 else -1 / m
+    if m == 2:
+        return Agreement(u, minimum, None, None, None, m)
+    x2 = 4 / (m - 2) * (agreeing - 1 - n_pairs * comb(m, 2) * (m - 3) / (m - 2) / 2)
+    df = n_pairs * m * (m - 1) / (m - 2) ** 2
+    return Agreement(u, minimum, x2, df, float(chi2.sf(x2, df)), m)
+
+
+def transitivity(counts: PairCounts) -> dict[str, int] | None:
+    """Count the violations of weak, moderate and strong stochastic transitivity over triples of items.
+
+    For P(a over b) >= 1/2 and P(b over c) >= 1/2, P(a over c) should be at least 1/2 (weak), the smaller (moderate)
+    or the larger (strong) of the two. A tie counts half for each.
+
+    Returns
+    -------
+    dict or None
+        `weak`, `moderate`, `strong` and `n_triples`; None for too many items.
+
+    Source
+    ------
+    Suppes, Krantz, Luce and Tversky (1989), chapter 17.
+    """
+    n = counts.n_items
+    if n > LARGEST_TRANSITIVITY:
+        return None
+    share = np.full((n, n), np.nan)
+    first_share = (counts.wins + counts.ties / 2) / counts.totals
+    share[counts.first, counts.second], share[counts.second, counts.first] = first_share, 1 - first_share
+    found = {"weak": 0, "moderate": 0, "strong": 0, "n_triples": 0}
+    for triple in combinations(range(n), 3):
+        broken = _broken(share, triple)
+        if broken is not None:
+            found["n_triples"] += 1
+            for name, is_broken in zip(("weak", "moderate", "strong"), broken, strict=True):
+                found[name] += is_broken
+    return found
+
+
+def _broken(share: NDArray[np.float64], triple: tuple[int, ...]) -> tuple[bool, bool, bool] | None:
+    """Return which kinds are violated in some order of the triple that meets the premise; None if a pair was not
+    compared.
+    """
+    x, y, z = triple
+    if np.isnan(share[x, y] + share[y, z] + share[x, z]):
+        return None
+    orders = [(x, y, z), (x, z, y), (y, x, z), (y, z, x), (z, x, y), (z, y, x)]
+    weak = moderate = strong = False
+    for a, b, c in orders:
+        one, other, both = share[a, b], share[b, c], share[a, c]
+        if one >= 0.5 and other >= 0.5:
+            weak |= bool(both < 0.5)
+            moderate |= bool(both < min(one, other))
+            strong |= bool(both < max(one, other))
+    return weak, moderate, strong
+
+
+def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
+    """Return agreement and transitivity per dataset, and over all votes without a name of a dataset."""
+    names = [(name, votes.where(votes.dataset == index)) for index, name in enumerate(votes.datasets) if name]
+    rows = []
+    for name, part in names or [("all", votes)]:
+        if len(part):
+            counts = count_pairs(only_compared(part))
+            found = agreement(counts)
+            rows.append(
+                {
+                    "dataset": name,
+                    "u": found.u,
+                    "u_min": found.minimum,
+                    "chi2": found.chi2,
+                    "df": found.df,
+                    "p_value": found.p_value,
+                    "votes_per_pair": found.n_votes_per_pair,
+                    "transitivity": transitivity(counts),
+                }
+            )
+    return rows

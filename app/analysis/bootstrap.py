@@ -1,0 +1,119 @@
+"""Intervals by drawing participants, not votes, with replacement: the fits of all replicates in one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts
+from app.analysis.counts import PairCounts, outcome_index
+from app.analysis.newton import Design, maximise
+from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
+from app.analysis.votes import VotesTable
+
+Array = NDArray[np.float64]
+
+RUNAWAY = 15.0  # log-odds beyond which a replicate is suspected to have no maximum, and looked at alone
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Scores of the replicates.
+
+    Parameters
+    ----------
+    scores : float64 (R, n)
+        Of the replicates that have a maximum.
+    n_without_maximum : int
+        Replicates that have none and are left out.
+    """
+
+    scores: Array
+    n_without_maximum: int
+
+    def interval(self, level: float) -> Array:
+        """Return the percentile interval of each score, (2, n)."""
+        tail = (1 - level) / 2
+        result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0)
+        return result
+
+
+def participant_weights(n_participants: int, n_replicates: int, rng: np.random.Generator) -> Array:
+    """Return how often each participant is drawn in each replicate, float64 (R, J); rows sum to J."""
+    return rng.multinomial(n_participants, np.full(n_participants, 1 / n_participants), n_replicates).astype(np.float64)
+
+
+def participant_counts(fit: Fit, votes: VotesTable) -> NDArray[np.float32]:
+    """Return each participant's wins, losses and ties per pair of the fit, float32 (J, 3 C), exact up to 2^24 votes."""
+    counts, n = fit.counts, fit.counts.n_items
+    first, second, outcome = outcome_index(votes, is_ordered=counts.is_ordered)
+    pair_of = np.full((n, n), -1)
+    pair_of[counts.first, counts.second] = np.arange(len(counts.first))
+    pair = pair_of[first, second]
+    swap = pair < 0
+    if not counts.is_ordered:
+        pair = np.where(swap, pair_of[second, first], pair)
+        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
+    kept = pair >= 0  # a pair of nothing but ties is not in the fit if ties are dropped
+    n_cells = 3 * len(counts.first)
+    code = votes.participant[kept] * n_cells + outcome[kept] * len(counts.first) + pair[kept]
+    table = np.bincount(code, votes.count[kept], len(votes.participants) * n_cells)
+    return table.reshape(len(votes.participants), n_cells).astype(np.float32)
+
+
+def bootstrap_scores(fit: Fit, votes: VotesTable, weights: Array) -> Bootstrap:
+    """Fit the model again to every replicate.
+
+    Parameters
+    ----------
+    fit : Fit
+        With status `ok`.
+    votes : VotesTable
+        The votes it was fitted to.
+    weights : float64 (R, J)
+        Of all participants in the table.
+    """
+    assert fit.theta is not None
+    drawn = (weights.astype(np.float32) @ participant_counts(fit, votes)).astype(np.float64)
+    size = len(fit.counts.first)
+    raw = drawn[:, :size], drawn[:, size : 2 * size], drawn[:, 2 * size :]
+    wins, losses, ties = TIE_MODELS[fit.ties].counted(*raw)
+    has_tie = ties.any(axis=1) if fit.design.has_tie else np.zeros(len(weights), bool)
+    scores = np.empty((len(weights), len(fit.items)))
+    is_there = np.empty(len(weights), bool)
+    for rows, is_with in ((has_tie, True), (~has_tie, False)):
+        if rows.any():
+            table = wins[rows], losses[rows], ties[rows]
+            scores[rows], is_there[rows] = _fit_batch(fit, *table, has_tie=is_with)
+    return Bootstrap(scores[is_there], int((~is_there).sum()))
+
+
+def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the scores (R, n) and whether there is a maximum (R,)."""
+    assert fit.theta is not None
+    design, start = fit.design, fit.theta
+    if design.has_tie and not has_tie:
+        design, start = Design(fit.counts, WITHOUT_TIES, has_tie=False, levels=design.levels), start[:-1]
+    found = maximise(design, wins, losses, ties, start=start, runaway=RUNAWAY)
+    effects = found.theta[:, : design.n_effects]
+    scores = effects if design.levels is None else effects @ design.levels.T
+    is_there = found.converged.copy()
+    for replicate in np.flatnonzero(~found.converged):
+        alone = _fit_alone(fit, wins[replicate], losses[replicate], ties[replicate])
+        if alone is not None:
+            scores[replicate], is_there[replicate] = alone, True
+    return scores, is_there
+
+
+def _fit_alone(fit: Fit, wins: Array, losses: Array, ties: Array) -> Array | None:
+    seen = wins + losses + ties > 0
+    first, second = fit.counts.first[seen], fit.counts.second[seen]
+    table = wins[seen], losses[seen], ties[seen]
+    counts = PairCounts(fit.counts.n_items, first, second, *table, fit.counts.is_ordered)
+    try:
+        refit = fit_counts(counts, fit.items, ties=fit.ties, levels=fit.design.levels)
+    except (ConvergenceError, RuntimeError):
+        return None
+    return refit.scores if refit.status == "ok" else None

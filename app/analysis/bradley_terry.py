@@ -1,0 +1,310 @@
+"""Scores by the Bradley-Terry model: maximum likelihood with ties and order effect, and errors for people, not votes,
+as the sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from app.analysis.counts import PairCounts, count_pairs, outcome_index
+from app.analysis.existence import Existence, ford, recession
+from app.analysis.newton import Design, maximise
+from app.analysis.penalised import maximise_firth
+from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
+from app.analysis.votes import VotesTable
+
+Array = NDArray[np.float64]
+
+LARGEST_COVARIANCE = 3000  # items; beyond, a matrix of all covariances takes minutes and a gigabyte
+RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper)
+
+
+class ConvergenceError(RuntimeError):
+    """The maximum exists and was not found."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One model fitted to one table of votes.
+
+    Parameters
+    ----------
+    items : tuple of str
+        The items (or factor levels) compared.
+    ties : str
+        Key of `TIE_MODELS`.
+    status : str
+        `ok`, `separated` (no finite maximum: the numbers are those of `penalty`) or `disconnected` (no numbers).
+    groups : tuple of tuples of str
+        Items between which a contrast exists; in descending order if `separated`.
+    penalty : str or None
+        Name of the penalised estimate that stands in for a maximum.
+    theta : float64 (P,) or None
+        Scores with sum zero (or effects), order effect and tie parameter, the latter two if present.
+    covariance, participant_covariance : float64 (P, P) or None
+        From the observed information; from the sandwich clustered by participant.
+    n_participants : int or None
+    loglik, deviance, pearson_x2 : float or None
+        Without combinatorial constants.
+    df : int or None
+        Residual degrees of freedom of the table of pairs.
+    """
+
+    items: tuple[str, ...]
+    ties: str
+    status: str
+    groups: tuple[tuple[str, ...], ...]
+    penalty: str | None
+    counts: PairCounts
+    design: Design
+    theta: Array | None = None
+    covariance: Array | None = None
+    participant_covariance: Array | None = None
+    n_participants: int | None = None
+    loglik: float | None = None
+    deviance: float | None = None
+    pearson_x2: float | None = None
+    df: int | None = None
+    iterations: int = 0
+
+    @property
+    def scores(self) -> Array | None:
+        """Scores of the items, float64 (n,)."""
+        if self.theta is None:
+            return None
+        effects = self.theta[: self.design.n_effects]
+        return effects if self.design.levels is None else self.design.levels @ effects
+
+    @property
+    def order_effect(self) -> float | None:
+        """Log-odds gained by the item shown first."""
+        return self._parameter(self.design.n_effects) if self.design.has_order else None
+
+    @property
+    def tie_parameter(self) -> float | None:
+        """log nu or log theta; None where its maximum is not finite or there is none."""
+        if TIE_MODELS[self.ties].parameter is None or self.theta is None:
+            return None
+        if not self.design.has_tie:
+            return 0.0 if self.ties == "rao-kupper" else None
+        has_decided = bool((self.counts.wins + self.counts.losses).any())
+        return self._parameter(-1) if has_decided else None
+
+    def error(self, parameter: int, *, by_participant: bool = False) -> float | None:
+        """Return the standard error of one parameter."""
+        covariance = self.participant_covariance if by_participant else self.covariance
+        return None if covariance is None else float(np.sqrt(covariance[parameter, parameter]))
+
+    @property
+    def p_value(self) -> float | None:
+        """P-value of the goodness of fit, by Pearson's X2, which keeps its size where the deviance test rejects too
+        often.
+        """
+        if self.pearson_x2 is None or not self.df:
+            return None
+        return float(chi2.sf(self.pearson_x2, self.df))
+
+    def _parameter(self, index: int) -> float | None:
+        return None if self.theta is None else float(self.theta[index])
+
+
+def fit_scores(
+    votes: VotesTable, *, ties: str = "davidson", order_effect: bool = False, levels: Array | None = None
+) -> Fit:
+    """Fit scores to votes.
+
+    Parameters
+    ----------
+    votes : VotesTable
+        Every one of its items is fitted: leave out the others with `only_compared`.
+    ties : str
+        Key of `TIE_MODELS`.
+    order_effect : bool
+        Add the advantage of the item shown first.
+    levels : float64 (n, q), optional
+        The items' scores are `levels @ effects`.
+
+    Returns
+    -------
+    Fit
+        With `status` for every way in which a maximum can fail to exist.
+
+    Raises
+    ------
+    ConvergenceError
+        If the maximum exists and Newton's method did not reach it.
+
+    Source
+    ------
+    Bradley and Terry (1952); Davidson (1970); Davidson and Beaver (1977); Rao and Kupper (1967).
+    """
+    counts = _counted(count_pairs(votes, is_ordered=order_effect), TIE_MODELS[ties])
+    fit = fit_counts(counts, votes.items, ties=ties, levels=levels)
+    if fit.theta is None or fit.penalty is not None or not votes.has_participants:
+        return fit
+    sandwich, n_participants = participant_covariance(fit, votes)
+    return replace(fit, participant_covariance=sandwich, n_participants=n_participants)
+
+
+def fit_counts(counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None) -> Fit:
+    """Fit scores to counts that the model has `counted` already; as `fit_scores`, without participants."""
+    has_tie = bool(TIE_MODELS[ties].parameter and counts.ties.any())
+    design = Design(counts, TIE_MODELS[ties] if has_tie else WITHOUT_TIES, has_tie, levels)
+    existence, is_certain = _existence(counts, design)
+    fit = Fit(items, ties, existence.status, _named(existence, items), None, counts=counts, design=design)
+    if existence.status == "disconnected":
+        return fit
+    if existence.status == "separated":
+        return _penalised(fit)
+    return _maximum(fit, is_certain=is_certain)
+
+
+def _counted(counts: PairCounts, model: TieModel) -> PairCounts:
+    wins, losses, ties = model.counted(counts.wins, counts.losses, counts.ties)
+    seen = wins + losses + ties > 0
+    return PairCounts(
+        counts.n_items, counts.first[seen], counts.second[seen], wins[seen], losses[seen], ties[seen], counts.is_ordered
+    )
+
+
+def _named(existence: Existence, items: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    return tuple(tuple(items[index] for index in group) for group in existence.groups)
+
+
+def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
+    """Return the status, and whether it was proved."""
+    n = counts.n_items
+    graph = ford(counts)
+    if design.levels is None and graph.status != "ok":
+        return graph, True
+    if design.levels is not None and not _is_identified(design):
+        return Existence("disconnected", graph.groups), True
+    both_ways = bool(((counts.wins > 0) & (counts.losses > 0)).any())
+    if design.levels is None and not design.has_order and (both_ways or not design.has_tie):
+        return graph, True
+    tie_effects = design.tie_effects if design.has_tie else None
+    is_checked, direction = recession(counts, design.effects, tie_effects, n_scores=design.n_effects)
+    if direction is None:
+        return Existence("ok", (tuple(range(n)),)), is_checked
+    scores = direction[: design.n_effects]
+    return Existence("separated", _by_direction(scores if design.levels is None else design.levels @ scores)), True
+
+
+def _is_identified(design: Design) -> bool:
+    contrasts = design.effects[:, : design.n_effects].toarray()
+    return bool(np.linalg.matrix_rank(contrasts) == design.n_effects)
+
+
+def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
+    rounded = np.round(direction, 6)
+    return tuple(tuple(np.flatnonzero(rounded == value).tolist()) for value in np.unique(rounded)[::-1])
+
+
+def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
+    counts, design = fit.counts, fit.design
+    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None])
+    if not found.converged[0]:
+        if not is_certain:
+            return _penalised(replace(fit, status="separated"))
+        raise ConvergenceError(
+            f"the scores of {len(fit.items)} items did not converge in {found.iterations} iterations "
+            "although a maximum exists"
+        )
+    return _described(fit, found.theta[0], found.iterations)
+
+
+def _penalised(fit: Fit) -> Fit:
+    counts, design = fit.counts, fit.design
+    if design.model.is_canonical:
+        theta, iterations = maximise_firth(design, counts)
+        return _described(replace(fit, penalty="firth"), theta, iterations)
+    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None], ridge=RIDGE)
+    return _described(replace(fit, penalty=f"ridge {RIDGE}"), found.theta[0], found.iterations)
+
+
+def _described(fit: Fit, theta: Array, iterations: int) -> Fit:
+    """Add covariance and goodness of fit at the given parameters."""
+    counts, design = fit.counts, fit.design
+    if design.levels is None:
+        theta = theta.copy()
+        theta[: design.n_effects] -= theta[: design.n_effects].mean()
+    d, t = design.predictors(theta[None])
+    table = counts.wins[None], counts.losses[None], counts.ties[None]
+    covariance = None
+    if design.n_parameters <= LARGEST_COVARIANCE:
+        covariance = design.covariance(design.information(design.model.derivatives(d, t, *table))[0])
+    observed = np.stack([counts.wins, counts.losses, counts.ties])
+    expected = design.model.probabilities(d, t)[:, 0] * counts.totals
+    seen = observed > 0
+    possible = np.array([True, True, design.has_tie])
+    return replace(
+        fit,
+        theta=theta,
+        covariance=covariance,
+        iterations=iterations,
+        loglik=float(design.model.loglik(d, t, *table).sum()),
+        deviance=float(2 * np.sum(observed[seen] * np.log(observed[seen] / expected[seen]))),
+        pearson_x2=float(np.sum((observed[possible] - expected[possible]) ** 2 / expected[possible])),
+        df=int(possible.sum() - 1) * len(counts.first) - design.n_free,
+    )
+
+
+def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, int]:
+    """Return the covariance of the parameters with participants as the independent units, and their number.
+
+    The sandwich inverse information x sum of outer products of the participants' gradients x inverse information,
+    times J / (J - 1).
+
+    Returns
+    -------
+    covariance : float64 (P, P) or None
+        None with a single participant, or without a covariance to start from.
+
+    Source
+    ------
+    Liang and Zeger (1986).
+    """
+    gradients = participant_gradients(fit, votes)
+    n = len(gradients)
+    if n < 2 or fit.covariance is None:
+        return None, n
+    influence = gradients @ fit.covariance  # (J, P)
+    result: Array = influence.T @ influence * n / (n - 1)
+    return result, n
+
+
+def participant_gradients(fit: Fit, votes: VotesTable) -> Array:
+    """Return each participant's part of the gradient at the maximum, float64 (J, P), for those who voted."""
+    assert fit.theta is not None
+    design, n = fit.design, fit.counts.n_items
+    first, second, outcome = outcome_index(votes, is_ordered=design.has_order)
+    parts = [votes.count * (outcome == index) for index in range(3)]
+    wins, losses, ties = TIE_MODELS[fit.ties].counted(*(part.astype(np.float64) for part in parts))
+    rows = PairCounts(n, first, second, wins, losses, ties, design.has_order)
+    by_row = Design(rows, design.model, design.has_tie, design.levels)
+    d, t = by_row.predictors(fit.theta[None])
+    slopes = design.model.derivatives(d, t, wins[None], losses[None], ties[None])
+    present, who = np.unique(votes.participant, return_inverse=True)
+    size = len(present)
+    scores = np.bincount(who * n + first, slopes.d[0], size * n) - np.bincount(who * n + second, slopes.d[0], size * n)
+    columns = [scores.reshape(size, n) if design.levels is None else scores.reshape(size, n) @ design.levels]
+    if design.has_order:
+        columns.append(np.bincount(who, (slopes.d + design.model.order_in_t * slopes.t)[0], size)[:, None])
+    if design.has_tie:
+        columns.append(np.bincount(who, slopes.t[0], size)[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def only_compared(votes: VotesTable) -> VotesTable:
+    """Return the table with the items that appear in it, and no others."""
+    seen = np.zeros(len(votes.items), bool)
+    seen[votes.item_a] = seen[votes.item_b] = True
+    if seen.all():
+        return votes
+    index = np.cumsum(seen).astype(np.int32) - np.int32(1)
+    items = tuple(name for name, is_seen in zip(votes.items, seen, strict=True) if is_seen)
+    return replace(votes, items=items, item_a=index[votes.item_a], item_b=index[votes.item_b])

@@ -1,0 +1,239 @@
+"""Charts of an analysis in Vega-Lite: readable in print, without colour, and by the colour-blind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import altair as alt
+import vl_convert
+
+Row = Mapping[str, Any]
+
+# Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
+PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+INK, FAINT = "#222222", "#d9d9d9"
+FONT = "Liberation Sans, Arial, sans-serif"
+COLUMNS = 3  # panels in a row
+MOST_ITEMS_IN_A_MATRIX = 40
+MOST_PARTICIPANTS_IN_A_CHART = 80
+PNG_SCALE = 2.0
+
+
+def scores_chart(analysis: Mapping[str, Any], comparison: str = "all") -> Any:
+    """Draw the scores with their intervals, one panel per dataset, items ordered by their overall score.
+
+    Returns
+    -------
+    altair chart or None
+        None if no dataset has scores.
+    """
+    rows = [row for row in analysis["scores"] if row["comparison"] == comparison and row["score"] is not None]
+    if not rows:
+        return None
+    items = _by_score(rows)
+    panels = [_scores_panel([row for row in rows if row["dataset"] == name], items, name) for name in _datasets(rows)]
+    return _arranged(panels)
+
+
+def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> Any:
+    values = [dict(row) | {"estimate": "penalised" if row["penalty"] else "maximum likelihood"} for row in rows]
+    base = alt.Chart(alt.Data(values=values))
+    y = alt.Y("item:N", sort=list(items), title=None, axis=alt.Axis(grid=True, gridColor=FAINT))
+    x = alt.X("score:Q", title="score (log-odds)", scale=alt.Scale(nice=True, zero=True))
+    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(
+        y=y, x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q"
+    )
+    points = base.mark_point(size=52, opacity=1, strokeWidth=1.6, color=INK).encode(
+        y=y,
+        x=x,
+        fill=alt.Fill(
+            "estimate:N",
+            scale=alt.Scale(domain=["maximum likelihood", "penalised"], range=[PALETTE[1], "#ffffff"]),
+            legend=None,
+        ),
+    )
+    zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
+    title = "all datasets" if dataset == "all" else dataset
+    return alt.layer(zero, bars, points).properties(width=210, height=alt.Step(22), title=title)
+
+
+def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
+    """Draw how often the row's item was preferred to the column's, with the counts; ties count half for each.
+
+    Returns
+    -------
+    altair chart or None
+        None if there are no votes or too many items to read.
+    """
+    pairs = [row for row in analysis["pairs"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
+        return None
+    values = [cell for row in pairs for cell in _cells(row)]
+    items = _by_score(scores)
+    base = alt.Chart(alt.Data(values=values)).encode(
+        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
+        y=alt.Y("item:N", sort=items, title="preferred …"),
+    )
+    cells = base.mark_rect(stroke="#ffffff").encode(
+        color=alt.Color(
+            "share:Q",
+            title="share preferred",
+            scale=alt.Scale(domain=[0, 0.5, 1], range=["#b35806", "#f7f7f7", "#2166ac"]),
+            legend=alt.Legend(format="%"),
+        )
+    )
+    text = base.mark_text(fontSize=11).encode(
+        text="label:N",
+        color=alt.condition("abs(datum.share - 0.5) > 0.3", alt.value("#ffffff"), alt.value(INK)),
+    )
+    title = alt.TitleParams(
+        "Preferences" if dataset == "all" else f"Preferences, {dataset}",
+        subtitle="number of votes for the row's item; the colour counts ties half",
+    )
+    return (cells + text).properties(width=alt.Step(46), height=alt.Step(30), title=title)
+
+
+def _cells(row: Row) -> list[dict[str, Any]]:
+    total = row["a"] + row["b"] + row["none"]
+    share = (row["a"] + row["none"] / 2) / total
+    return [
+        {"item": row["item_a"], "other": row["item_b"], "share": share, "label": f"{row['a']:g}"},
+        {"item": row["item_b"], "other": row["item_a"], "share": 1 - share, "label": f"{row['b']:g}"},
+    ]
+
+
+def residual_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
+    """Draw the standardised residuals of the pairs: where the model says too little or too much.
+
+    Returns
+    -------
+    altair chart or None
+    """
+    pairs = [
+        row
+        for row in analysis["pairs"]
+        if row["comparison"] == "all" and row["dataset"] == dataset and row["expected_a"] is not None
+    ]
+    scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
+        return None
+    values = [cell for row in pairs for cell in _residuals(row)]
+    items = _by_score(scores)
+    base = alt.Chart(alt.Data(values=values)).encode(
+        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
+        y=alt.Y("item:N", sort=items, title="preferred …"),
+    )
+    cells = base.mark_rect(stroke="#ffffff").encode(
+        color=alt.Color(
+            "residual:Q",
+            title="residual (sd)",
+            scale=alt.Scale(domain=[-3, 0, 3], range=["#b35806", "#f7f7f7", "#2166ac"], clamp=True),
+        )
+    )
+    text = base.mark_text(fontSize=11).encode(
+        text=alt.Text("residual:Q", format="+.1f"),
+        color=alt.condition("abs(datum.residual) > 1.8", alt.value("#ffffff"), alt.value(INK)),
+    )
+    title = alt.TitleParams(
+        "Residuals of the model",
+        subtitle="standard deviations by which the row's item was preferred more often than its score says",
+    )
+    return (cells + text).properties(width=alt.Step(46), height=alt.Step(30), title=title)
+
+
+def _residuals(row: Row) -> list[dict[str, Any]]:
+    """Return (observed - expected) wins in units of their standard deviation, for both items of a pair."""
+    total = row["a"] + row["b"] + row["none"]
+    cells = []
+    for item, other, side in ((row["item_a"], row["item_b"], "a"), (row["item_b"], row["item_a"], "b")):
+        expected = row[f"expected_{side}"]
+        deviation = (expected * (1 - expected / total)) ** 0.5
+        cells.append({"item": item, "other": other, "residual": (row[side] - expected) / max(deviation, 1e-9)})
+    return cells
+
+
+def triads_chart(analysis: Mapping[str, Any]) -> Any:
+    """Draw each participant's circular triads over all datasets, beside what random votes would give.
+
+    Returns
+    -------
+    altair chart or None
+    """
+    expected: dict[str, float] = {}
+    for row in analysis["triads"]:
+        n = row["n_items"]
+        if row["complete"]:
+            chance = n * (n - 1) * (n - 2) / 24
+            expected[row["participant"]] = expected.get(row["participant"], 0.0) + chance
+    values = [dict(row) | {"chance": expected.get(row["participant"])} for row in analysis["triads_pooled"]]
+    if not values or len(values) > MOST_PARTICIPANTS_IN_A_CHART:
+        return None
+    base = alt.Chart(alt.Data(values=values))
+    y = alt.Y("participant:N", title=None, sort=None)
+    strict = base.mark_bar(color=PALETTE[1], height=8).encode(y=y, x=alt.X("circular:Q", title="circular triads"))
+    ties = base.mark_tick(color=INK, thickness=2, size=12).encode(y=y, x="circular_expected_ties:Q")
+    chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True).encode(y=y, x="chance:Q")
+    title = alt.TitleParams(
+        "Contradictory preferences",
+        subtitle="bar: strict cycles; tick: expected if ties are broken at random; diamond: random votes",
+    )
+    return (strict + ties + chance).properties(width=320, height=alt.Step(15), title=title)
+
+
+def chart_svg(chart: Any) -> str:
+    """Return the chart as SVG text."""
+    return str(vl_convert.vegalite_to_svg(_spec(chart)))
+
+
+def chart_png(chart: Any) -> bytes:
+    """Return the chart as PNG."""
+    return bytes(vl_convert.vegalite_to_png(_spec(chart), scale=PNG_SCALE))
+
+
+def chart_pdf(chart: Any) -> bytes:
+    """Return the chart as PDF."""
+    return bytes(vl_convert.vegalite_to_pdf(_spec(chart)))
+
+
+def _spec(chart: Any) -> str:
+    spec = json.loads(chart.to_json())
+    spec["config"] = {
+        "font": FONT,
+        "background": "#ffffff",
+        "view": {"stroke": "#bbbbbb"},
+        "title": {"fontSize": 13, "anchor": "start", "color": INK, "subtitleFontSize": 11, "subtitleColor": "#555555"},
+        "axis": {
+            "labelFontSize": 11,
+            "titleFontSize": 11,
+            "titleFontWeight": "normal",
+            "labelColor": INK,
+            "labelLimit": 160,
+            "labelFlush": False,
+        },
+        "legend": {"labelFontSize": 11, "titleFontSize": 11, "titleFontWeight": "normal"},
+    }
+    return json.dumps(spec)
+
+
+def _by_score(rows: Sequence[Row]) -> list[str]:
+    """Return the items from the best to the worst, by the pooled score where there is one."""
+    pooled = [row for row in rows if row["dataset"] == "all"] or rows
+    known = sorted(pooled, key=lambda row: -(row["score"] if row["score"] is not None else 0))
+    names = dict.fromkeys(row["item"] for row in known)
+    return list(names | dict.fromkeys(row["item"] for row in rows))
+
+
+def _datasets(rows: Sequence[Row]) -> list[str]:
+    names = list(dict.fromkeys(row["dataset"] for row in rows))
+    return [*(name for name in names if name != "all"), *(name for name in names if name == "all")]
+
+
+def _arranged(panels: Sequence[Any]) -> Any:
+    rows = [
+        alt.hconcat(*panels[start : start + COLUMNS]).resolve_scale(x="shared")
+        for start in range(0, len(panels), COLUMNS)
+    ]
+    return alt.vconcat(*rows).resolve_scale(x="shared") if len(rows) > 1 else rows[0]

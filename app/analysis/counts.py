@@ -1,0 +1,111 @@
+"""Sufficient statistics: votes counted per pair of items, once, so that every fit afterwards costs the same for a
+hundred votes or millions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.votes import VotesTable
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+DENSE_CODES = (
+    40_000_000  # above this many possible (outcome, first, second), sort the codes instead of counting into a table
+)
+
+
+@dataclass(frozen=True)
+class PairCounts:
+    """Votes per pair of items.
+
+    Parameters
+    ----------
+    n_items : int
+    first, second : int (C,)
+        The two items of each pair. Each unordered pair appears once, unless `is_ordered`.
+    wins, losses, ties : float64 (C,) or (B, C)
+        Votes for the first, for the second, and for neither; B tables of votes on the same pairs.
+    is_ordered : bool
+        Whether `first` was shown first, so that a pair can appear in both orders.
+    """
+
+    n_items: int
+    first: Index
+    second: Index
+    wins: Array
+    losses: Array
+    ties: Array
+    is_ordered: bool = False
+
+    @property
+    def totals(self) -> Array:
+        """Votes on each pair, (…, C)."""
+        return self.wins + self.losses + self.ties
+
+
+def outcome_index(votes: VotesTable, *, is_ordered: bool) -> tuple[Index, Index, Index]:
+    """Return first item, second item and outcome (0 first, 1 second, 2 neither) of each row.
+
+    With `is_ordered`, the first item is the one shown first (`item_a` where that was not recorded).
+    """
+    first, second = votes.item_a.astype(np.intp), votes.item_b.astype(np.intp)
+    outcome = votes.choice.astype(np.intp)
+    if is_ordered:
+        swap = votes.first_shown == 1
+        first, second = np.where(swap, second, first), np.where(swap, first, second)
+        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
+    return first, second, outcome
+
+
+def count_pairs(votes: VotesTable, *, is_ordered: bool = False) -> PairCounts:
+    """Count the votes of each pair.
+
+    Parameters
+    ----------
+    is_ordered : bool
+        Count the two orders of showing apart, as an order effect needs.
+    """
+    n = len(votes.items)
+    if 3 * n * n <= DENSE_CODES:
+        table = _count_dense(votes, n, is_ordered=is_ordered)
+        if not is_ordered:
+            table = _fold(table)
+        first, second = np.nonzero(table.any(axis=0))
+        wins, losses, ties = table[:, first, second]
+        return PairCounts(n, first, second, wins, losses, ties, is_ordered)
+    return _count_sparse(votes, n, is_ordered=is_ordered)
+
+
+def _count_dense(votes: VotesTable, n: int, *, is_ordered: bool) -> Array:
+    """Return how often each outcome happened to (first, second), (3, n, n)."""
+    if is_ordered:
+        first, second, outcome = outcome_index(votes, is_ordered=True)
+        code = (outcome * n + first) * n + second
+    else:
+        code = votes.choice * np.int32(n * n)
+        code += votes.item_a * np.int32(n)
+        code += votes.item_b
+    weights = None if votes.count.size and votes.count.min() == votes.count.max() == 1 else votes.count
+    return np.bincount(code, weights, minlength=3 * n * n).reshape(3, n, n).astype(np.float64)
+
+
+def _fold(table: Array) -> Array:
+    """Add the pairs (second, first) to (first, second) and keep the upper triangle."""
+    folded = np.stack([table[0] + table[1].T, table[1] + table[0].T, table[2] + table[2].T])
+    return np.triu(folded, 1)
+
+
+def _count_sparse(votes: VotesTable, n: int, *, is_ordered: bool) -> PairCounts:
+    first, second, outcome = outcome_index(votes, is_ordered=is_ordered)
+    if not is_ordered:
+        swap = first > second
+        first, second = np.where(swap, second, first), np.where(swap, first, second)
+        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
+    pairs, pair = np.unique(first * n + second, return_inverse=True)
+    table = np.bincount(outcome * len(pairs) + pair, votes.count, minlength=3 * len(pairs)).reshape(3, -1)
+    return PairCounts(n, pairs // n, pairs % n, table[0], table[1], table[2], is_ordered)

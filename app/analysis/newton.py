@@ -1,0 +1,307 @@
+"""Newton's method on the likelihood of paired comparisons, for one table of counts or thousands on the same pairs at
+once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, hstack
+
+from app.analysis.counts import PairCounts
+from app.analysis.ties import Derivatives, TieModel
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 100
+LARGEST_STEP = 3.0  # log-odds; keeps the exponentials finite while far from the maximum
+STEP_TOLERANCE = 1e-8  # the error left after a Newton step is of the order of its square
+OVERSHOT = 0.9  # share of the old slope that may be left behind the maximum before a step is halved
+DENSE_MAP = 200_000  # entries of the map from pairs to the Hessian up to which it is cheaper as a dense matrix
+UNROLLED = 16  # parameters up to which systems are solved side by side, element by element
+
+
+@dataclass(frozen=True)
+class Design:
+    """How the parameters make the two numbers d and t of each pair.
+
+    The parameters are: scores of the items (or effects of the factors), then the order effect, then the tie
+    parameter, each if present.
+
+    Parameters
+    ----------
+    counts : PairCounts
+        The pairs; their counts are not used.
+    model : TieModel
+    has_tie : bool
+        False where the data have no tie: the tie parameter is then at its limit and is left out.
+    levels : float64 (n, q), optional
+        The items' scores are `levels @ effects`; without it, every item has a score and their sum is zero.
+    """
+
+    counts: PairCounts
+    model: TieModel
+    has_tie: bool
+    levels: Array | None = None
+
+    @property
+    def n_effects(self) -> int:
+        """Number of scores or of factors' effects."""
+        return self.counts.n_items if self.levels is None else self.levels.shape[1]
+
+    @property
+    def has_order(self) -> bool:
+        """Whether there is an order effect."""
+        return self.counts.is_ordered
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters, the sum-to-zero constraint not subtracted."""
+        return self.n_effects + self.has_order + self.has_tie
+
+    @property
+    def n_free(self) -> int:
+        """Number of free parameters."""
+        return self.n_parameters - (self.levels is None)
+
+    @cached_property
+    def incidence(self) -> csr_array:
+        """+1 for the first item of each pair and -1 for the second, sparse (C, n)."""
+        n_pairs = len(self.counts.first)
+        rows = np.repeat(np.arange(n_pairs), 2)
+        columns = np.stack([self.counts.first, self.counts.second], axis=1).ravel()
+        return csr_array((np.tile([1.0, -1.0], n_pairs), (rows, columns)), shape=(n_pairs, self.counts.n_items))
+
+    @cached_property
+    def effects(self) -> csr_array:
+        """Change of d with each parameter, sparse (C, P)."""
+        n_pairs = len(self.counts.first)
+        scores = self.incidence if self.levels is None else csr_array(self.incidence @ self.levels)
+        parts = [scores, csr_array(np.ones((n_pairs, int(self.has_order)))), csr_array((n_pairs, int(self.has_tie)))]
+        return csr_array(hstack(parts))
+
+    @cached_property
+    def tie_effects(self) -> csr_array:
+        """Change of t with each parameter, sparse (C, P)."""
+        n_pairs = len(self.counts.first)
+        order = csr_array(np.full((n_pairs, int(self.has_order)), self.model.order_in_t))
+        parts = [csr_array((n_pairs, self.n_effects)), order, csr_array(np.ones((n_pairs, int(self.has_tie))))]
+        return csr_array(hstack(parts))
+
+    @cached_property
+    def gradient_map(self) -> Array | csr_array:
+        """Pairs to items, (C, n)."""
+        return (
+            self.incidence.toarray()
+            if self.incidence.shape[0] * self.incidence.shape[1] < DENSE_MAP
+            else self.incidence
+        )
+
+    @cached_property
+    def hessian_map(self) -> Array | csr_array:
+        """Pairs to the flattened Hessian of the scores, (C, n * n)."""
+        n, first, second = self.counts.n_items, self.counts.first, self.counts.second
+        columns = np.stack(
+            [first * n + first, second * n + second, first * n + second, second * n + first], axis=1
+        ).ravel()
+        rows = np.repeat(np.arange(len(first)), 4)
+        entries = csr_array((np.tile([1.0, 1.0, -1.0, -1.0], len(first)), (rows, columns)), shape=(len(first), n * n))
+        return entries.toarray() if len(first) * n * n < DENSE_MAP else entries
+
+    def predictors(self, theta: Array) -> tuple[Array, Array]:
+        """Return d (B, C) and t (B, C) or (B, 1) at parameters (B, P)."""
+        q = self.n_effects
+        scores = theta[:, :q] if self.levels is None else theta[:, :q] @ self.levels.T
+        d = scores[:, self.counts.first] - scores[:, self.counts.second]
+        t = theta[:, -1:] if self.has_tie else np.zeros((len(theta), 1))
+        if self.has_order:
+            d = d + theta[:, q : q + 1]
+            t = t + self.model.order_in_t * theta[:, q : q + 1]
+        return d, t
+
+    def gradient(self, by_pair: Derivatives) -> Array:
+        """Return the gradient in the parameters, (B, P)."""
+        scores = by_pair.d @ self.gradient_map
+        parts = [scores if self.levels is None else scores @ self.levels]
+        if self.has_order:
+            parts.append((by_pair.d + self.model.order_in_t * by_pair.t).sum(axis=1, keepdims=True))
+        if self.has_tie:
+            parts.append(by_pair.t.sum(axis=1, keepdims=True))
+        return np.concatenate(parts, axis=1)
+
+    def information(self, by_pair: Derivatives) -> Array:
+        """Return the negative Hessian in the parameters, (B, P, P)."""
+        q, n, in_t = self.n_effects, self.counts.n_items, self.model.order_in_t
+        n_tables = len(by_pair.dd)
+        result = np.zeros((n_tables, self.n_parameters, self.n_parameters))
+        scores = (by_pair.dd @ self.hessian_map).reshape(n_tables, n, n)
+        result[:, :q, :q] = scores if self.levels is None else self.levels.T @ scores @ self.levels
+        borders = []
+        if self.has_order:
+            own = (by_pair.dd + 2 * in_t * by_pair.dt + in_t**2 * by_pair.tt).sum(axis=1)
+            borders.append((by_pair.dd + in_t * by_pair.dt, own))
+        if self.has_tie:
+            borders.append((by_pair.dt, by_pair.tt.sum(axis=1)))
+        for column, (with_d, own) in enumerate(borders, start=q):
+            with_scores = with_d @ self.gradient_map
+            with_scores = with_scores if self.levels is None else with_scores @ self.levels
+            result[:, :q, column] = result[:, column, :q] = with_scores
+            result[:, column, column] = own
+        if len(borders) == 2:
+            result[:, q, q + 1] = result[:, q + 1, q] = (by_pair.dt + in_t * by_pair.tt).sum(axis=1)
+        return result
+
+    def regular(self, information: Array) -> Array:
+        """Return the information made invertible: a shift of all scores, which changes no probability, is given a
+        weight.
+
+        The weight has no influence on a Newton step, whose scores sum to zero.
+        """
+        if self.levels is not None:
+            return information
+        n = self.n_effects
+        weight = np.trace(information[:, :n, :n], axis1=1, axis2=2) / n**2
+        result = information.copy()
+        result[:, :n, :n] += weight[:, None, None]
+        return result
+
+    def log_determinant(self, information: Array) -> float:
+        """Return the logarithm of the determinant of the information (P, P), the shift of all scores left out."""
+        regular = self.regular(information[None])[0]
+        logarithm = float(np.linalg.slogdet(regular)[1])
+        if self.levels is not None:
+            return logarithm
+        return logarithm - float(np.log(np.trace(information[: self.n_effects, : self.n_effects]) / self.n_effects))
+
+    def covariance(self, information: Array) -> Array:
+        """Return the inverse of the information (P, P) under the constraint that the scores sum to zero."""
+        regular = self.regular(information[None])[0]
+        inverse: Array = np.linalg.inv(regular)
+        if self.levels is None:
+            n = self.n_effects
+            weight = np.trace(information[:n, :n]) / n**2
+            inverse[:n, :n] -= 1 / (weight * n**2)
+        return (inverse + inverse.T) / 2
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """Where Newton's method stopped.
+
+    Parameters
+    ----------
+    theta : float64 (B, P)
+    converged : bool (B,)
+    iterations : int
+        Of the slowest table.
+    """
+
+    theta: Array
+    converged: NDArray[np.bool_]
+    iterations: int
+
+
+def maximise(
+    design: Design,
+    wins: Array,
+    losses: Array,
+    ties: Array,
+    *,
+    start: Array | None = None,
+    ridge: float = 0.0,
+    runaway: float = np.inf,
+) -> Maximum:
+    """Maximise the likelihood of each table.
+
+    Parameters
+    ----------
+    wins, losses, ties : float64 (B, C)
+        As the model counts them, see `TieModel.counted`.
+    start : float64 (P,), optional
+        Where to start; without it, equal scores and the overall share of ties.
+    ridge : float
+        Penalty ridge / 2 * sum of squared parameters, which makes a maximum exist where there is none.
+
+    runaway : float
+        Tables with a parameter beyond this are given up.
+
+    Returns
+    -------
+    Maximum
+        Tables that do not converge have no finite maximum, or none within `MAX_ITERATIONS`; they are marked, not
+        dropped.
+    """
+    n_tables = len(wins)
+    theta = np.tile(_start(design, wins, losses, ties) if start is None else start, (n_tables, 1))
+    result, converged = theta.copy(), np.zeros(n_tables, bool)
+    active = np.arange(n_tables)
+    step, slope = np.zeros_like(theta), np.zeros(n_tables)
+    penalty = np.full(design.n_parameters, ridge)
+    iteration = 0
+    while len(active) and iteration < MAX_ITERATIONS:
+        iteration += 1
+        by_pair = design.model.derivatives(*design.predictors(theta), wins, losses, ties)
+        gradient = design.gradient(by_pair) - penalty * theta
+        information = design.information(by_pair) + np.diag(penalty)
+        newton = _limit(design, theta, solve(design.regular(information), gradient))
+        overshot = np.einsum("bp,bp->b", gradient, step) < -OVERSHOT * slope
+        newton_slope = np.einsum("bp,bp->b", gradient, newton)
+        theta = theta + np.where(overshot[:, None], -step / 2, newton)
+        step = np.where(overshot[:, None], step / 2, newton)
+        slope = np.where(overshot, slope / 2, newton_slope)
+        done = ~overshot & (np.abs(newton).max(axis=1) < STEP_TOLERANCE)
+        result[active] = theta
+        converged[active] = done
+        done |= np.abs(theta).max(axis=1) > runaway
+        if done.sum() > len(active) / 2 or (runaway < np.inf and done.any()):
+            keep = ~done
+            active, theta, step, slope = active[keep], theta[keep], step[keep], slope[keep]
+            wins, losses, ties = wins[keep], losses[keep], ties[keep]
+    return Maximum(result, converged, iteration)
+
+
+def _start(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
+    theta = np.zeros(design.n_parameters)
+    if design.has_tie:
+        share = np.clip(ties.sum() / (wins + losses + ties).sum(), 0.01, 0.95)
+        theta[-1] = {"log_nu": np.log(2 * share / (1 - share)), "log_theta": np.log((1 + share) / (1 - share))}[
+            str(design.model.parameter)
+        ]
+    return theta
+
+
+def _limit(design: Design, theta: Array, newton: Array) -> Array:
+    """Shorten steps that are too long, and those that would make a threshold negative."""
+    longest = np.abs(newton).max(axis=1)
+    factor = np.minimum(1.0, LARGEST_STEP / np.maximum(longest, LARGEST_STEP))
+    if design.has_tie and design.model.parameter == "log_theta":
+        down = np.minimum(newton[:, -1] * factor, 0)
+        factor *= np.minimum(1.0, 0.9 * theta[:, -1] / np.maximum(-down, 0.9 * theta[:, -1]))
+    result: Array = newton * factor[:, None]
+    return result
+
+
+def solve(matrices: Array, right: Array) -> Array:
+    """Solve symmetric positive definite systems, (B, P, P) and (B, P) to (B, P).
+
+    Small systems are eliminated side by side, with the tables along the last axis: five times faster than LAPACK one
+    by one.
+    """
+    n_tables, n = right.shape
+    if n > UNROLLED or n_tables < 8:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], np.float64)
+    a = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # (P, P, B)
+    x = np.ascontiguousarray(right.T)  # (P, B)
+    for k in range(n):
+        for row in range(k + 1, n):
+            factor = a[k, row] / a[k, k]
+            a[row, row:] -= factor * a[k, row:]
+            x[row] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        for column in range(k + 1, n):
+            x[k] -= a[k, column] * x[column]
+        x[k] /= a[k, k]
+    return np.ascontiguousarray(x.T)

@@ -1,0 +1,328 @@
+"""An analysis as files: numbers for machines, figures for a paper, and a report that a reader can follow."""
+
+from __future__ import annotations
+
+import csv
+import io
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from app.analysis.charts import (
+    chart_pdf,
+    chart_png,
+    chart_svg,
+    preference_chart,
+    residual_chart,
+    scores_chart,
+    triads_chart,
+)
+from app.analysis.results import analyse
+from app.analysis.settings import AnalysisSettings
+from app.analysis.votes import read_items, read_votes
+from app.files import write_bytes, write_json, write_text
+
+TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"
+ITEMS_IN_A_TABLE = 60
+PARTICIPANTS_IN_A_TABLE = 60
+
+TIES_IN_WORDS = {
+    "davidson": "the model of Davidson (1970)",
+    "rao-kupper": "the model of Rao and Kupper (1967)",
+    "half": "half a win for each item",
+    "drop": "left out",
+}
+
+
+def analyse_file(
+    path: Path,
+    out: Path,
+    settings: AnalysisSettings | None = None,
+    *,
+    items: Path | None = None,
+    columns: Mapping[str, str] | None = None,
+    choices: Mapping[str, str] | None = None,
+    factors: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """Read votes, analyse them and write everything below `out`.
+
+    Parameters
+    ----------
+    path : Path
+        Votes as CSV, Parquet or JSON.
+    out : Path
+        A folder, made if it is not there.
+    settings : AnalysisSettings, optional
+        Its factors are replaced by those of `items`, if that is given.
+    items : Path, optional
+        CSV with `item` and one column per factor.
+    columns, choices : mapping, optional
+        Our names -> those in the file, where they differ: {"participant": "judge"}, {"none": "tie"}.
+    factors : sequence of str, optional
+        The factors to analyse out of those in `items`; all of them by default.
+
+    Returns
+    -------
+    dict
+        The content of analysis.json.
+
+    Raises
+    ------
+    VotesError
+        Naming the file, the row and the value.
+    ValueError
+        For a factor that is not in `items`.
+    """
+    settings = settings or AnalysisSettings()
+    votes = read_votes(path, columns, choices)
+    if items is not None:
+        known = read_items(items)
+        unknown = sorted(set(factors or ()).difference(known))
+        if unknown:
+            raise ValueError(f"{items}: has no factor {unknown[0]!r}; it has {', '.join(known)}")
+        settings = settings.with_factors(known, analysed=tuple(factors or known))
+    elif factors:
+        raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
+    analysis = analyse(votes, settings)
+    write_analysis(analysis, out, source=path.name)
+    return analysis
+
+
+def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "votes") -> None:
+    """Write analysis.json, the tables, the figures (SVG, PNG, PDF) and the report (HTML, Markdown).
+
+    Every file is whole or absent; analysis.json comes last, so that it stands for a finished folder.
+
+    Parameters
+    ----------
+    source : str
+        What was analysed, for the report's title.
+    """
+    for name in ("scores", "triads", "observers"):
+        write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
+    figures = [_write_figure(name, caption, chart, out) for name, caption, chart in _charts(analysis)]
+    content = _content(analysis, figures, source)
+    for name in ("report.html", "report.md"):
+        write_text(out / name, _environment(name).get_template(name).render(content))
+    write_json(out / "analysis.json", dict(analysis))
+
+
+COLUMNS = {
+    "scores": (
+        *("comparison", "dataset", "item", "score", "se", "se_participant", "ci_low", "ci_high"),
+        *("n_votes", "wins", "losses", "ties", "status"),
+    ),
+    "triads": (
+        *("participant", "dataset", "n_items", "complete", "circular"),
+        *("circular_expected_ties", "circular_max", "zeta", "p_value"),
+    ),
+    "observers": ("participant", "flags"),
+}
+
+
+def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Return rows as CSV: these columns first, then whatever else the rows have; lists joined by semicolons."""
+    names = list(dict.fromkeys([*columns, *(name for row in rows for name in row)]))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        writer.writerow(["; ".join(map(str, row[n])) if isinstance(row.get(n), list) else row.get(n) for n in names])
+    return text.getvalue()
+
+
+def _charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
+        name = "scores" if comparison == "all" else f"scores_{_file_name(comparison)}"
+        what = "all items" if comparison == "all" else f"the factor {comparison}"
+        yield name, f"Scores of {what} with 95 % intervals.", scores_chart(analysis, comparison)
+    yield "preferences", "Votes for the row's item against the column's.", preference_chart(analysis)
+    yield "residuals", "Where the model and the votes differ.", residual_chart(analysis)
+    yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis)
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in text)
+
+
+def _write_figure(name: str, caption: str, chart: Any, out: Path) -> dict[str, str] | None:
+    if chart is None:
+        return None
+    svg = chart_svg(chart)
+    write_text(out / "figures" / f"{name}.svg", svg)
+    write_bytes(out / "figures" / f"{name}.png", chart_png(chart))
+    write_bytes(out / "figures" / f"{name}.pdf", chart_pdf(chart))
+    return {"name": name, "caption": caption, "svg": svg}
+
+
+def _environment(name: str) -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=name.endswith(".html"),
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    environment.filters["number"] = _number
+    return environment
+
+
+def _number(value: Any) -> str:
+    """Return a number as it is read: three decimals, small p-values as a bound, nothing as a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return "0.000" if value == 0 else f"{value:.3f}" if abs(value) >= 0.0005 else f"{value:.1e}"
+    return str(value)
+
+
+def _content(analysis: Mapping[str, Any], figures: Sequence[dict[str, str] | None], source: str) -> dict[str, Any]:
+    by_name = {figure["name"]: figure for figure in figures if figure}
+    return {
+        "analysis": analysis,
+        "title": f"Pair comparison: {source}",
+        "summary": _summary(analysis),
+        "figures": {"scores": [figure for name, figure in by_name.items() if name.startswith("scores")]},
+        "score_tables": _score_tables(analysis),
+        "scores_note": _scores_note(analysis),
+        "sections": list(_sections(analysis, by_name)),
+        "methods": _methods(analysis),
+    }
+
+
+def _summary(analysis: Mapping[str, Any]) -> str:
+    votes = analysis["votes"]
+    people = "unknown participants" if votes["participants"] is None else f"{votes['participants']} participants"
+    datasets = f" on {len(votes['datasets'])} datasets" if votes["datasets"] else ""
+    return (
+        f"{votes['votes']} votes read: {votes['analysed']} analysed ({votes['ties']} without preference), "
+        f"{votes['practice']} practice, {votes['excluded']} excluded. "
+        f"{people.capitalize()}, {len(votes['items'])} items{datasets}."
+    )
+
+
+def _scores_note(analysis: Mapping[str, Any]) -> str:
+    methods = dict.fromkeys(row["ci_method"] for row in analysis["scores"] if row["ci_method"])
+    return (
+        "Scores are log-odds with sum zero in each panel: a difference of 1.1 (one JOD) means that one item is "
+        f"preferred three times as often as the other. Intervals: 95 %, {' or '.join(methods) or 'none'}. "
+        "Overlapping intervals are no test of a difference."
+    )
+
+
+def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in analysis["scores"]:
+        shown = dict(row) | {"error": row["se"] if row["se_participant"] is None else row["se_participant"]}
+        groups.setdefault((row["comparison"], row["dataset"]), []).append(shown)
+    tables = []
+    for (comparison, dataset), rows in groups.items():
+        rows.sort(key=lambda row: -(row["score"] or 0.0))
+        what = "All items" if comparison == "all" else f"Factor {comparison}"
+        where = "all datasets" if dataset == "all" else dataset
+        rest = (
+            f"; the first {ITEMS_IN_A_TABLE} of {len(rows)}, all in scores.csv" if len(rows) > ITEMS_IN_A_TABLE else ""
+        )
+        has_letters = any(row.get("letters") for row in rows)
+        title = f"{what}, {where}{rest}"
+        tables.append({"title": title, "rows": rows[:ITEMS_IN_A_TABLE], "has_letters": has_letters})
+    return tables
+
+
+def _sections(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> Iterator[dict[str, Any]]:
+    yield _models_section(analysis, figures)
+    if analysis["triads"]:
+        yield _triads_section(analysis, figures)
+
+
+def _models_section(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> dict[str, Any]:
+    parameter = "log_theta" if analysis["settings"]["ties"] == "rao-kupper" else "log_nu"
+    columns = (
+        "comparison",
+        "dataset",
+        "votes",
+        parameter,
+        "order effect",
+        "log-likelihood",
+        "Pearson X2",
+        "df",
+        "p",
+        "status",
+    )
+    rows = [
+        (
+            *(row["comparison"], row["dataset"], row["n_votes"], row.get(parameter), row["order_effect"]),
+            *(row["loglik"], row["pearson_x2"], row["df"], row["p_value"], row["status"]),
+        )
+        for row in analysis["models"]
+    ]
+    text = (
+        "A small p-value of Pearson's X2 says that one score per item does not explain the votes; with several votes "
+        "of the same people it also reacts to their being alike."
+    )
+    shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
+    return {
+        "title": "Model",
+        "paragraphs": [text],
+        "figures": shown,
+        "tables": [{"title": "", "columns": columns, "rows": rows}],
+    }
+
+
+def _triads_section(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> dict[str, Any]:
+    total = sum(row["circular"] for row in analysis["triads"])
+    with_cycles = sum(row["circular"] > 0 for row in analysis["triads_pooled"])
+    complete = sum(row["complete"] for row in analysis["triads"])
+    text = (
+        f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
+        f"by {with_cycles} of {len(analysis['triads_pooled'])} participants. They inform a decision and exclude "
+        "nobody: where stimuli look alike, honest votes contradict each other."
+    )
+    rows = [
+        (row["participant"], row["n_datasets"], row["circular"], row["circular_expected_ties"], row["p_value"])
+        for row in analysis["triads_pooled"][:PARTICIPANTS_IN_A_TABLE]
+    ]
+    columns = ("participant", "datasets", "circular", "expected with ties broken", "p")
+    shown = [figures["triads"]] if "triads" in figures else []
+    tables = [{"title": "", "columns": columns, "rows": rows}]
+    return {"title": "Circular triads", "paragraphs": [text], "figures": shown, "tables": tables}
+
+
+def _methods(analysis: Mapping[str, Any]) -> list[str]:
+    settings, votes = analysis["settings"], analysis["votes"]
+    texts = [
+        f"Items were compared in pairs{' with a no-preference option' if votes['ties'] else ''}. "
+        f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood; ties: "
+        f"{TIES_IN_WORDS[settings['ties']]}.",
+        "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, the "
+        "estimate shown is penalised, by Firth (1993) unless named otherwise, and marked.",
+    ]
+    if settings["order_effect"]:
+        texts.append("An advantage of the item shown first was estimated with the scores (Davidson and Beaver 1977).")
+    if votes["participants"] is not None:
+        texts.append(
+            "The participant is the independent unit: standard errors come from the sandwich estimator clustered by "
+            f"participant with the factor J / (J - 1), intervals from {_interval_in_words(settings)}."
+        )
+        texts.append(
+            "Contradictory votes were counted as circular triads (Kendall and Babington Smith 1940) with exact "
+            "p-values up to ten items; ties enter by the expectation over all ways of breaking them."
+        )
+    texts.append(
+        f"Software: reconstudy {version('reconstudy')}, Python {platform.python_version()}, "
+        f"numpy {np.__version__}, scipy {scipy.__version__}."
+    )
+    return texts
+
+
+def _interval_in_words(settings: Mapping[str, Any]) -> str:
+    if settings["bootstrap"]:
+        return f"percentiles of {settings['bootstrap']} bootstrap samples of participants (seed {settings['seed']})"
+    return "the t distribution with J - 1 degrees of freedom"

@@ -1,0 +1,77 @@
+"""What can be chosen about an analysis; recorded with its results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from app.analysis.ties import TIE_MODELS
+
+LEVEL = 0.95  # of every interval
+
+
+@dataclass(frozen=True)
+class AnalysisSettings:
+    """Settings of an analysis.
+
+    Parameters
+    ----------
+    ties : str
+        `davidson`, `rao-kupper`, `half` or `drop`.
+    order_effect : bool
+        Estimate the advantage of the item shown first.
+    bootstrap : int
+        Replicates over participants; 0 for none.
+    seed : int
+        Of the bootstrap.
+    factors : mapping
+        Factor -> item -> level; all that distinguish the items.
+    analysed : tuple of str, optional
+        The factors to report on; all by default.
+    by_dataset : bool
+        Also analyse every dataset by itself.
+    exclude : tuple of str
+        Participants left out, as a recorded decision; the results with them stand beside.
+    """
+
+    ties: str = "davidson"
+    order_effect: bool = False
+    bootstrap: int = 0
+    seed: int = 0
+    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    analysed: tuple[str, ...] | None = None
+    by_dataset: bool = True
+    exclude: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.ties not in TIE_MODELS:
+            raise ValueError(f"ties is {self.ties!r}, expected one of {', '.join(TIE_MODELS)}")
+        if self.bootstrap < 0:
+            raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
+        unknown = [factor for factor in self.analysed or () if factor not in self.factors]
+        if unknown:
+            raise ValueError(f"the factor {unknown[0]!r} is not among {', '.join(self.factors) or 'none'}")
+
+    @property
+    def comparisons(self) -> tuple[str, ...]:
+        """The factors to report on."""
+        return tuple(self.factors) if self.analysed is None else self.analysed
+
+    def with_factors(self, factors: Mapping[str, Mapping[str, str]], *, analysed: tuple[str, ...]) -> AnalysisSettings:
+        """Return the settings with these factors."""
+        return replace(self, factors=factors, analysed=analysed)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the settings as they are written to analysis.json."""
+        return {
+            "ties": self.ties,
+            "order_effect": self.order_effect,
+            "bootstrap": self.bootstrap,
+            "seed": self.seed,
+            "factors": {name: dict(levels) for name, levels in self.factors.items()},
+            "analysed_factors": list(self.comparisons),
+            "by_dataset": self.by_dataset,
+            "exclude": list(self.exclude),
+            "interval_level": LEVEL,
+        }

@@ -1,0 +1,185 @@
+"""What "no preference" means: one probability model per way of treating ties, as functions of two numbers per pair.
+
+`d` is the difference of the two scores (plus the order effect), `t` the tie parameter. Every model returns the
+log-likelihood and its first and second derivatives in d and t, from which all designs are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Gradient and negative Hessian of the log-likelihood of each pair, all (…, C)."""
+
+    d: Array
+    t: Array
+    dd: Array
+    dt: Array
+    tt: Array
+
+
+@dataclass(frozen=True)
+class TieModel:
+    """One way of treating ties.
+
+    Parameters
+    ----------
+    counted : function of wins, losses and ties, each (…, C)
+        The counts that enter the likelihood.
+    probabilities : function of d and t
+        Those of a win, a loss and a tie, (3, …, C).
+    loglik : function of d, t, wins, losses, ties
+        Log-likelihood of each pair without combinatorial constants.
+    derivatives : function of d, t, wins, losses, ties
+    parameter : str or None
+        Name of the tie parameter t.
+    order_in_t : float
+        The order effect o enters as d + o and t + order_in_t * o.
+    is_canonical : bool
+        Whether the model is an exponential family in its parameters, which Firth's correction needs here.
+    """
+
+    counted: Callable[[Array, Array, Array], tuple[Array, Array, Array]]
+    probabilities: Callable[[Array, Array], Array]
+    loglik: Callable[[Array, Array, Array, Array, Array], Array]
+    derivatives: Callable[[Array, Array, Array, Array, Array], Derivatives]
+    parameter: str | None
+    order_in_t: float
+    is_canonical: bool
+
+
+def davidson_probabilities(d: Array, t: Array) -> Array:
+    """Return win, loss and tie proportional to exp(d/2), exp(-d/2), exp(t).
+
+    Source: Davidson (1970), with the order effect of Davidson and Beaver (1977).
+    """
+    win = np.exp(d / 2)
+    loss = 1 / win
+    tie = np.exp(t) + np.zeros_like(d)
+    total = win + loss + tie
+    return np.stack([win / total, loss / total, tie / total])
+
+
+def davidson_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return the log-likelihood of each pair, (…, C)."""
+    win = np.exp(d / 2)
+    total = win + 1 / win + np.exp(t)
+    result: Array = (wins - losses) * d / 2 + ties * t - (wins + losses + ties) * np.log(total)
+    return result
+
+
+def davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
+    """Return the derivatives: observed less expected statistics (win - loss) / 2 and tie, and their covariance."""
+    win = np.exp(d / 2)
+    loss = 1 / win
+    tie = np.exp(t)
+    inverse = 1 / (win + loss + tie)
+    n = wins + losses + ties
+    mean = (win - loss) * inverse / 2
+    p_tie = tie * inverse
+    n_tie = n * p_tie
+    return Derivatives(
+        d=(wins - losses) / 2 - n * mean,
+        t=ties - n_tie,
+        dd=n * ((1 - p_tie) / 4 - mean * mean),
+        dt=-n_tie * mean,
+        tt=n_tie * (1 - p_tie),
+    )
+
+
+def rao_kupper_probabilities(d: Array, t: Array) -> Array:
+    """Return P(win) = logistic(d - t), P(loss) = logistic(-d - t), and the rest.
+
+    Source: Rao and Kupper (1967).
+    """
+    win, loss = 1 / (1 + np.exp(t - d)), 1 / (1 + np.exp(t + d))
+    return np.stack([win, loss, np.expm1(2 * t) * win * loss])
+
+
+def rao_kupper_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return the log-likelihood of each pair, (…, C); P(tie) = (theta^2 - 1) P(win) P(loss)."""
+    result: Array = -(wins + ties) * np.logaddexp(0, t - d) - (losses + ties) * np.logaddexp(0, t + d)
+    return result + np.where(ties > 0, ties * np.log(np.maximum(np.expm1(2 * t), np.finfo(float).tiny)), 0)
+
+
+def rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
+    """Return the derivatives in d and log theta."""
+    not_win, not_loss = 1 / (1 + np.exp(d - t)), 1 / (1 + np.exp(-d - t))
+    decay = np.exp(-2 * t)
+    first = (wins + ties) * not_win
+    second = (losses + ties) * not_loss
+    first_curve, second_curve = first * (1 - not_win), second * (1 - not_loss)
+    return Derivatives(
+        d=first - second,
+        t=ties * 2 / (1 - decay) - first - second,
+        dd=first_curve + second_curve,
+        dt=second_curve - first_curve,
+        tt=first_curve + second_curve + ties * 4 * decay / (1 - decay) ** 2,
+    )
+
+
+def binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one signature for all models)
+    """Return P(win) = logistic(d) and P(loss); there are no ties.
+
+    Source: Bradley and Terry (1952).
+    """
+    win = 1 / (1 + np.exp(-d))
+    return np.stack([win, 1 - win, np.zeros_like(win)])
+
+
+def binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:  # noqa: ARG001
+    """Return the log-likelihood of each pair, (…, C)."""
+    result: Array = -wins * np.logaddexp(0, -d) - losses * np.logaddexp(0, d)
+    return result
+
+
+def binomial_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:  # noqa: ARG001
+    """Return the derivatives in d; those in t are zero."""
+    win = 1 / (1 + np.exp(-d))
+    n = wins + losses
+    nothing = np.zeros_like(win)
+    return Derivatives(d=wins - n * win, t=nothing, dd=n * win * (1 - win), dt=nothing, tt=nothing)
+
+
+def _as_they_are(wins: Array, losses: Array, ties: Array) -> tuple[Array, Array, Array]:
+    return wins, losses, ties
+
+
+def _half_each(wins: Array, losses: Array, ties: Array) -> tuple[Array, Array, Array]:
+    return wins + ties / 2, losses + ties / 2, np.zeros_like(ties)
+
+
+def _dropped(wins: Array, losses: Array, ties: Array) -> tuple[Array, Array, Array]:
+    return wins, losses, np.zeros_like(ties)
+
+
+TIE_MODELS = {
+    "davidson": TieModel(
+        _as_they_are, davidson_probabilities, davidson_loglik, davidson_derivatives, "log_nu", -0.5, is_canonical=True
+    ),
+    "rao-kupper": TieModel(
+        _as_they_are,
+        rao_kupper_probabilities,
+        rao_kupper_loglik,
+        rao_kupper_derivatives,
+        "log_theta",
+        0.0,
+        is_canonical=False,
+    ),
+    "half": TieModel(
+        _half_each, binomial_probabilities, binomial_loglik, binomial_derivatives, None, 0.0, is_canonical=True
+    ),
+    "drop": TieModel(
+        _dropped, binomial_probabilities, binomial_loglik, binomial_derivatives, None, 0.0, is_canonical=True
+    ),
+}
+# With no tie in the data every model of ties has its maximum where ties are impossible, and is this one.
+WITHOUT_TIES = TIE_MODELS["drop"]

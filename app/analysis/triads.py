@@ -1,0 +1,256 @@
+"""Circular triads: how often one participant's preferences on one dataset contradict each other.
+
+A triad is circular if a is preferred to b, b to c and c to a. Under random votes their number has a known
+distribution, which tells whether a participant was more consistent than chance.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from app.analysis.votes import NONE, A, VotesTable
+
+EXACT_UP_TO = 10  # items; the dynamic programme takes 0.2 s for ten and grows by about three with each further item
+MAX_BROKEN_TIES = 15  # 2^15 ways of breaking them: every pair of six items
+
+
+@dataclass(frozen=True)
+class Triads:
+    """The circular triads of one participant on one dataset.
+
+    Parameters
+    ----------
+    n_items : int
+        Items that this participant compared.
+    complete : bool
+        Whether every pair of them was compared; else only the triples with three votes count.
+    circular : int
+        Strict cycles: three preferences, no tie among them.
+    expected_ties : float
+        Expected number of cycles if every tie were broken by tossing a coin; equals `circular` without ties.
+    maximum : int or None
+        Largest possible number, None for an incomplete design.
+    zeta : float or None
+        Coefficient of consistence 1 - expected_ties / maximum.
+    p_value : float or None
+        Probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties.
+    """
+
+    participant: str
+    dataset: str
+    n_items: int
+    complete: bool
+    circular: int
+    expected_ties: float
+    maximum: int | None
+    zeta: float | None
+    p_value: float | None
+
+
+def triads(votes: VotesTable) -> list[Triads]:
+    """Count the circular triads of every participant and dataset.
+
+    A pair voted on repeatedly counts as its majority, and as a tie if there is none.
+    """
+    if not votes.has_participants:
+        return []
+    rows = []
+    key = votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order])) + 1
+    for part in np.split(order, starts) if len(order) else ():
+        participant = votes.participants[votes.participant[part[0]]]
+        dataset = votes.datasets[votes.dataset[part[0]]]
+        rows.append(_triads_of(participant, dataset, preference_matrix(votes, part)))
+    return rows
+
+
+def preference_matrix(votes: VotesTable, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return who is preferred to whom by majority.
+
+    Parameters
+    ----------
+    rows : int (M,)
+        Rows of the table, all of one participant and dataset.
+
+    Returns
+    -------
+    float64 (n, n)
+        1 where the row's item is preferred, 0.5 for a tie, 0 where it is not, NaN where there was no vote.
+    """
+    items, index = np.unique(np.r_[votes.item_a[rows], votes.item_b[rows]], return_inverse=True)
+    first, second = index[: len(rows)], index[len(rows) :]
+    sign = np.where(votes.choice[rows] == A, 1, np.where(votes.choice[rows] == NONE, 0, -1)) * votes.count[rows]
+    balance = np.zeros((len(items), len(items)))
+    n_votes = np.zeros_like(balance)
+    np.add.at(balance, (first, second), sign)
+    np.add.at(n_votes, (first, second), votes.count[rows])
+    balance, n_votes = balance - balance.T, n_votes + n_votes.T
+    return np.where(n_votes > 0, (np.sign(balance) + 1) / 2, np.nan)
+
+
+def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -> Triads:
+    n = len(preferred)
+    complete = int(np.isnan(preferred).sum()) == n
+    circular = count_circular(preferred)
+    expected = expected_circular(preferred)
+    maximum = max_circular(n) if complete else None
+    return Triads(
+        participant,
+        dataset,
+        n_items=n,
+        complete=complete,
+        circular=circular,
+        expected_ties=expected,
+        maximum=maximum,
+        zeta=1 - expected / maximum if maximum else None,
+        p_value=p_value(preferred) if complete else None,
+    )
+
+
+def count_circular(preferred: NDArray[np.float64]) -> int:
+    """Count strict cycles of three: the trace of the cube counts each three times.
+
+    Parameters
+    ----------
+    preferred : float64 (n, n)
+        As from `preference_matrix`.
+    """
+    wins = (preferred == 1).astype(np.float64)
+    return round(float(np.sum((wins @ wins) * wins.T)) / 3)
+
+
+def expected_circular(preferred: NDArray[np.float64]) -> float:
+    """Return the expected number of cycles if ties are broken at random, over the triples with three votes.
+
+    Ties in a triple are broken independently, so the probability of a cycle is the product of three preferences. For
+    a complete design this equals T_half - t/4 with T_half Kendall's count from half points and t the number of ties.
+    """
+    chance = np.nan_to_num(preferred, nan=0.0)
+    return float(np.sum((chance @ chance) * chance.T)) / 3
+
+
+def max_circular(n: int) -> int:
+    """Return the largest possible number of circular triads of n items.
+
+    Source: Kendall and Babington Smith (1940), section 5.
+    """
+    return (n**3 - (n if n % 2 else 4 * n)) // 24
+
+
+def p_value(preferred: NDArray[np.float64]) -> float | None:
+    """Return P(T <= observed) under random votes: exact up to ten items, by the chi-square approximation beyond.
+
+    Returns
+    -------
+    float or None
+        None for fewer than three items, and with more ties than can be broken in all ways.
+    """
+    n = len(preferred)
+    is_tie = np.argwhere(np.triu(preferred == 0.5))
+    if n < 3 or len(is_tie) > MAX_BROKEN_TIES:
+        return None
+    counts = _broken_counts(preferred, is_tie)
+    different, ways = np.unique(counts, return_counts=True)
+    return float(np.average([cumulative_probability(n, int(count)) for count in different], weights=ways))
+
+
+def _broken_counts(preferred: NDArray[np.float64], ties: NDArray[np.intp]) -> NDArray[np.int64]:
+    """Return the number of circular triads for every way of breaking the ties, from the win counts."""
+    n = len(preferred)
+    wins = np.nansum(preferred == 1, axis=1)
+    ways = np.arange(2 ** len(ties))[:, None] >> np.arange(len(ties)) & 1  # (2^t, t)
+    points = np.tile(wins, (len(ways), 1))
+    for column, (first, second) in enumerate(ties):
+        points[:, first] += ways[:, column]
+        points[:, second] += 1 - ways[:, column]
+    return circular_from_wins(points, n)
+
+
+def circular_from_wins(wins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """Return the number of circular triads from the numbers of wins (…, n), T = n(n-1)(2n-1)/12 - sum of squares / 2.
+
+    Source: Kendall and Babington Smith (1940), equation 3.
+    """
+    result: NDArray[np.int64] = (n * (n - 1) * (2 * n - 1) // 6 - np.sum(wins**2, axis=-1)) // 2
+    return result
+
+
+def cumulative_probability(n: int, circular: int) -> float:
+    """Return P(T <= circular) for random votes on n items.
+
+    Source: Kendall and Babington Smith (1940): exact by enumeration, else chi-square with a correction of one half.
+    """
+    if n <= EXACT_UP_TO:
+        return float(np.sum(circular_distribution(n)[: circular + 1]))
+    return approximate_probability(n, circular)
+
+
+def approximate_probability(n: int, circular: int) -> float:
+    """Return P(T <= circular) for random votes on n > 4 items by the chi-square approximation."""
+    df = n * (n - 1) * (n - 2) / (n - 4) ** 2
+    return float(chi2.sf(8 / (n - 4) * (comb(n, 3) / 4 - circular - 0.5) + df, df))
+
+
+def circular_distribution(n: int) -> NDArray[np.float64]:
+    """Return the probabilities of 0, 1, 2, … circular triads for random votes on n <= 10 items."""
+    counts = tournament_counts(n)
+    return np.array([count / 2 ** comb(n, 2) for count in counts])
+
+
+@lru_cache(maxsize=16)
+def tournament_counts(n: int) -> tuple[int, ...]:
+    """Return how many of the 2^(n(n-1)/2) tournaments of n items have 0, 1, 2, … circular triads.
+
+    A tournament grows by one item at a time; only the multiset of win counts has to be remembered.
+    """
+    states: Counter[tuple[int, ...]] = Counter({(0,): 1})
+    for n_before in range(1, n):
+        grown: Counter[tuple[int, ...]] = Counter()
+        for wins, ways in states.items():
+            for after, factor in _grow(wins, n_before):
+                grown[after] += ways * factor
+        states = grown
+    result = [0] * (max_circular(n) + 1)
+    for wins, ways in states.items():
+        result[int(circular_from_wins(np.array(wins), n))] += ways
+    return tuple(result)
+
+
+def _grow(wins: tuple[int, ...], n_before: int) -> list[tuple[tuple[int, ...], int]]:
+    """Return every multiset of win counts that one more item can lead to, with the number of ways."""
+    groups = sorted(Counter(wins).items())
+    results = []
+    for losers in product(*(range(size + 1) for _, size in groups)):  # how many of each group lose to the new item
+        factor, after = 1, [sum(losers)]
+        for (score, size), lost in zip(groups, losers, strict=True):
+            factor *= comb(size, lost)
+            after += [score] * lost + [score + 1] * (size - lost)
+        results.append((tuple(sorted(after)), factor))
+    assert len(results[0][0]) == n_before + 1
+    return results
+
+
+def pooled_p_value(rows: Sequence[Triads]) -> float | None:
+    """Return P(sum of T <= observed sum) of one participant over datasets, by convolution of the exact distributions.
+
+    Returns
+    -------
+    float or None
+        None if a row is incomplete, has ties, or has more than ten items.
+    """
+    if not rows or any(not r.complete or r.expected_ties != r.circular or r.n_items > EXACT_UP_TO for r in rows):
+        return None
+    distribution = np.ones(1)
+    for row in rows:
+        distribution = np.convolve(distribution, circular_distribution(row.n_items))
+    return float(np.sum(distribution[: sum(row.circular for row in rows) + 1]))

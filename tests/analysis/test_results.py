@@ -1,0 +1,207 @@
+"""The whole analysis: its keys, its counts, and what it says about data that cannot be analysed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.votes import VotesTable, read_votes
+
+KEYS = {
+    "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",
+    "models": "comparison dataset ties log_nu order_effect order_se loglik deviance pearson_x2 df p_value converged "
+    "iterations status",
+    "triads": "participant dataset n_items complete circular circular_expected_ties circular_max zeta p_value",
+    "agreement": "dataset u chi2 df p_value",
+    "observers": "participant flags",
+}
+FACTORS = {
+    "depth": {f"{d}_{f}": d for d in ("id", "dr", "pm") for f in ("fa", "fb")},
+    "fusion": {f"{d}_{f}": f for d in ("id", "dr", "pm") for f in ("fa", "fb")},
+}
+
+
+def study(seed: int = 0, *, n_participants: int = 8, datasets: tuple[str, ...] = ("ball", "box")) -> VotesTable:
+    rng = np.random.default_rng(seed)
+    items = list(FACTORS["depth"])
+    strength = dict(zip(items, np.linspace(-0.8, 0.8, 6), strict=True))
+    rows = []
+    for participant in range(n_participants):
+        for dataset in datasets:
+            for index, a in enumerate(items):
+                for b in items[index + 1 :]:
+                    chance = 1 / (1 + np.exp(strength[b] - strength[a]))
+                    choice = "none" if rng.random() < 0.2 else "a" if rng.random() < chance else "b"
+                    vote = {"participant": f"p{participant}", "dataset": dataset, "item_a": a, "item_b": b}
+                    rows.append(vote | {"choice": choice, "first_shown": a if rng.random() < 0.5 else b})
+    return votes_from_rows(rows)
+
+
+def only(rows: list[dict[str, Any]], **wanted: str) -> list[dict[str, Any]]:
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_analysis_json_has_the_agreed_keys_and_is_json() -> None:
+    analysis = analyse(study(), AnalysisSettings(factors=FACTORS, order_effect=True))
+    for part, keys in KEYS.items():
+        assert analysis[part], part
+        assert set(keys.split()) <= set(analysis[part][0]), part
+    json.dumps(analysis, allow_nan=False)
+
+
+def test_every_comparison_and_dataset_is_there_and_sums_to_zero() -> None:
+    analysis = analyse(study(), AnalysisSettings(factors=FACTORS))
+    for comparison, n_items in (("all", 6), ("depth", 3), ("fusion", 2)):
+        for dataset in ("ball", "box", "all"):
+            rows = only(analysis["scores"], comparison=comparison, dataset=dataset)
+            assert len(rows) == n_items
+            assert sum(row["score"] for row in rows) == pytest.approx(0, abs=1e-9)
+
+
+def test_counts_add_up() -> None:
+    votes = study()
+    excluded = VotesTable(**{**vars(votes), "practice": np.arange(len(votes)) < 10})
+    analysis = analyse(excluded, AnalysisSettings(exclude=("p3",)))
+    tally = analysis["votes"]
+    assert tally["votes"] == tally["practice"] + tally["excluded"] + tally["analysed"] == 240
+    assert (tally["practice"], tally["excluded"], tally["participants"]) == (10, 30, 7)
+    rows = only(analysis["scores"], comparison="all", dataset="all")
+    assert sum(row["n_votes"] for row in rows) == 2 * tally["analysed"]
+    assert sum(row["wins"] for row in rows) == sum(row["losses"] for row in rows) == tally["analysed"] - tally["ties"]
+    for row in rows:
+        assert row["wins"] + row["losses"] + row["ties"] == row["n_votes"]
+
+
+def test_votes_without_datasets_or_participants_are_analysed_as_one() -> None:
+    rows = [("x", "y", "a", 6), ("x", "y", "b", 3), ("y", "z", "a", 5), ("y", "z", "b", 4)]
+    votes = votes_from_rows(
+        {"participant": "", "dataset": "", "item_a": a, "item_b": b, "choice": c, "count": n} for a, b, c, n in rows
+    )
+    analysis = analyse(votes)
+    assert {row["dataset"] for row in analysis["scores"]} == {"all"}
+    assert all(row["se_participant"] is None for row in analysis["scores"])
+    assert analysis["triads"] == []
+    assert analysis["votes"]["participants"] is None
+
+
+def test_a_repeated_vote_is_named_and_kept() -> None:
+    votes = study(datasets=("ball",))
+    twice = votes.where(np.r_[np.ones(len(votes), bool)])
+    doubled = VotesTable(
+        **{
+            key: np.r_[value, value[:1]] if isinstance(value, np.ndarray) else value
+            for key, value in vars(twice).items()
+        }
+    )
+    analysis = analyse(doubled)
+    assert analysis["votes"]["analysed"] == len(votes) + 1
+    assert any(f"row {len(votes) + 1} (p0, ball, id_fa - id_fb)" in warning for warning in analysis["warnings"])
+
+
+def test_degenerate_data_have_their_status_and_a_warning() -> None:
+    def analysed(*rows: tuple[str, str, str]) -> dict[str, Any]:
+        return analyse(
+            votes_from_rows(
+                {"participant": f"p{n}", "dataset": "d", "item_a": a, "item_b": b, "choice": choice}
+                for n, (a, b, choice) in enumerate(rows)
+            ),
+            AnalysisSettings(bootstrap=10),
+        )
+
+    islands = analysed(("x", "y", "a"), ("x", "y", "b"), ("u", "v", "a"))
+    assert {row["status"] for row in islands["scores"]} == {"disconnected"}
+    assert all(row["score"] is None for row in islands["scores"])
+    assert any("no vote links" in warning for warning in islands["warnings"])
+    never = analysed(("x", "y", "a"), ("x", "y", "b"), ("x", "z", "a"))
+    assert {row["status"] for row in never["scores"]} == {"separated"}
+    assert any("{x, y} > {z}" in warning for warning in never["warnings"])
+    ties = analysed(("x", "y", "none"), ("x", "z", "none"), ("y", "z", "none"))
+    assert [row["score"] for row in only(ties["scores"], dataset="all")] == pytest.approx([0, 0, 0], abs=1e-9)
+    one = analysed(("x", "y", "a"))
+    assert {row["status"] for row in one["models"]} == {"separated"}
+
+
+def test_a_bootstrap_is_the_same_for_the_same_seed_and_close_to_the_participant_errors() -> None:
+    votes = study(n_participants=20)
+    first = analyse(votes, AnalysisSettings(bootstrap=400, seed=7))["scores"]
+    again = analyse(votes, AnalysisSettings(bootstrap=400, seed=7))["scores"]
+    plain = analyse(votes)["scores"]
+    assert first == again
+    for sampled, computed in zip(first, plain, strict=True):
+        width, expected = sampled["ci_high"] - sampled["ci_low"], computed["ci_high"] - computed["ci_low"]
+        assert 0.6 < width / expected < 1.4
+
+
+def test_an_item_without_a_level_is_named() -> None:
+    levels = {"depth": {"id_fa": "id"}}
+    with pytest.raises(VotesError, match="has no level of the factor 'depth'"):
+        analyse(study(), AnalysisSettings(factors=levels))
+
+
+def test_wrong_settings_are_refused() -> None:
+    with pytest.raises(ValueError, match="ties is 'both'"):
+        AnalysisSettings(ties="both")
+    with pytest.raises(ValueError, match="bootstrap is -1"):
+        AnalysisSettings(bootstrap=-1)
+    with pytest.raises(ValueError, match="the factor 'depth' is not among none"):
+        AnalysisSettings(analysed=("depth",))
+    with pytest.raises(ValueError, match="'nobody'"):
+        analyse(study(), AnalysisSettings(exclude=("nobody",)))
+
+
+def test_factors_are_compared_within_the_others_as_in_the_paper() -> None:
+    analysis = analyse(study(n_participants=4), AnalysisSettings(factors=FACTORS))
+    counted = {(row["comparison"], row["dataset"]): row["n_votes"] for row in analysis["models"]}
+    assert counted["depth", "ball"] == 4 * 6
+    assert counted["fusion", "ball"] == 4 * 3
+
+
+def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path) -> None:
+    folder = real_data / "votes" / "reference" / "paper_like_22x5x6"
+    expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))["datasets"]
+    analysis = analyse(read_votes(folder / "votes.csv"), AnalysisSettings(factors=FACTORS))
+    for dataset, models in expected.items():
+        where = "all" if dataset == "ALL" else dataset
+        for factor, name in (("depth", "separate_algorithm"), ("fusion", "separate_fusion")):
+            wanted = models[name]
+            rows = {row["item"]: row for row in only(analysis["scores"], comparison=factor, dataset=where)}
+            (model,) = only(analysis["models"], comparison=factor, dataset=where)
+            assert model["n_votes"] == wanted["n_votes"]
+            assert model["loglik"] == pytest.approx(wanted["loglik"], abs=1e-5)
+            assert model["log_nu"] == pytest.approx(wanted["params"]["log_nu"], abs=1e-6)
+            for level in wanted["params"].keys() - {"log_nu"}:
+                assert rows[level]["score"] == pytest.approx(wanted["params"][level], abs=1e-6)
+                assert rows[level]["se"] == pytest.approx(wanted["se"][level], abs=1e-5)
+                clustered = rows[level]["se_participant"] * np.sqrt(21 / 22)
+                assert clustered == pytest.approx(wanted["se_cluster"][level], abs=1e-5)
+
+
+def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
+    from app.analysis.votes import frame_from_votes
+
+    frame_from_votes(study(n_participants=4)).to_csv(tmp_path / "votes.csv", index=False)
+    items = [
+        "item,depth,fusion",
+        *(f"{item},{FACTORS['depth'][item]},{FACTORS['fusion'][item]}" for item in FACTORS["depth"]),
+    ]
+    (tmp_path / "items.csv").write_text("\n".join(items) + "\n", encoding="utf-8")
+    out = tmp_path / "out"
+    analysis = analyse_file(tmp_path / "votes.csv", out, items=tmp_path / "items.csv", factors=["fusion"])
+    assert json.loads((out / "analysis.json").read_text(encoding="utf-8")) == analysis
+    assert {row["comparison"] for row in analysis["scores"]} == {"all", "fusion"}
+    header = (out / "scores.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.startswith(
+        "comparison,dataset,item,score,se,se_participant,ci_low,ci_high,n_votes,wins,losses,ties,status"
+    )
+    for name in ("scores", "scores_fusion", "preferences", "residuals", "triads"):
+        for suffix, start in (("svg", b"<svg"), ("png", b"\x89PNG"), ("pdf", b"%PDF")):
+            assert (out / "figures" / f"{name}.{suffix}").read_bytes().startswith(start)
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "Davidson" in report
+    assert "pm_fb" in report
+    assert not list(out.rglob("*.part*"))
