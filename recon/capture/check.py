@@ -271,5 +271,5 @@ def _row_problems(rectification: Rectification, rows: Rows) -> Iterator[str]:
     if not 0 <= rows.disparity_px < rectification.n_disparities:
         yield (
             f"{place} have a disparity of {rows.disparity_px:.1f} px (median), the bounds span 0 to "
-            f"{rectification.n_disparities - 1}; left and right are exchanged, or the bounds or the baseline are wrong"
+            f"{rectification.n_disparities - 1}; the bounds, the baseline or the order of left and right are wrong"
         )

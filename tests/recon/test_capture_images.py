@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recon.capture import images
+from recon.capture.images import CaptureError, is_video, read_image, read_video_frame
+
+N_FRAMES = 8
+SIZE = (64, 48)
+
+
+def grey_of(frame: int) -> int:
+    return 20 + 25 * frame
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A lossless video whose frame n has the colour (grey_of(n), 0, 50)."""
+    path = tmp_path_factory.mktemp("video") / "left.avi"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 25.0, SIZE)
+    for frame in range(N_FRAMES):
+        writer.write(np.full((SIZE[1], SIZE[0], 3), (50, 0, grey_of(frame)), dtype=np.uint8))
+    writer.release()
+    yield path
+    images._open_video.cache_clear()
+
+
+@given(st.lists(st.integers(0, N_FRAMES - 1), min_size=1, max_size=12))
+@settings(deadline=None, max_examples=25)
+def test_a_video_frame_is_the_same_in_whatever_order_frames_are_read(video: Path, order: list[int]) -> None:
+    for frame in order:
+        pixels = read_video_frame(video, frame)
+        assert pixels.shape == (SIZE[1], SIZE[0], 3)
+        assert np.abs(pixels[0, 0].astype(int) - (grey_of(frame), 0, 50)).max() <= 3
+
+
+def test_frames_in_order_are_decoded_once_each(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images._open_video.cache_clear()
+    opened: list[CountingDecoder] = []
+    decode = cv2.VideoCapture
+
+    class CountingDecoder:
+        def __init__(self, path: str, backend: int) -> None:
+            self.decoder, self.calls = decode(path, backend), []
+            opened.append(self)
+
+        def __getattr__(self, name: str) -> object:
+            self.calls.append(name)
+            return getattr(self.decoder, name)
+
+    monkeypatch.setattr(images.cv2, "VideoCapture", CountingDecoder)
+    for frame in range(0, N_FRAMES, 2):
+        read_video_frame(video, frame)
+    (decoder,) = opened
+    calls = [call for call in decoder.calls if call in ("grab", "read")]
+    assert calls == ["read", *["grab", "read"] * (N_FRAMES // 2 - 1)]
+
+
+def test_a_video_that_is_too_short_says_how_long_it_is(video: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(
+            CaptureError, match=f"left.avi: ends after {N_FRAMES} frames, frame {N_FRAMES + 1} was asked for"
+        ):
+            read_video_frame(video, N_FRAMES + 1)
+    assert read_video_frame(video, 1)[0, 0, 2] == pytest.approx(50, abs=3)
+
+
+def test_a_video_that_cannot_be_decoded_or_is_missing_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "left.mp4"
+    with pytest.raises(CaptureError, match=f"{path}: there is no such video"):
+        read_video_frame(path, 0)
+    path.write_bytes(b"this is no video" * 100)
+    with pytest.raises(CaptureError, match=f"{path}: is not a video that can be decoded"):
+        read_video_frame(path, 0)
+
+
+def test_a_video_that_was_replaced_is_read_anew(video: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.avi"
+    copy.write_bytes(video.read_bytes())
+    read_video_frame(copy, 0)
+    copy.write_bytes(b"x" * 10)
+    with pytest.raises(CaptureError, match="decoded"):
+        read_video_frame(copy, 0)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.98])
+def test_an_image_that_is_cut_off_is_never_read_as_whole(tmp_path: Path, suffix: str, share: float) -> None:
+    path = tmp_path / f"whole{suffix}"
+    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    assert read_image(path).shape == (48, 64, 3)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * share)])
+    with pytest.raises(CaptureError, match=str(path)):
+        read_image(path)
+
+
+def test_a_missing_image_and_a_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"a.png: there is no such image"):
+        read_image(tmp_path / "a.png")
+    (tmp_path / "b.png").mkdir()
+    with pytest.raises(CaptureError, match=r"b.png: cannot be read: Is a directory"):
+        read_image(tmp_path / "b.png")
+
+
+def test_an_orientation_tag_does_not_turn_the_image_away_from_its_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    cv2.imwrite(str(path), np.zeros((48, 64, 3), dtype=np.uint8))
+    entry = struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0)  # tag, type short, count, "turned by a quarter", padding
+    exif = b"Exif\0\0MM" + struct.pack(">HIH", 42, 8, 1) + entry + bytes(4)
+    quarter_turn = b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif
+    content = path.read_bytes()
+    path.write_bytes(content[:2] + quarter_turn + content[2:])
+    assert cv2.imread(str(path)).shape == (64, 48, 3)
+    assert read_image(path).shape == (48, 64, 3)
+
+
+def test_videos_are_told_by_their_name() -> None:
+    assert is_video("S1/Left.MP4")
+    assert not is_video("S1/left/{frame:04d}.png")
