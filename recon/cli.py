@@ -14,7 +14,7 @@ import typer
 from recon.console import JsonOption, ProgressLine, print_result
 
 if TYPE_CHECKING:
-    from recon.capture.check import CheckReport, SensorReport
+    from recon.capture.check import CheckReport
 
 app = typer.Typer(no_args_is_help=True)
 capture_app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, segment, check.")
@@ -69,7 +69,7 @@ def capture_import(
 
     import_middlebury(source, out, pairs=parse_pairs(pairs), n_frames=frames, bounds=parse_bounds(bounds))
     report = check_capture(out)
-    print_result({"capture": str(out), **report.to_json()}, _check_sentences(out, report), as_json=as_json)
+    print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
 
 
 @capture_app.command("segment")
@@ -101,7 +101,7 @@ def capture_check(
     from recon.capture.check import check_capture
 
     report = check_capture(capture)
-    print_result(report.to_json(), _check_sentences(capture, report), as_json=as_json)
+    print_result(report.as_json(), _check_sentences(capture, report), as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
 
@@ -235,21 +235,5 @@ def parse_bounds(text: str | None) -> Any:
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:
-    lines = [f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors"]
-    lines += [_sensor_sentence(sensor) for sensor in report.sensors]
-    lines += [f"problem: {problem}" for problem in report.problems] or ["Nothing is wrong."]
-    return "\n".join(lines)
-
-
-def _sensor_sentence(sensor: SensorReport) -> str:
-    facts = [f"baseline {sensor.baseline_mm:.2f} mm"]
-    if sensor.rectified_size and sensor.n_disparities and sensor.depth_per_disparity_mm:
-        width, height = sensor.rectified_size
-        facts.append(f"rectified {width}x{height}, {sensor.n_disparities} disparities")
-        facts.append(f"{sensor.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
-    if sensor.rows and sensor.rows.vertical_error_px is not None:
-        error, n_matches = sensor.rows.vertical_error_px, sensor.rows.n_matches
-        facts.append(f"median vertical error {error:.3f} px on {n_matches} matched points")
-    if sensor.mask_coverage:
-        facts.append(f"foreground {sensor.mask_coverage[0]:.1%} and {sensor.mask_coverage[1]:.1%}")
-    return f"  {sensor.id}: " + ", ".join(facts)
+    verdict = "\n".join(f"problem: {problem}" for problem in report.problems) or "Nothing is wrong."
+    return f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors\n{report.as_text()}\n{verdict}"

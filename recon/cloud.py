@@ -124,6 +124,23 @@ def merge_clouds(clouds: Sequence[Cloud]) -> Cloud:
     )
 
 
+def crop_cloud(cloud: Cloud, bounds: NDArray[np.float64]) -> Cloud:
+    """The points within bounds (2, 3) = lowest and highest corner, mm.
+
+    Raises
+    ------
+    ValueError
+        If no point is.
+    """
+    is_inside = ((cloud.points >= bounds[0]) & (cloud.points <= bounds[1])).all(axis=1)
+    if not is_inside.any():
+        raise ValueError(
+            f"none of {len(cloud)} points lies within the bounds {bounds.tolist()}: check the bounds, the calibration "
+            "and the disparity map"
+        )
+    return cloud.select(is_inside)
+
+
 def _check(disparity: NDArray[np.float32], image: NDArray[np.uint8], rectification: Rectification) -> None:
     width, height = rectification.left.size
     if disparity.shape != (height, width) or image.shape != (height, width, 3) or image.dtype != np.uint8:

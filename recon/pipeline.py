@@ -21,7 +21,7 @@ from recon.artefacts import Artefacts, code_version, file_digest
 from recon.capture.format import Capture, image_path, read_capture, read_frame, read_masks
 from recon.capture.images import read_image
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
-from recon.cloud import CloudParameters, cloud_from_disparity
+from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.execute import Progress, run_tasks, silent
@@ -147,7 +147,8 @@ def make_cloud(
     def write(path: Path) -> None:
         rectification = _rectification(capture, sensor_id)
         left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
-        write_cloud(path, cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters))
+        cloud = cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters)
+        write_cloud(path, crop_cloud(cloud, capture.bounds))
 
     name = cloud_name(method, sensor_id, frame)
     return name if Artefacts(run).make(name, key, write) else None

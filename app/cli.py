@@ -1,0 +1,450 @@
+"""The one command of the product: studies and analysis here, the reconstruction backend's commands mounted.
+
+What a command needs is imported when it runs, so that `--help` is quick and the server loads no backend.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recon.cli import app as recon_app
+from recon.console import JsonOption, ProgressLine, print_result
+
+if TYPE_CHECKING:
+    from app.settings import Settings
+
+DEMO_SECONDS = 5.0
+# What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
+DEMO_DEPTH = {"id": -0.8, "dr": 0.1, "pm": 0.7}
+DEMO_FUSION = {"fa": -0.4, "fb": 0.4}
+DEMO_ABILITIES = {f"{d}_{f}": round(x + y, 3) for d, x in DEMO_DEPTH.items() for f, y in DEMO_FUSION.items()}
+DEMO_PLAN = """The whole way once, into {out}:
+  1. record an animated scene with three synthetic stereo sensors
+  2. reconstruct it by every approach: depth maps, clouds, meshes
+  3. render every model as the same fly-through video
+  4. make a study of the videos and let {participants} simulated participants vote over HTTP
+  5. turn the votes into scores"""
+BACKEND_PACKAGES = ("cv2", "numba", "pyrender", "skimage", "trimesh")
+DEFAULT_URL = "http://127.0.0.1:8000"
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Objective and subjective evaluation of multi-stereo 3D reconstruction.",
+)
+app.add_typer(recon_app)
+study_app = typer.Typer(no_args_is_help=True, help="Studies: create, list.")
+admin_app = typer.Typer(no_args_is_help=True, help="Experimenters.")
+token_app = typer.Typer(no_args_is_help=True, help="Tokens with which analysts fetch results.")
+db_app = typer.Typer(no_args_is_help=True, help="The database.")
+stimuli_app = typer.Typer(no_args_is_help=True, help="Stimulus sets.")
+for name, group in {
+    "stimuli": stimuli_app,
+    "study": study_app,
+    "admin": admin_app,
+    "token": token_app,
+    "db": db_app,
+}.items():
+    app.add_typer(group, name=name)
+
+UrlOption = Annotated[str, typer.Option(help="Where the server is reached, for the links that are printed.")]
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for everything that is made; starting again resumes.")] = Path(
+        "demo"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
+    participants: Annotated[int, typer.Option(min=0, help="Simulated participants.")] = 8,
+    serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until interrupted.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
+    from app.main import running_server
+    from app.operate import add_experimenter
+    from app.settings import Settings
+
+    progress = ProgressLine()
+    progress.say(DEMO_PLAN.format(out=out, participants=participants))
+    settings = Settings(data_dir=out / "study")
+    study = _demo_study(settings, _demo_stimuli(out, progress), progress)
+    with running_server(settings, port=_free_port(port)) as url:
+        analysis = _demo_votes(settings, study, url, out, participants, progress)
+        result = {
+            "out": str(out),
+            "scores": analysis and analysis["scores"],
+            "participant": f"{url}/s/{study['invitations'][0]}",
+            "experimenter": url + add_experimenter(settings, "demo")["path"],
+        }
+        print_result(result, _demo_sentences(result, analysis), as_json=as_json)
+        if serve:
+            progress.say("Serving until you press Ctrl-C.")
+            _wait_for_interrupt()
+
+
+def _demo_stimuli(out: Path, progress: ProgressLine) -> Path:
+    """Record, reconstruct and render the demo's scene, as far as it is not there yet; the manifest's path."""
+    from recon.capture.format import CAPTURE_FILE
+    from recon.capture.segment import segment_capture
+    from recon.pipeline import ReconstructOptions, RenderOptions, reconstruct, render
+    from recon.studio import SynthParameters, synthesise
+
+    capture, run = out / "capture", out / "run"
+    if not (capture / CAPTURE_FILE).exists():
+        synthesise(capture, SynthParameters(scene="ball", n_frames=10, size=(960, 720), fps=5.0), progress=progress)
+        segment_capture(capture, progress=progress)
+    reconstruct(capture, run, ReconstructOptions(), progress)
+    options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
+    return render([run], out / "stimuli", options, progress)
+
+
+def _demo_study(settings: Settings, manifest: Path, progress: ProgressLine) -> dict[str, Any]:
+    """The demo's study, created unless it is there."""
+    from app.operate import create_study, list_studies
+
+    if not list_studies(settings):
+        create_study(settings, manifest, "Demo", exposure_s=DEMO_SECONDS, seed=1, progress=_counted(progress))
+    return list_studies(settings)[0]
+
+
+def _demo_votes(
+    settings: Settings, study: Mapping[str, Any], url: str, out: Path, participants: int, progress: ProgressLine
+) -> dict[str, Any] | None:
+    """Let simulated participants vote unless somebody did before, and analyse the votes; None without votes."""
+    import httpx
+
+    from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
+    from app.operate import add_token
+
+    if participants and not study["n_votes"]:
+        _simulated_votes(settings, url, study["slug"], participants, DEMO_ABILITIES, 0.2, 1, progress)
+    headers = {"Authorization": f"Bearer {add_token(settings, 'demo')['token']}"}
+    answer = httpx.get(f"{url}/api/v1/studies/{study['slug']}/votes", headers=headers).raise_for_status()
+    if not (rows := answer.json()):
+        return None
+    analysis = analyse(votes_from_rows(rows), AnalysisSettings())
+    write_analysis(analysis, out / "analysis", source="the demo's study")
+    return analysis
+
+
+def _simulated_votes(
+    settings: Settings,
+    url: str,
+    slug: str,
+    participants: int,
+    abilities: Mapping[str, float] | None,
+    tie_rate: float,
+    seed: int,
+    progress: ProgressLine,
+) -> dict[str, Any]:
+    from app.operate import add_token, list_studies
+    from app.simulate import simulate as take_part
+
+    found = [study for study in list_studies(settings) if study["slug"] == slug]
+    if not found:
+        raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
+    result = take_part(
+        url,
+        slug,
+        found[0]["invitations"][0],
+        add_token(settings, "simulate")["token"],
+        participants,
+        abilities,
+        tie_rate,
+        seed,
+        progress=_counted(progress),
+    )
+    progress.close()
+    return result
+
+
+@stimuli_app.command("check")
+def stimuli_check(
+    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check a stimulus set: files, digests, and that every video can be decoded."""
+    from app.stimuli import read_stimulus_set
+
+    progress = ProgressLine()
+    found = read_stimulus_set(stimulus_set, _counted(progress))
+    progress.close()
+    result = {"name": found.name, "datasets": list(found.datasets), "conditions": list(found.conditions)}
+    sentence = f"{len(found.stimuli)} videos of {len(found.datasets)} datasets are whole: {stimulus_set}"
+    print_result(result, sentence, as_json=as_json)
+
+
+@study_app.command("create")
+def study_create(
+    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    study_name: Annotated[str, typer.Option("--name", help="What participants and experimenters read.")],
+    exposure: Annotated[
+        float | None, typer.Option(help="Seconds a pair is shown; default: as long as the shortest video.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everybody's order; default: drawn.")] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Create a study of a stimulus set, with an open invitation."""
+    from app.operate import create_study
+    from app.settings import Settings
+
+    progress = ProgressLine()
+    study = create_study(
+        Settings(), stimulus_set, study_name, exposure_s=exposure, seed=seed, progress=_counted(progress)
+    )
+    progress.close()
+    study["link"] = url + study["path"]
+    sentences = (
+        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
+        f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
+    )
+    print_result(study, sentences, as_json=as_json)
+
+
+@study_app.command("list")
+def study_list(as_json: JsonOption = False) -> None:
+    """All studies with their progress, the newest first."""
+    from app.operate import list_studies
+    from app.settings import Settings
+
+    found = list_studies(Settings())
+    lines = [_study_sentence(study) for study in found] or [
+        "There is no study yet; `reconstudy study create` makes one."
+    ]
+    print_result({"studies": found}, "\n".join(lines), as_json=as_json)
+
+
+@app.command()
+def serve(
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
+) -> None:
+    """Serve all studies until interrupted."""
+    from app.main import serve as serve_studies
+    from app.operate import list_studies
+    from app.settings import Settings
+
+    settings = Settings()
+
+    def announce(url: str) -> None:
+        print(f"Serving at {url} until you press Ctrl-C.", flush=True)
+        for study in list_studies(settings):
+            for code in study["invitations"]:
+                print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
+        print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME --url {url}`)", flush=True)
+
+    serve_studies(settings, host, port, on_start=announce)
+
+
+@admin_app.command("add")
+def admin_add(
+    experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """A sign-in link for an experimenter; an older link of theirs ends."""
+    from app.operate import add_experimenter
+    from app.settings import Settings
+
+    added = add_experimenter(Settings(), experimenter)
+    added["link"] = url + added["path"]
+    print_result(added, f"{added['name']} signs in once with {added['link']}", as_json=as_json)
+
+
+@token_app.command("add")
+def token_add(
+    token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
+    as_json: JsonOption = False,
+) -> None:
+    """A bearer token for fetching results over REST; it is shown this once."""
+    from app.operate import add_token
+    from app.settings import Settings
+
+    added = add_token(Settings(), token_name)
+    print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
+
+
+@db_app.command("upgrade")
+def db_upgrade(as_json: JsonOption = False) -> None:
+    """Bring the database to the newest version."""
+    from app.operate import upgrade_database
+    from app.settings import Settings
+
+    result = upgrade_database(Settings())
+    print_result(result, f"The database is at version {result['version']}.", as_json=as_json)
+
+
+@app.command()
+def simulate(
+    study: Annotated[str, typer.Option(help="The study's name in addresses, as `study list` shows it.")],
+    url: Annotated[str | None, typer.Option(help="A running server of this database; default: one of its own.")] = None,
+    participants: Annotated[int, typer.Option(min=1, help="How many take the whole study.")] = 22,
+    abilities: Annotated[
+        Path | None,
+        typer.Option(help="JSON object: condition -> ability in natural log-odds; default: drawn by the seed."),
+    ] = None,
+    tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    seed: Annotated[int, typer.Option(help="Of the abilities and choices.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Artificial participants of known preference take the whole study over HTTP."""
+    from app.main import running_server
+    from app.settings import Settings
+
+    settings = Settings()
+    known = None if abilities is None else _read_abilities(abilities)
+    progress = ProgressLine()
+    with nullcontext(url) if url else running_server(settings) as base_url:
+        result = _simulated_votes(settings, base_url, study, participants, known, tie_rate, seed, progress)
+    print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)
+
+
+@app.command()
+def analyse(
+    votes: Annotated[Path, typer.Argument(help="Votes as CSV, Parquet or JSON.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
+    items: Annotated[Path | None, typer.Option(help="CSV: item, then a column for each factor.")] = None,
+    ties: Annotated[str, typer.Option(help="davidson, rao-kupper, half or drop.")] = "davidson",
+    factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
+    by: Annotated[str, typer.Option(help="dataset: also every dataset by itself; none: only pooled.")] = "dataset",
+    order_effect: Annotated[
+        bool, typer.Option("--order-effect", help="Estimate the advantage of being shown first.")
+    ] = False,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates over participants for the intervals.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    columns: Annotated[
+        str | None, typer.Option(help="Where names differ: participant=judge,item_a=left,item_b=right.")
+    ] = None,
+    choices: Annotated[str | None, typer.Option(help="Where words differ: none=tie,a=1,b=0.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The whole analysis of any pair-comparison votes: triads, scores, standard errors, figures, report."""
+    from app.analysis import AnalysisSettings, analyse_file
+
+    if by not in ("dataset", "none"):
+        raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
+    settings = AnalysisSettings(
+        ties=ties, order_effect=order_effect, bootstrap=bootstrap, seed=seed, by_dataset=by == "dataset"
+    )
+    analysis = analyse_file(
+        votes,
+        out,
+        settings,
+        items=items,
+        columns=_parse_mapping(columns, "--columns"),
+        choices=_parse_mapping(choices, "--choices"),
+        factors=factor,
+    )
+    print_result(analysis, _score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+
+
+def main() -> None:
+    """Run the command line: exit 0 done, 1 it failed with a sentence that says why, 2 wrong use."""
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        if error.name not in BACKEND_PACKAGES:
+            raise
+        _fail(
+            f"this command needs the reconstruction backend ({error.name} is missing): pip install 'reconstudy[recon]'"
+        )
+    except KeyboardInterrupt:
+        _fail("interrupted", code=130)
+    except (ValueError, OSError, RuntimeError) as error:
+        if "RECONSTUDY_DEBUG" in os.environ:
+            raise
+        _fail(str(error))
+
+
+def _fail(sentence: str, code: int = 1) -> None:
+    print(f"reconstudy: {sentence}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _counted(progress: ProgressLine) -> Callable[[int, int, str], None]:
+    """Progress as the server reports it; the first word names the step, the rest the item at hand."""
+    return lambda done, total, what: progress(what.split(" ")[0], done, total) if what else None
+
+
+def _study_sentence(study: Mapping[str, Any]) -> str:
+    return (
+        f"{study['slug']} ({study['state']}): {study['n_finished']} of {study['n_started']} participants finished, "
+        f"{study['n_votes']} votes; invitations {', '.join(study['invitations'])}"
+    )
+
+
+def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
+    """The pairs of "ours=theirs,ours=theirs"."""
+    if text is None:
+        return None
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
+        raise typer.BadParameter(f"{option} is {text!r}, expected ours=theirs, comma between")
+    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
+
+
+def _read_abilities(path: Path) -> dict[str, float]:
+    from recon.files import read_json
+
+    content = read_json(path)
+    wrong = [name for name, value in content.items() if isinstance(value, bool) or not isinstance(value, int | float)]
+    if wrong:
+        raise ValueError(f"{path}: the ability of {wrong[0]} is {content[wrong[0]]!r}, expected a number")
+    return {name: float(value) for name, value in content.items()}
+
+
+def _score_sentences(analysis: Mapping[str, Any]) -> str:
+    """The pooled scores, best first."""
+    rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
+    rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
+    width = max((len(row["item"]) for row in rows), default=0)
+    return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
+
+
+def _score_text(row: Mapping[str, Any]) -> str:
+    if row["score"] is None:
+        return f"no score ({row['status']})"
+    interval = "" if row["ci_low"] is None else f"  95 % interval {row['ci_low']:+.3f} to {row['ci_high']:+.3f}"
+    return f"{row['score']:+.3f}{interval}"
+
+
+def _demo_sentences(result: Mapping[str, Any], analysis: Mapping[str, Any] | None) -> str:
+    scores = (
+        ""
+        if analysis is None
+        else (
+            "\nScores in natural log-odds, best first (the simulated participants' own, by item: "
+            + ", ".join(f"{item} {ability:+.1f}" for item, ability in DEMO_ABILITIES.items())
+            + f"):\n{_score_sentences(analysis)}\nReport: {result['out']}/analysis/report.html"
+        )
+    )
+    return f"{scores}\nAs a participant: {result['participant']}\nAs an experimenter: {result['experimenter']}"
+
+
+def _free_port(wanted: int) -> int:
+    """The wanted port, or 0 (any free one) if another program has it."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            return 0
+    return wanted
+
+
+def _wait_for_interrupt() -> None:
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        print(file=sys.stderr)

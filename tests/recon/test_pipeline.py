@@ -1,0 +1,125 @@
+"""The way from a capture to a stimulus set: resumable, and the same for every approach of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recon.artefacts import file_digest
+from recon.capture.format import Capture
+from recon.files import read_json
+from recon.pipeline import ReconstructOptions, RenderOptions, reconstruct, render, shown_frames
+from recon.render.video import probe_video
+from recon.run import read_run
+from recon.studio import SynthParameters, synthesise
+
+SMALL = RenderOptions(size=(96, 64), seconds=0.4, renderer="software")
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("studio") / "ball"
+    return synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=2, size=(320, 240), noise=0.5))
+
+
+@pytest.fixture(scope="module")
+def run(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    reconstruct(capture.folder, folder, ReconstructOptions(depths=("id",)))
+    return folder
+
+
+def digests(folder: Path, pattern: str) -> dict[str, str]:
+    return {str(path.relative_to(folder)): file_digest(path) for path in sorted(folder.rglob(pattern))}
+
+
+def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
+    described = read_run(run)
+    assert described.approaches == ("id_fa", "id_fb")
+    assert described.frames == (0, 1)
+    assert len(digests(run / "meshes", "*.ply")) == 4
+    assert len(digests(run / "clouds", "*.ply")) == 4
+
+
+def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Capture, run: Path) -> None:
+    before = digests(run, "*.ply")
+    lost = run / "clouds/id/S1/0001.ply"
+    lost.unlink()
+    n_made = len((run / "log.jsonl").read_text().splitlines())
+    reconstruct(capture.folder, run, ReconstructOptions(depths=("id",)))
+    assert len((run / "log.jsonl").read_text().splitlines()) == n_made + 1
+    assert digests(run, "*.ply") == before
+
+
+def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, tmp_path: Path) -> None:
+    from shutil import copytree
+
+    from recon.surface import SurfaceParameters
+
+    again = tmp_path / "run"
+    copytree(run, again)
+    n_made = len((again / "log.jsonl").read_text().splitlines())
+    options = ReconstructOptions(depths=("id",), surface=SurfaceParameters(voxel_mm=60.0))
+    reconstruct(capture.folder, again, options)
+    made = (again / "log.jsonl").read_text().splitlines()[n_made:]
+    assert len(made) == 4
+    assert all("meshes/" in line for line in made)
+
+
+@pytest.mark.slow
+def test_worker_processes_make_the_same_files(capture: Capture, run: Path, tmp_path: Path) -> None:
+    reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("id",), workers=2))
+    assert digests(tmp_path / "run", "*.ply") == digests(run, "*.ply")
+
+
+def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tmp_path: Path) -> None:
+    manifest = read_json(render([run], tmp_path / "set", SMALL))
+    assert [entry["approach"] for entry in manifest["stimuli"]] == ["id_fa", "id_fb"]
+    assert manifest["factors"] == {"depth": ["id"], "fusion": ["fa", "fb"]}
+    for entry in manifest["stimuli"]:
+        facts = probe_video(tmp_path / "set" / entry["video"])
+        assert (facts.width, facts.height, facts.n_frames, facts.fps) == (96, 64, 10, 25.0)
+        assert entry["sha256"] == file_digest(tmp_path / "set" / entry["video"])
+        assert probe_video(tmp_path / "set" / entry["master"]).n_frames == 10
+        assert entry["model_frames"] == 2
+
+
+def test_rendering_again_makes_the_same_videos(run: Path, tmp_path: Path) -> None:
+    render([run], tmp_path / "one", SMALL)
+    render([run], tmp_path / "two", SMALL)
+    assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+
+
+def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is not a finished run"):
+        render([tmp_path], tmp_path / "set", SMALL)
+
+
+def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="has frames 0 to 1, none of them in"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=range(5, 9)))
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_method_is_named_before_anything_is_made(capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="unknown depth method 'xx'"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("xx",)))
+    assert not (tmp_path / "run").exists()
+
+
+@given(st.integers(1, 9), st.integers(1, 60), st.floats(0.05, 3), st.sampled_from(["repeat", "bounce", "static"]))
+def test_a_video_shows_only_frames_that_were_recorded(n_recorded: int, n_shown: int, step: float, loop: str) -> None:
+    shown = shown_frames(n_recorded, n_shown, step, loop)
+    assert len(shown) == n_shown
+    assert shown[0] == 0
+    assert set(shown) <= set(range(n_recorded))
+
+
+def test_a_recording_is_played_again_or_back_and_forth_or_not_at_all() -> None:
+    assert shown_frames(3, 8, 1.0, "repeat") == [0, 1, 2, 0, 1, 2, 0, 1]
+    assert shown_frames(3, 8, 1.0, "bounce") == [0, 1, 2, 1, 0, 1, 2, 1]
+    assert shown_frames(3, 4, 0.5, "bounce") == [0, 0, 1, 1]
+    assert shown_frames(3, 3, 1.0, "static") == [0, 0, 0]
