@@ -9,18 +9,26 @@ Source: the study's Tables 1 and 2.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.census import BEHIND, census, grey_image
+from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
 from recon.depth.consistency import consistent
-from recon.depth.pair import StereoPair
-from recon.depth.permeability import BLOCK, aggregate_and_choose, permeabilities
+from recon.depth.hierarchy import halved, halved_mask, search_windows
+from recon.depth.lanes import N_LANES
+from recon.depth.pair import MIN_SIDE, StereoPair
+from recon.depth.permeability import WORST, aggregate_and_choose, guide_image, noise_level, permeabilities
 
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
+Result = TypeVar("Result")
+
+COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 
 
 @dataclass(frozen=True)
@@ -30,28 +38,88 @@ class IdParameters:
     Parameters
     ----------
     sigma : permeability, grey levels
+    levels : how often the images are halved for hierarchical matching; 0 searches every disparity
     consistency_threshold : pixels by which the two views' disparities may differ
     """
 
     sigma: float = 12.0
+    levels: int = 2
     consistency_threshold: int = 0
 
     def __post_init__(self) -> None:
         if not self.sigma > 0:
             raise ValueError(f"sigma is {self.sigma}; expected a positive number of grey levels")
+        if not 0 <= self.levels <= 6:
+            raise ValueError(f"levels is {self.levels}; expected 0 (full search) to 6")
         if self.consistency_threshold < 0:
             raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 0 or more pixels")
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """One view as reference, the other as target; the right view is mirrored, so that both search alike."""
+class View:
+    """One image of a pair at one level, its background black.
 
-    codes: NDArray[np.uint32]
-    target_codes: NDArray[np.uint32]
-    grey: NDArray[np.uint8]
+    What is computed from the right view is mirrored: both then search their matches towards smaller columns.
+    """
+
+    image: NDArray[np.uint8]
+    grey: NDArray[np.uint16]
     mask: NDArray[np.bool_] | None
-    tie: int  # opposite in the two views: a tie, where nothing is known, then fails the consistency check
+    noise: float
+    is_right: bool
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W), pixels."""
+        return self.image.shape[0], self.image.shape[1]
+
+    def mirrored(self, image: NDArray[Any]) -> NDArray[Any]:
+        """The image as it is in the left view, its columns from right to left in the right view."""
+        return np.ascontiguousarray(image[:, ::-1] if self.is_right else image)
+
+    def halved(self) -> View:
+        """The view at the next coarser level."""
+        mask = None if self.mask is None else halved_mask(self.mask)
+        return View(halved(self.image), halved(self.grey), mask, self.noise / 2, self.is_right)
+
+    def codes(self) -> NDArray[np.uint32]:
+        """Census codes (2, H, W), mirrored in the right view, flagged on the background."""
+        codes = census_pair(self.grey)
+        if self.mask is not None:
+            codes[:, ~self.mask] |= BEHIND
+        return np.ascontiguousarray(codes[:, :, ::-1]) if self.is_right else codes
+
+    def permeabilities(self, sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Across and down (H, W), mirrored in the right view."""
+        mask = None if self.mask is None else self.mirrored(self.mask)
+        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=sigma, mask=mask)
+
+
+@dataclass(frozen=True)
+class Level:
+    """What is searched at one level of the hierarchy."""
+
+    n_disparities: int
+    min_disparity: int
+
+    def halved(self) -> Level:
+        """The same disparities at half the size."""
+        lowest = self.min_disparity // 2
+        highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
+        return Level(highest - lowest + 1, lowest)
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """What one view found, mirrored in the right view.
+
+    index : int32 (H, W), disparity minus the smallest; offset : float32 (H, W), pixels, to the parabola's vertex;
+    valid : bool (H, W), where the other view agrees.
+    """
+
+    index: NDArray[np.int32]
+    offset: NDArray[np.float32]
+    valid: NDArray[np.bool_]
 
 
 def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDArray[np.float32]:
@@ -66,61 +134,109 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
     UserWarning
         If an image has no texture; the disparity is NaN everywhere.
     """
-    left, right = (_foreground_grey(*side) for side in _sides(pair))
-    if min(np.ptp(grey) for grey in (left, right)) < MIN_GREY_RANGE:
-        warnings.warn("the images have no texture: nothing can be matched, every disparity is NaN", stacklevel=2)
-        return np.full(left.shape, np.nan, np.float32)
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        in_left, in_right = pool.map(lambda view: _winners(view, pair, parameters), _views(pair, left, right))
-    valid = consistent(in_left, in_right[:, ::-1], threshold=parameters.consistency_threshold)
-    if pair.left_mask is not None:
-        valid &= pair.left_mask
-    return np.where(valid, in_left, np.nan).astype(np.float32)
+    disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
+    if has_texture(pair):
+        left, _ = match_views(views_of(pair), Level(pair.n_disparities, pair.min_disparity), parameters)
+        disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
+    return disparity
 
 
-def _sides(pair: StereoPair) -> tuple[tuple[NDArray[np.uint8], NDArray[np.bool_] | None], ...]:
-    return (pair.left, pair.left_mask), (pair.right, pair.right_mask)
+def has_texture(pair: StereoPair) -> bool:
+    """Whether both images have anything to match; warns if not."""
+    for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
+        grey = grey_image(image)
+        if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
+            warnings.warn("the images have no texture: nothing can be matched, every disparity is NaN", stacklevel=3)
+            return False
+    return True
 
 
-def _foreground_grey(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """The grey image with a black background: what lies behind the mask must not matter."""
-    grey = grey_image(image)
-    return grey if mask is None else np.where(mask, grey, np.uint8(0))
-
-
-def _views(pair: StereoPair, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[_View, _View]:
-    in_left, in_right = _masked_census(left, pair.left_mask), _masked_census(right, pair.right_mask)
-    right_mask = None if pair.right_mask is None else pair.right_mask[:, ::-1]
+def views_of(pair: StereoPair) -> tuple[View, View]:
+    """The left and the right view of the part of a pair that is matched."""
+    box = pair.foreground()
     return (
-        _View(in_left, in_right, left, pair.left_mask, tie=0),
-        _View(_mirror(in_right), _mirror(in_left), _mirror(right), right_mask, tie=1),
+        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], is_right=False),
+        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], is_right=True),
     )
 
 
-def _mirror(image: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]  # of any one type
-    return np.ascontiguousarray(image[:, ::-1])
+def _view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, *, is_right: bool) -> View:
+    noise = noise_level(grey_image(image), mask)
+    if mask is not None:
+        image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
+    return View(image, fine_grey_image(image), mask, noise, is_right)
 
 
-def _masked_census(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray[np.uint32]:
-    codes = census(grey)
-    return codes if mask is None else np.where(mask, codes, codes | BEHIND)
+def match_views(views: tuple[View, View], level: Level, parameters: IdParameters) -> tuple[Matches, Matches]:
+    """Both views' matches, from the coarsest level to the finest."""
+    coarser: tuple[Matches, Matches] | tuple[None, None] = (None, None)
+    if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
+        coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
+        coarser = match_views((views[0].halved(), views[1].halved()), level.halved(), coarse)
+    codes = in_both(lambda side: views[side].codes())
+    found = in_both(
+        lambda side: _search(views[side], (codes[side], codes[1 - side]), coarser[side], level, parameters.sigma)
+    )
+    valid = in_both(lambda side: _confirmed(views[side], found[side][0], found[1 - side][0], level, parameters))
+    return Matches(*found[0], valid[0]), Matches(*found[1], valid[1])
 
 
-def _winners(view: _View, pair: StereoPair, parameters: IdParameters) -> NDArray[np.int32]:
-    """The cheapest disparity (H, W) of every pixel of a view, pixels."""
-    across, down = permeabilities(view.grey, sigma=parameters.sigma, mask=view.mask)
-    best, winner = np.empty(view.codes.shape, np.int32), np.zeros(view.codes.shape, np.int32)
-    candidates = _candidates(view.target_codes, pair.n_disparities, pair.min_disparity)
-    aggregate_and_choose(view.codes, candidates, across, down, pair.n_disparities, view.tie, best, winner)
-    return winner + np.int32(pair.min_disparity)
+def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
+    """The work done for the left view (0) and the right (1), at once if numba may use two threads."""
+    with ThreadPoolExecutor(max_workers=min(numba.get_num_threads(), 2)) as pool:
+        left, right = pool.map(work, (0, 1))
+    return left, right
 
 
-def _candidates(codes: NDArray[np.uint32], n_disparities: int, min_disparity: int) -> NDArray[np.uint32]:
-    """The target's census codes from right to left, (H, W - 1 + D), D whole blocks: see `aggregate_and_choose`.
+def _search(
+    view: View,
+    codes: tuple[NDArray[np.uint32], NDArray[np.uint32]],
+    coarser: Matches | None,
+    level: Level,
+    sigma: float,
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """The cheapest disparity index of every pixel, int32 (H, W), and the offset to its parabola's vertex."""
+    across, down = view.permeabilities(sigma)
+    candidates = _candidates(codes[1], level)
+    windows = _full_search(level.n_disparities, view.shape) if coarser is None else _near_coarser(coarser, level, view)
+    downward = np.empty((view.shape[0] + 1) * view.shape[1] * N_LANES, np.float32)
+    best = np.full(view.shape, WORST, np.int32)
+    winner, offset = np.zeros(view.shape, np.int32), np.zeros(view.shape, np.float32)
+    # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
+    flip = N_LANES - 1 if view.is_right else 0
+    for start in reversed(windows) if view.is_right else windows:
+        aggregate_and_choose(
+            codes[0], candidates, across, down, start, level.n_disparities, flip, downward, best, winner, offset
+        )
+    return winner, offset
 
-    Beyond the image the outermost code is repeated: no disparity is favoured there, so that ties remain ties.
+
+def _full_search(n_disparities: int, shape: tuple[int, int]) -> list[NDArray[np.int32]]:
+    """Windows over the whole range; each overlaps the last by the two lanes that only serve as neighbours."""
+    last = max(n_disparities - N_LANES, 0)
+    firsts = [*range(0, last, N_LANES - 2), last]
+    return [np.broadcast_to(np.int32(first), shape).copy() for first in firsts]
+
+
+def _near_coarser(coarser: Matches, level: Level, view: View) -> list[NDArray[np.int32]]:
+    shift = 2 * level.halved().min_disparity - level.min_disparity
+    return list(search_windows(coarser.index, coarser.valid, view.shape, level.n_disparities, shift=shift))
+
+
+def _candidates(codes: NDArray[np.uint32], level: Level) -> NDArray[np.uint32]:
+    """The other view's codes as the reference view faces them, (2, H, W - 1 + D): see `aggregate_and_choose`.
+
+    Either view sees the other mirrored, so the codes stay in order. Beyond the image the outermost code is repeated:
+    no disparity is favoured there, and ties remain ties.
     """
-    width = codes.shape[1]
-    n_padded = -(-n_disparities // BLOCK) * BLOCK
-    columns = width - 1 - min_disparity - np.arange(width - 1 + n_padded)
-    return np.ascontiguousarray(codes[:, np.clip(columns, 0, width - 1)])
+    width = codes.shape[2]
+    columns = np.arange(width - 1 + max(level.n_disparities, N_LANES)) + level.min_disparity
+    return np.ascontiguousarray(codes[:, :, np.clip(columns, 0, width - 1)])
+
+
+def _confirmed(
+    view: View, index: NDArray[np.int32], other: NDArray[np.int32], level: Level, parameters: IdParameters
+) -> NDArray[np.bool_]:
+    threshold = parameters.consistency_threshold
+    valid = consistent(index, other, min_disparity=level.min_disparity, threshold=threshold)
+    return valid if view.mask is None else valid & view.mirrored(view.mask)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+FRAME = 4  # pixels of background around the foreground: the census window of a pixel on its rim, blurred
 MIN_SIDE = 7  # pixels: a 5x5 census window with a pixel to spare on each side
 
 
@@ -57,6 +58,19 @@ class StereoPair:
     def width(self) -> int:
         """Columns, pixels."""
         return int(self.left.shape[1])
+
+    def foreground(self) -> tuple[slice, slice]:
+        """Rows and columns that hold the left foreground, all that it can match, and a census window around."""
+        if self.left_mask is None:
+            return slice(0, self.height), slice(0, self.width)
+        rows, columns = (np.flatnonzero(self.left_mask.any(axis=axis)) for axis in (1, 0))
+        nearest = self.min_disparity + self.n_disparities - 1
+        first = min(columns[0], columns[0] - nearest) - FRAME
+        last = max(columns[-1], columns[-1] - self.min_disparity) + FRAME
+        return (
+            slice(max(int(rows[0]) - FRAME, 0), min(int(rows[-1]) + FRAME + 1, self.height)),
+            slice(max(int(first), 0), min(int(last) + 1, self.width)),
+        )
 
 
 def _check_image(image: NDArray[np.uint8], side: str) -> None:

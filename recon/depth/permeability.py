@@ -1,33 +1,66 @@
 """Permeability filter: costs flow along rows and columns and stop at edges of the picture.
 
-Nothing of size (H, W, disparities) is ever held: a block of disparities is aggregated at a time, the disparity
-contiguous in memory, and the winner so far is kept. The upward pass and the winner-takes-all are one loop.
+Nothing of size (H, W, disparities) is ever held: sixteen disparities are aggregated at a time, contiguous in memory,
+and the winner so far is kept. The upward pass and the winner-takes-all are one loop.
 
 Source: Cigla and Alatan, Information permeability for stereo matching, Signal Processing: Image Communication 28, 2013.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 from numpy.typing import NDArray
 
-BLOCK = 16  # disparities aggregated at a time: one vector register of float32
-INDEX_MASK = 15  # a disparity's place in its block, kept in the lowest bits of its cost
+from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, spread_lane, store, zeros
+
+LANE_BITS = np.int32(N_LANES - 1)
+WORST = np.int32(0x7F800000)  # the bits of infinity
+GUIDE_WINDOW = 5  # pixels, of the bilateral filter
+GUIDE_REACH = 2.0  # pixels, its spatial deviation
+GUIDE_TOLERANCE = 3.0  # its deviation in grey levels, in units of the image's noise
+MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
+NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
+
+
+def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
+    """Standard deviation of an image's noise, grey levels.
+
+    Source: Immerkaer, Fast noise variance estimation, Computer Vision and Image Understanding 64, 1996, with the
+    median in place of the mean, so that texture counts little.
+    """
+    response = np.abs(cv2.filter2D(grey, cv2.CV_16S, NOISE_KERNEL))
+    inside = response if mask is None else response[mask]
+    histogram = np.bincount(inside.ravel())
+    half = np.searchsorted(np.cumsum(histogram), inside.size / 2)
+    return max(float(half) / NOISE_GAIN, MIN_NOISE)
+
+
+def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
+    """The image whose edges stop the flow: noise taken out, edges kept.
+
+    A 3x3 median, then a bilateral filter as wide as the noise: noise left in the guide closes every passage.
+
+    Parameters
+    ----------
+    image : uint8 (H, W, 3) or (H, W)
+    noise : standard deviation, grey levels
+    """
+    median = cv2.medianBlur(np.ascontiguousarray(image), 3)
+    smooth = cv2.bilateralFilter(median, GUIDE_WINDOW, GUIDE_TOLERANCE * noise, GUIDE_REACH)
+    return np.asarray(smooth, dtype=np.uint8)
 
 
 def permeabilities(
-    grey: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None
+    guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """How freely costs pass from each pixel to its right and its lower neighbour.
 
     Parameters
     ----------
-    grey : uint8 (H, W); a 3x3 median of it is the guide, because noise would close every passage
+    guide : uint8 (H, W, 3) or (H, W); the channel that differs most decides
     sigma : grey levels
     mask : bool (H, W); nothing passes its border
 
@@ -39,25 +72,40 @@ def permeabilities(
     ------
     Cigla and Alatan 2013, equation 2.
     """
-    guide = cv2.medianBlur(grey, 3).astype(np.int16)
     passage = np.exp(-np.arange(256, dtype=np.float64) / sigma).astype(np.float32)
-    across, down = np.zeros(grey.shape, np.float32), np.zeros(grey.shape, np.float32)
-    across[:, :-1] = passage[np.abs(np.diff(guide, axis=1))]
-    down[:-1] = passage[np.abs(np.diff(guide, axis=0))]
+    across, down = np.empty(guide.shape[:2], np.float32), np.empty(guide.shape[:2], np.float32)
+    _permeability_kernel(guide.reshape(*guide.shape[:2], -1), passage, across, down)
     if mask is not None:
         across[:, :-1] *= mask[:, 1:] == mask[:, :-1]
         down[:-1] *= mask[1:] == mask[:-1]
     return across, down
 
 
-@intrinsic
-def _bit_count(typing_context: Any, value: Any) -> Any:  # noqa: ARG001  # numba's signature
-    """Number of set bits of a uint32, by the processor's own instruction."""
+@njit(cache=True, nogil=True)
+def _permeability_kernel(
+    guide: NDArray[np.uint8], passage: NDArray[np.float32], across: NDArray[np.float32], down: NDArray[np.float32]
+) -> None:
+    height, width, n_channels = guide.shape
+    for y in range(height):
+        for x in range(width):
+            to_right, to_below = np.int32(0), np.int32(0)
+            for channel in range(n_channels):
+                here = np.int32(guide[y, x, channel])
+                if x + 1 < width:
+                    to_right = max(to_right, abs(here - np.int32(guide[y, x + 1, channel])))
+                if y + 1 < height:
+                    to_below = max(to_below, abs(here - np.int32(guide[y + 1, x, channel])))
+            across[y, x] = passage[to_right] if x + 1 < width else np.float32(0)
+            down[y, x] = passage[to_below] if y + 1 < height else np.float32(0)
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001  # numba's signature
-        return builder.ctpop(arguments[0])
 
-    return types.uint32(types.uint32), generate
+@njit(inline="always")
+def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes have no Python type
+    """The lanes moved down by `shift` places, the outermost repeated: another window on the same costs."""
+    store(scratch, 0, spread_lane(lanes, 0))
+    store(scratch, N_LANES, lanes)
+    store(scratch, 2 * N_LANES, spread_lane(lanes, N_LANES - 1))
+    return load(scratch, N_LANES + min(max(shift, -N_LANES), N_LANES))
 
 
 @njit(cache=True, nogil=True)
@@ -66,65 +114,99 @@ def aggregate_and_choose(
     candidates: NDArray[np.uint32],
     across: NDArray[np.float32],
     down: NDArray[np.float32],
+    start: NDArray[np.int32],
     n_disparities: int,
-    tie: int,
+    flip: int,
+    downward: NDArray[np.float32],
     best: NDArray[np.int32],
     winner: NDArray[np.int32],
+    offset: NDArray[np.float32],
 ) -> None:
-    """Aggregate the Hamming costs of all disparities and keep each pixel's cheapest.
+    """Aggregate sixteen Hamming costs for every pixel and keep the cheapest if it beats the best so far.
 
     Parameters
     ----------
-    codes : uint32 (H, W), census of the reference view
-    candidates : uint32 (H, W - 1 + D), so that pixel x at disparity index k faces `candidates[y, W - 1 - x + k]`;
-        D is `n_disparities` rounded up to whole blocks
+    codes : uint32 (2, H, W), two census codes of the reference view, whose Hamming distances are added
+    candidates : uint32 (2, H, W - 1 + D): pixel x at disparity index k faces `candidates[:, y, W - 1 - x + k]`
     across, down : float32 (H, W), see `permeabilities`
-    tie : 0, the first of equally cheap disparities wins; 1, the last
-    best : int32 (H, W), out: the bits of the winner's float32 cost, with its index in the lowest bits
-    winner : int32 (H, W), out: the winner's disparity index
+    start : int32 (H, W), the first of the sixteen disparity indices of each pixel; where it changes from one pixel
+        to the next, costs flow from lane to lane of the same disparity, and beyond the window its outermost cost
+    n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
+        because a winner needs both neighbours for its parabola
+    flip : 0, the first of equally cheap disparities wins; 15, the last
+    downward : float32 ((H + 1) * W * 16,), scratch
+    best : int32 (H, W), the winner's cost so far, see `lanes.lowest`; updated
+    winner : int32 (H, W), its disparity index; updated
+    offset : float32 (H, W), pixels, from it to the vertex of the parabola through it and its neighbours; updated
     """
-    height, width = codes.shape
-    n_blocks = (candidates.shape[1] - width + 1) // BLOCK
-    downward = np.empty((height + 1, width, BLOCK), np.float32)
-    downward[0] = 0
-    cost = np.empty((width, BLOCK), np.float32)
-    forward = np.empty((width, BLOCK), np.float32)
-    flow = np.empty(BLOCK, np.float32)
-    upward = np.empty((width, BLOCK), np.float32)
-    total = np.empty(BLOCK, np.float32)
-    flip = np.int32(tie * INDEX_MASK)
-    best[:] = 0x7F800000
-    for step in range(n_blocks):
-        first = (n_blocks - 1 - step if tie else step) * BLOCK
-        for y in range(height):
-            flow[:] = 0
-            for x in range(width):
-                passage = across[y, x - 1] if x > 0 else np.float32(0)
-                start = width - 1 - x + first
-                for k in range(BLOCK):
-                    cost[x, k] = np.float32(_bit_count(codes[y, x] ^ candidates[y, start + k]))
-                    flow[k] = cost[x, k] + passage * flow[k]
-                    forward[x, k] = flow[k]
-            flow[:] = 0
-            for x in range(width - 1, -1, -1):
-                from_above = down[y - 1, x] if y > 0 else np.float32(0)
-                for k in range(BLOCK):
-                    beyond = across[y, x] * flow[k]
-                    flow[k] = cost[x, k] + beyond
-                    downward[y + 1, x, k] = forward[x, k] + beyond + from_above * downward[y, x, k]
-        upward[:] = 0
-        for y in range(height - 1, -1, -1):
-            for x in range(width):
-                from_above = down[y - 1, x] if y > 0 else np.float32(0)
-                for k in range(BLOCK):
-                    from_below = down[y, x] * upward[x, k]
-                    total[k] = downward[y + 1, x, k] + from_below
-                    upward[x, k] = downward[y + 1, x, k] - from_above * downward[y, x, k] + from_below
-                lowest = np.int32(0x7FFFFFFF)
-                keys = total.view(np.int32)
-                for k in range(min(BLOCK, n_disparities - first)):
-                    key = np.int32((keys[k] & np.int32(~INDEX_MASK)) | np.int32(k ^ flip))
-                    lowest = min(lowest, key)
-                if lowest & np.int32(~INDEX_MASK) < best[y, x] & np.int32(~INDEX_MASK):
-                    best[y, x] = lowest
-                    winner[y, x] = first + ((lowest & np.int32(INDEX_MASK)) ^ flip)
+    height, width = across.shape
+    pitch = candidates.shape[2]
+    sharp, blurred = candidates[0].reshape(-1), candidates[1].reshape(-1)
+    forward = np.empty(width * N_LANES, np.float32)
+    upward = np.zeros(width * N_LANES, np.float32)
+    scratch = np.empty(3 * N_LANES, np.float32)
+    downward[: width * N_LANES] = 0
+    for y in range(height):
+        flow = zeros()
+        passage = np.float32(0)
+        window = start[y, 0]
+        for x in range(width):
+            if start[y, x] != window:
+                flow = _shifted(scratch, flow, start[y, x] - window)
+                window = start[y, x]
+            facing = y * pitch + width - 1 - x + window
+            cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
+            flow = add_scaled(cost, passage, flow)
+            store(forward, x * N_LANES, flow)
+            passage = across[y, x]
+        flow = zeros()
+        for x in range(width - 1, -1, -1):
+            if start[y, x] != window:
+                flow = _shifted(scratch, flow, start[y, x] - window)
+                window = start[y, x]
+            facing = y * pitch + width - 1 - x + window
+            cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
+            in_row = add_scaled(load(forward, x * N_LANES), across[y, x], flow)
+            flow = add_scaled(cost, across[y, x], flow)
+            if y > 0:
+                above = load(downward, (y * width + x) * N_LANES)
+                if start[y - 1, x] != window:
+                    above = _shifted(scratch, above, window - start[y - 1, x])
+                in_row = add_scaled(in_row, down[y - 1, x], above)
+            store(downward, ((y + 1) * width + x) * N_LANES, in_row)
+    for y in range(height - 1, -1, -1):
+        for x in range(width):
+            window = start[y, x]
+            below = load(upward, x * N_LANES)
+            if y + 1 < height and start[y + 1, x] != window:
+                below = _shifted(scratch, below, window - start[y + 1, x])
+            total = add_scaled(load(downward, ((y + 1) * width + x) * N_LANES), down[y, x], below)
+            without_above = total
+            if y > 0:
+                above = load(downward, (y * width + x) * N_LANES)
+                if start[y - 1, x] != window:
+                    above = _shifted(scratch, above, window - start[y - 1, x])
+                without_above = add_scaled(total, -down[y - 1, x], above)
+            store(upward, x * N_LANES, without_above)
+            first = 0 if window == 0 else 1
+            last = min(n_disparities - window, N_LANES) - 1
+            if window + N_LANES < n_disparities:
+                last -= 1
+            key = lowest(total, first, last, flip)
+            if key & ~LANE_BITS < best[y, x] & ~LANE_BITS:
+                lane = (key & LANE_BITS) ^ np.int32(flip)
+                best[y, x] = key
+                winner[y, x] = window + lane
+                store(scratch, 0, total)
+                offset[y, x] = _vertex(scratch, lane) if 0 < window + lane < n_disparities - 1 else np.float32(0)
+
+
+@njit(inline="always")
+def _vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
+    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, within a half."""
+    before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
+    bend = before - np.float32(2) * here + after
+    if bend <= 0:
+        return np.float32(0)
+    vertex = np.float32(0.5) * (before - after) / bend
+    return min(max(vertex, np.float32(-0.5)), np.float32(0.5))

@@ -1,0 +1,89 @@
+"""Hierarchical matching: where a finer level has to search.
+
+The coarsest level is searched in full. A finer level searches two windows of sixteen disparities around everything
+that was found in a pixel's surroundings: one from the farthest, one from the nearest. So a large jump is covered from
+both sides, and a thin structure by what its neighbours saw of it.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from recon.depth.lanes import N_LANES
+
+Depth = TypeVar("Depth", np.uint8, np.uint16)
+
+TILE = 4  # coarse pixels: the pixels of a tile search the same windows
+REACH = 4  # coarse pixels: how far around its tile a pixel looks for disparities
+MARGIN = 2  # fine disparities searched beyond those found
+UNKNOWN = np.int32(np.iinfo(np.int32).max)
+
+
+def halved(image: NDArray[Depth]) -> NDArray[Depth]:
+    """An image of half the size, rounded up: the means of 2x2 pixels, the last row and column repeated if odd."""
+    even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
+    size = (even.shape[1] // 2, even.shape[0] // 2)
+    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), dtype=image.dtype)
+
+
+def halved_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask of half the size, rounded up: foreground where at least half of the 2x2 pixels are."""
+    return np.asarray(halved(mask.view(np.uint8) * np.uint8(254)) >= 127)
+
+
+def search_windows(
+    found: NDArray[np.int32], valid: NDArray[np.bool_], shape: tuple[int, int], n_disparities: int, *, shift: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Where the two windows of sixteen disparities of each pixel of the finer level begin.
+
+    Parameters
+    ----------
+    found : int32 (h, w), disparity indices of the coarser level
+    valid : bool (h, w), where they count; where none counts nearby, all do
+    shape : (H, W) of the finer level
+    n_disparities : of the finer level
+    shift : the finer level's index of twice the disparity of the coarser level's index 0
+
+    Returns
+    -------
+    far, near : int32 (H, W), the first disparity index of each window; equal where one window covers all
+    """
+    n_rows, n_columns = -(-found.shape[0] // TILE), -(-found.shape[1] // TILE)
+    starts = np.empty((2, n_rows, n_columns), np.int32)
+    _window_kernel(found, valid, shift, max(n_disparities - N_LANES, 0), starts)
+    fine = np.repeat(np.repeat(starts, 2 * TILE, axis=1), 2 * TILE, axis=2)[:, : shape[0], : shape[1]]
+    return np.ascontiguousarray(fine[0]), np.ascontiguousarray(fine[1])
+
+
+@njit(cache=True, nogil=True)
+def _window_kernel(
+    found: NDArray[np.int32], valid: NDArray[np.bool_], shift: int, last_start: int, starts: NDArray[np.int32]
+) -> None:
+    for row in range(starts.shape[1]):
+        for column in range(starts.shape[2]):
+            low, high = _range(found, valid, row, column, False)
+            if low > high:
+                low, high = _range(found, valid, row, column, True)
+            low, high = 2 * low + shift - MARGIN, 2 * high + shift + 1 + MARGIN
+            far, near = low, high - N_LANES + 1
+            if near <= far:
+                far = near = (far + near) // 2
+            starts[0, row, column] = min(max(far, 0), last_start)
+            starts[1, row, column] = min(max(near, 0), last_start)
+
+
+@njit(inline="always")
+def _range(
+    found: NDArray[np.int32], valid: NDArray[np.bool_], row: int, column: int, everything: bool
+) -> tuple[np.int32, np.int32]:
+    low, high = UNKNOWN, -UNKNOWN
+    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, found.shape[0])):
+        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, found.shape[1])):
+            if everything or valid[y, x]:
+                low, high = min(low, found[y, x]), max(high, found[y, x])
+    return low, high

@@ -1,0 +1,149 @@
+"""Sixteen float32 side by side in a register, for kernels in which a disparity is a lane.
+
+numba's vectoriser does not see through recursions along a row; with these few words such a kernel says itself what
+happens to sixteen disparities at once, and runs seven times faster (measured on a Teddy-size pair).
+A lane operation compiles to the processor's instruction where it has one and to several where it has not; the
+results are the same. Arrays must be contiguous; an index counts elements of the flat array and is not checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]  # numba carries no types
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, register_model
+
+N_LANES = 16
+
+_FLOATS = ir.VectorType(ir.FloatType(), N_LANES)
+_WORD = ir.IntType(32)
+_WORDS = ir.VectorType(_WORD, N_LANES)
+_EVERY_LANE = list(range(N_LANES))
+
+
+class _LanesType(types.Type):  # type: ignore[misc]  # numba carries no types
+    def __init__(self) -> None:
+        super().__init__(name="lanes of float32")
+
+
+_LANES = _LanesType()
+
+
+@register_model(_LanesType)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]  # numba carries no types
+    def __init__(self, manager: Any, lanes: Any) -> None:
+        super().__init__(manager, lanes, _FLOATS)
+
+
+@intrinsic
+def zeros(_typing: Any) -> Any:
+    """Zero in every lane."""
+    return _LANES(), lambda _context, _builder, _signature, _arguments: ir.Constant(_FLOATS, [0.0] * N_LANES)
+
+
+@intrinsic
+def load(_typing: Any, array: Any, _index: Any) -> Any:
+    """`array[index : index + 16]` of a float32 array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        return builder.load(_pointer(context, builder, signature.args[0], arguments, _FLOATS), align=4)
+
+    return _LANES(array, types.intp), generate
+
+
+@intrinsic
+def store(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
+    """`array[index : index + 16] = lanes` of a float32 array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        builder.store(arguments[2], _pointer(context, builder, signature.args[0], arguments, _FLOATS), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, _LANES), generate
+
+
+@intrinsic
+def add(_typing: Any, _first: Any, _second: Any) -> Any:
+    """Lane by lane `first + second`."""
+    return _LANES(_LANES, _LANES), lambda _context, builder, _signature, arguments: builder.fadd(*arguments)
+
+
+@intrinsic
+def add_scaled(_typing: Any, _lanes: Any, _factor: Any, _others: Any) -> Any:
+    """Lane by lane `lanes + factor * others` with one rounding; the factor is one float32."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        lanes, factor, others = arguments
+        fused = _llvm(builder, "llvm.fma.v16f32", _FLOATS, _FLOATS, _FLOATS, _FLOATS)
+        return builder.call(fused, [_spread(builder, factor, _FLOATS), others, lanes])
+
+    return _LANES(_LANES, types.float32, _LANES), generate
+
+
+@intrinsic
+def spread_lane(_typing: Any, _lanes: Any, _which: Any) -> Any:
+    """One lane's number in every lane."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        number = builder.extract_element(arguments[0], builder.trunc(arguments[1], _WORD))
+        return _spread(builder, number, _FLOATS)
+
+    return _LANES(_LANES, types.intp), generate
+
+
+@intrinsic
+def hamming(_typing: Any, _code: Any, codes: Any, _index: Any) -> Any:
+    """How many bits of a uint32 code differ from each of `codes[index : index + 16]`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        pointer = _pointer(context, builder, signature.args[1], arguments[1:], _WORDS)
+        differing = builder.xor(_spread(builder, arguments[0], _WORDS), builder.load(pointer, align=4))
+        count = _llvm(builder, "llvm.ctpop.v16i32", _WORDS, _WORDS)
+        return builder.sitofp(builder.call(count, [differing]), _FLOATS)
+
+    return _LANES(types.uint32, codes, types.intp), generate
+
+
+@intrinsic
+def lowest(_typing: Any, _lanes: Any, _first: Any, _last: Any, _flip: Any) -> Any:
+    """The lowest of the lanes `first` to `last`, which must not be negative, as one int32.
+
+    Its upper 28 bits are those of the float32 and order as it does; its lower 4 are the lane, exclusive-or `flip`,
+    so that of equal lanes the first wins with a flip of 0, the last with a flip of 15.
+    """
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        lanes, first, last, flip = arguments
+        number = ir.Constant(_WORDS, _EVERY_LANE)
+        marks = builder.xor(number, _spread(builder, flip, _WORDS))
+        cost = builder.and_(builder.bitcast(lanes, _WORDS), ir.Constant(_WORDS, [-N_LANES] * N_LANES))
+        allowed = builder.and_(
+            builder.icmp_signed(">=", number, _spread(builder, first, _WORDS)),
+            builder.icmp_signed("<=", number, _spread(builder, last, _WORDS)),
+        )
+        keys = builder.select(allowed, builder.or_(cost, marks), ir.Constant(_WORDS, [0x7FFFFFFF] * N_LANES))
+        return builder.call(_llvm(builder, "llvm.vector.reduce.smin.v16i32", _WORD, _WORDS), [keys])
+
+    return types.int32(_LANES, types.int32, types.int32, types.int32), generate
+
+
+def _pointer(context: Any, builder: Any, array_type: Any, arguments: Sequence[Any], vector: Any) -> Any:
+    data = context.make_array(array_type)(context, builder, arguments[0]).data
+    return builder.bitcast(builder.gep(data, [arguments[1]]), vector.as_pointer())
+
+
+def _spread(builder: Any, number: Any, vector: Any) -> Any:
+    unknown = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(unknown, number, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(first, unknown, ir.Constant(_WORDS, [0] * N_LANES))
+
+
+def _llvm(builder: Any, name: str, result: Any, *operands: Any) -> Callable[..., Any]:
+    """An LLVM intrinsic on vectors, which llvmlite cannot name by itself."""
+    function: Callable[..., Any] = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(result, operands), name
+    )
+    return function
