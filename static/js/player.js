@@ -2,6 +2,7 @@
 
 /** @typedef {import("./session.js").Letter} Letter */
 
+const FLOAT_ERROR = 1e-6; // pixels; 1095.9999999 of them are 1096
 const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
 
 export class StackedPlayer {
@@ -12,6 +13,7 @@ export class StackedPlayer {
     this.halves = { a: "top", b: "bottom" };
     /** @type {Letter} */
     this.shown = "a";
+    this.loaded = new AbortController();
     this.address = "";
     this.frameTime = NaN; // of the frame that was last given to the screen
   }
@@ -24,9 +26,9 @@ export class StackedPlayer {
     this.unload();
     this.halves = media.a === "top" ? { a: "top", b: "bottom" } : { a: "bottom", b: "top" };
     this.show(first);
-    for (const name of /** @type {const} */ (["width", "height", "guard_rows"])) {
-      this.film.style.setProperty(`--${name.replace("_", "-")}`, String(media[name]));
-    }
+    const fit = () => fitToWindow(this.film, media);
+    fit();
+    window.addEventListener("resize", fit, { signal: this.loaded.signal });
     this.address = URL.createObjectURL(blob);
     this.video.src = this.address;
     await readiness(this.video, signal);
@@ -34,6 +36,8 @@ export class StackedPlayer {
   }
 
   unload() {
+    this.loaded.abort();
+    this.loaded = new AbortController();
     this.video.pause();
     this.video.removeAttribute("src");
     this.video.load();
@@ -94,6 +98,31 @@ export class StackedPlayer {
     this.frameTime = NaN;
     this.video.requestVideoFrameCallback?.(follow);
   }
+}
+
+/**
+ * Makes the film as large as the window allows, less a fraction of a pixel: the step from the one half to the other is a
+ * whole number of the display's pixels. Browsers round it to that, and B would be moved against A by the rest.
+ * @param {HTMLElement} film @param {import("./session.js").Media} media
+ */
+function fitToWindow(film, { width, height, guard_rows }) {
+  const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (film.parentElement);
+  const largest = Math.min(clientWidth / width, clientHeight / height);
+  const scale = wholePixels(largest * (height + guard_rows), Math.floor) / (height + guard_rows);
+  const measures = {
+    "--scale": scale,
+    "--width": `${width}px`,
+    "--height": `${height}px`,
+    "--guard-rows": `${guard_rows}px`,
+    "--left": `${wholePixels((clientWidth - scale * width) / 2, Math.round)}px`,
+    "--top": `${wholePixels((clientHeight - scale * height) / 2, Math.round)}px`,
+  };
+  for (const [name, value] of Object.entries(measures)) film.style.setProperty(name, String(value));
+}
+
+/** @param {number} length CSS pixels @param {(x: number) => number} round @returns {number} CSS pixels */
+function wholePixels(length, round) {
+  return round(length * devicePixelRatio + FLOAT_ERROR) / devicePixelRatio;
 }
 
 /** Counts the film that was shown, in seconds, over any number of passes. */

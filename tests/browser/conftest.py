@@ -1,0 +1,93 @@
+"""What browser tests share: the real server with a study of tiny films, Debian's Chromium, a page, and its visitor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+from films import squares, write_films
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from visitor import MakeFilms, NewStudy, Study, Visitor
+
+from app.main import running_server
+from app.operate import add_token, create_study
+from app.settings import Settings
+
+CHROMIUM = Path("/usr/bin/chromium")
+VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
+
+
+@pytest.fixture(scope="session")
+def films(tmp_path_factory: pytest.TempPathFactory) -> MakeFilms:
+    return lambda fps, n_frames, draw: write_films(tmp_path_factory.mktemp("films"), fps, n_frames, draw)
+
+
+@pytest.fixture(scope="session")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    return Settings(data_dir=tmp_path_factory.mktemp("server"))
+
+
+@pytest.fixture(scope="session")
+def server(settings: Settings) -> Iterator[str]:
+    with running_server(settings) as url:
+        yield url
+
+
+@pytest.fixture(scope="session")
+def short_films(films: MakeFilms) -> Path:
+    return films(25.0, 20, squares)
+
+
+@pytest.fixture(scope="session")
+def new_study(settings: Settings, server: str) -> NewStudy:
+    """Creates studies of three trials."""
+    numbers = count(1)
+    token = add_token(settings, "browser tests")["token"]
+
+    def create(folder: Path, exposure_s: float) -> Study:
+        made = create_study(settings, folder, f"Study {next(numbers)}", exposure_s=exposure_s, seed=1)
+        return Study(server, made["slug"], made["invitation"], token)
+
+    return create
+
+
+@pytest.fixture
+def study(new_study: NewStudy, short_films: Path) -> Study:
+    """Films of 0.8 s, shown for 1.6 s: they begin a second time."""
+    return new_study(short_films, 1.6)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    if not CHROMIUM.is_file():
+        pytest.skip(f"no browser at {CHROMIUM}; `make setup` installs it")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    context = browser.new_context(viewport=VIEWPORT)
+    context.set_default_timeout(15_000)
+    yield context
+    context.close()
+
+
+@pytest.fixture
+def page(context: BrowserContext) -> Iterator[Page]:
+    """A page on which no script may fail and no policy may be violated."""
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: "Security Policy" in message.text and errors.append(message.text))
+    yield page
+    assert errors == []
+
+
+@pytest.fixture
+def visitor(page: Page) -> Visitor:
+    return Visitor(page)

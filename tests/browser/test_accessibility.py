@@ -1,0 +1,69 @@
+"""axe finds nothing serious on any page that a participant sees."""
+
+from __future__ import annotations
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+from visitor import Study, Visitor
+
+from app.operate import add_invitation
+from app.settings import Settings
+
+pytestmark = pytest.mark.browser
+
+SERIOUS = ("serious", "critical")
+
+
+def test_axe_finds_nothing_serious_from_the_entrance_to_the_thanks(
+    study: Study, settings: Settings, page: Page, visitor: Visitor
+) -> None:
+    page.emulate_media(reduced_motion="reduce")  # colours are judged at rest
+    page.goto(study.url)
+    _check(page)
+    page.goto(f"{study.url}/s/nobody")
+    _check(page)
+    page.goto(study.url + add_invitation(settings, study.slug, places=1)["path"])
+    for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
+        visitor.sees(view)
+        _check(page)
+        page.keyboard.press("Enter")
+    for number in (1, 2, 3):
+        visitor.is_in("exposure")
+        _check(page)
+        visitor.is_in("voting")
+        page.keyboard.press("Enter")
+        _check(page)
+        page.keyboard.press(str(number))
+        _check(page)
+        if number == 2:
+            page.reload()
+            visitor.sees("resume")
+            _check(page)
+            page.keyboard.press("Enter")
+        visitor.votes("2")
+    visitor.sees("thanks")
+    _check(page)
+
+
+def _check(page: Page) -> None:
+    results = Axe().run(page).response
+    serious = [violation for violation in results["violations"] if violation["impact"] in SERIOUS]
+    assert serious == []
+
+
+def test_nothing_moves_on_the_light_pages_when_less_motion_is_preferred(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    page.emulate_media(reduced_motion="reduce")
+    page.goto(study.address)
+    visitor.sees("welcome")
+    assert page.evaluate("document.getAnimations().filter((a) => a.effect.getTiming().duration > 0).length") == 0
+
+
+def test_a_page_without_scripts_says_what_it_needs(study: Study, page: Page) -> None:
+    without = page.context.browser.new_context(java_script_enabled=False)  # type: ignore[union-attr]
+    bare = without.new_page()
+    bare.goto(study.address)
+    expect(bare.get_by_text("The study needs JavaScript")).to_be_visible()
+    without.close()

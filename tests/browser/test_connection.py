@@ -1,0 +1,121 @@
+"""No vote is lost or doubled when the connection fails."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+from visitor import Study, Visitor
+
+pytestmark = pytest.mark.browser
+
+VOTES = "**/session/trials/*/vote"
+
+
+def test_a_vote_made_without_a_connection_arrives_once_when_it_is_back(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.begin(study)
+    visitor.is_in("voting")
+    page.context.set_offline(True)
+    visitor.votes("1")
+    notice = page.get_by_text("The connection is interrupted")
+    expect(notice).to_be_visible()
+    assert study.read("votes") == []
+
+    page.context.set_offline(False)
+    visitor.is_in("exposure")
+    expect(notice).to_be_hidden()
+    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+
+
+def test_a_vote_whose_acknowledgement_is_lost_is_sent_again_and_counted_once(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    sent: list[str | None] = []
+
+    def lose_the_first_answer(route: Route) -> None:
+        sent.append(route.request.post_data)
+        if len(sent) == 1:
+            route.fetch()
+            route.abort("connectionreset")
+        else:
+            route.continue_()
+
+    page.route(VOTES, lose_the_first_answer)
+    visitor.begin(study)
+    visitor.votes("3")
+    visitor.is_in("exposure")
+    assert len(sent) == 2
+    assert sent[0] == sent[1]
+    assert [vote["choice"] for vote in study.read("votes")] == ["b"]
+
+
+def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    page.route(VOTES, lambda route: route.abort("connectionreset"))
+    visitor.votes("1")
+    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    assert study.read("votes") == []
+
+    page.unroute_all(behavior="wait")
+    page.reload()
+    visitor.sees("resume")
+    expect(page.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
+    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+
+
+def test_a_vote_stays_with_its_participant_when_the_next_one_sits_down(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.begin(study)
+    page.route(VOTES, lambda route: route.abort("connectionreset"))
+    visitor.votes("1")
+    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    page.goto("about:blank")
+    page.unroute_all(behavior="wait")
+    page.context.clear_cookies()
+    visitor.begin(study)
+    visitor.votes("3")
+    visitor.is_in("exposure")
+    assert [(vote["participant"], vote["choice"]) for vote in study.read("votes")] == [("P002", "b")]
+
+
+def test_a_film_that_breaks_off_is_fetched_again(study: Study, page: Page, visitor: Visitor) -> None:
+    attempts: list[str] = []
+
+    def break_off_once(route: Route) -> None:
+        attempts.append(route.request.url)
+        if len(attempts) == 1:
+            route.abort("connectionreset")
+        else:
+            route.continue_()
+
+    page.route("**/media/*", break_off_once)
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    assert attempts[0] == attempts[1]
+    assert len(study.read("votes")) == 1
+
+
+def test_the_next_film_is_in_memory_before_its_trial_begins(study: Study, page: Page, visitor: Visitor) -> None:
+    fetched: list[str] = []
+    page.on("requestfinished", lambda request: "/media/" in request.url and fetched.append(request.url))
+    visitor.begin(study)
+    visitor.is_in("voting")
+    assert len(fetched) == 2
+    page.route("**/media/*", lambda route: route.abort("connectionreset"))
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    assert len(set(fetched)) == 2
+
+
+def test_a_film_that_cannot_be_shown_is_told_calmly(study: Study, page: Page, visitor: Visitor) -> None:
+    page.route("**/media/*", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
+    visitor.begin(study)
+    visitor.sees("problem")
+    expect(page.locator("[data-view=problem]")).to_contain_text("Your answers so far are safe")
+
+    page.unroute_all(behavior="wait")
+    page.get_by_role("button", name="Try again").click()
+    visitor.sees("resume")

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from films import CONDITIONS, DATASET
+from playwright.sync_api import Page, Response, expect
+from visitor import Study, Visitor
+
+from app.operate import add_invitation
+from app.settings import Settings
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_participant_goes_from_the_invitation_to_the_thanks_and_the_votes_are_found_over_rest(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    page.goto(study.url)
+    page.get_by_label("Invitation code").fill(f" {study.invitation} ")
+    page.keyboard.press("Enter")
+    visitor.begin(study)
+    shown = []
+
+    visitor.is_in("exposure")  # by keyboard
+    shown.append(_both_stimuli(visitor, lambda: page.keyboard.press("Space")))
+    page.keyboard.press("ArrowLeft")
+    visitor.votes("1")
+
+    visitor.is_in("exposure")  # by mouse
+    shown.append(_both_stimuli(visitor, lambda: page.mouse.click(300, 200)))
+    visitor.is_in("voting")
+    page.locator("label", has_text="A is better").click()
+    page.locator("label", has_text="B is better").click()
+    page.get_by_role("button", name="Next").click()
+
+    visitor.is_in("exposure")
+    page.reload()  # in the middle of the third
+    visitor.sees("resume")
+    expect(page.locator("[data-view=resume]")).to_contain_text("2 of 3 pairs")
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    shown.append(_both_stimuli(visitor, lambda: page.mouse.click(300, 200, button="right")))
+    visitor.votes("2")
+
+    visitor.sees("thanks")
+    trials = sorted(study.read("trials"), key=lambda trial: trial["number"])
+    assert [trial["choice"] for trial in trials] == ["a", "b", "none"]
+    assert [{"a": trial["item_a"], "b": trial["item_b"]} for trial in trials] == shown
+    assert [trial["n_switches"] for trial in trials] == [2, 1, 1]
+    votes = {vote["trial"]: vote["choice"] for vote in study.read("votes")}
+    assert votes == {trial["trial"]: trial["choice"] for trial in trials}
+    for trial in trials:
+        _check_viewing(trial)
+
+    page.reload()
+    visitor.sees("thanks")
+
+
+def _both_stimuli(visitor: Visitor, switch: Any) -> dict[str, str]:
+    """What the screen shows under each letter."""
+    shown = {visitor.badge: visitor.reads_screen()[0]}
+    switch()
+    shown[visitor.badge] = visitor.reads_screen()[0]
+    assert set(shown) == {"a", "b"}
+    return shown
+
+
+def _check_viewing(trial: dict[str, Any]) -> None:
+    viewing = trial["viewing"]
+    assert trial[f"item_{viewing['first_shown']}"] == trial["first_shown"]
+    assert viewing["shown_ms"] == pytest.approx(1600, abs=250)  # by the film's clock; two cores may be late
+    times = [switch["at_ms"] for switch in viewing["switches"]]
+    assert times == sorted(times)
+    assert all(0 <= time < viewing["shown_ms"] for time in times)
+    assert all(0 <= switch["media_time_s"] < 0.8 for switch in viewing["switches"])
+    letters = [viewing["first_shown"], *(switch["to"] for switch in viewing["switches"])]
+    assert all(one != other for one, other in pairwise(letters))
+
+
+def test_reloading_an_instruction_shows_the_same_instruction(study: Study, page: Page, visitor: Visitor) -> None:
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("instructions-1")
+    page.keyboard.press("Enter")
+    visitor.sees("instructions-2")
+    page.reload()
+    visitor.sees("instructions-2")
+    page.get_by_role("button", name="Back").click()
+    visitor.sees("instructions-1")
+
+
+def test_every_control_is_reached_by_the_tabulator(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("voting")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Space")
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_role("radio", name="No preference")).to_be_checked()
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("button", name="Next")).to_be_focused()
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    assert [vote["choice"] for vote in study.read("votes")] == ["none"]
+
+
+def test_nothing_is_chosen_before_the_participant_chooses(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("voting")
+    expect(page.locator("input:checked")).to_have_count(0)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("alert")).to_have_text("Please choose one of the three first.")
+    visitor.votes("3")
+    visitor.is_in("voting")
+    expect(page.locator("input:checked")).to_have_count(0)
+
+
+def test_a_click_that_was_meant_to_switch_does_not_choose(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    card = page.locator("label.choice").first.bounding_box()
+    assert card is not None
+    clicks_when_voting_opens = """([x, y]) => new Promise((resolve) => new MutationObserver(() => {
+        if (document.getElementById("trial").dataset.state !== "voting") return;
+        document.elementFromPoint(x, y).click();
+        resolve(document.querySelectorAll("input:checked").length);
+    }).observe(document.getElementById("trial"), { attributes: true }))"""
+    middle = [card["x"] + card["width"] / 2, card["y"] + card["height"] / 2]
+    assert page.evaluate(clicks_when_voting_opens, middle) == 0
+
+
+def test_no_answer_to_a_participant_tells_what_is_compared(study: Study, page: Page, visitor: Visitor) -> None:
+    answers: list[Response] = []
+    page.on("response", lambda answer: answers.append(answer))
+    visitor.begin(study)
+    visitor.votes("2")
+    visitor.is_in("exposure")
+    assert any("/media/" in answer.url for answer in answers)
+    for answer in answers:
+        told = b" ".join([answer.url.encode(), str(answer.headers).encode(), answer.body()]).lower()
+        for name in (*CONDITIONS, DATASET):
+            assert name.encode() not in told, f"{answer.url} says {name}"
+
+
+def test_an_invitation_for_one_is_used_by_begin_and_not_by_looking(
+    study: Study, settings: Settings, page: Page, visitor: Visitor
+) -> None:
+    address = study.url + add_invitation(settings, study.slug, places=1)["path"]
+    page.goto(address)
+    visitor.sees("welcome")
+    page.goto(address)
+    visitor.sees("welcome")
+    page.get_by_role("button", name="Begin").click()
+    visitor.sees("instructions-1")
+
+    page.context.clear_cookies()  # somebody else
+    answer = page.goto(address)
+    assert answer is not None
+    assert answer.status == 410
+    expect(page.get_by_role("heading")).to_have_text("This invitation has already been used")
+
+
+def test_an_invitation_that_is_used_up_while_a_page_is_open_is_told_at_begin(
+    study: Study, settings: Settings, page: Page, visitor: Visitor
+) -> None:
+    path = add_invitation(settings, study.slug, places=1)["path"]
+    page.goto(study.url + path)
+    visitor.sees("welcome")
+    taken = page.context.browser.new_context()
+    taken.request.post(f"{study.url}/api/v1/studies/{study.slug}/sessions", data={"invitation": path.split("/")[-1]})
+    taken.close()
+    page.get_by_role("button", name="Begin").click()
+    visitor.sees("problem")
+    expect(page.get_by_role("heading")).to_have_text("This invitation has already been used")
+
+
+def test_an_unknown_invitation_is_told_calmly(server: str, page: Page) -> None:
+    answer = page.goto(f"{server}/s/nobody")
+    assert answer is not None
+    assert answer.status == 404
+    expect(page.get_by_role("heading")).to_have_text("We do not know this invitation")

@@ -1,0 +1,82 @@
+"""Who uses the pages in a test: a participant before the screen, and an analyst who reads over REST."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+from films import Draw, decode_squares
+from numpy.typing import NDArray
+from playwright.sync_api import Page
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study on the running server, and what an analyst reads of it."""
+
+    url: str
+    slug: str
+    invitation: str
+    token: str
+
+    @property
+    def address(self) -> str:
+        return f"{self.url}/s/{self.invitation}"
+
+    def read(self, what: str) -> list[dict[str, Any]]:
+        answer = httpx.get(
+            f"{self.url}/api/v1/studies/{self.slug}/{what}",
+            params={"format": "json"},
+            headers={"Authorization": f"Bearer {self.token}"},
+        )
+        answer.raise_for_status()
+        rows: list[dict[str, Any]] = answer.json()
+        return rows
+
+
+MakeFilms = Callable[[float, int, Draw], Path]
+NewStudy = Callable[[Path, float], Study]
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """A participant in front of a page."""
+
+    page: Page
+
+    def begin(self, study: Study) -> None:
+        """From the invitation to the first trial, by keyboard."""
+        self.page.goto(study.address)
+        for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
+            self.sees(view)
+            self.page.keyboard.press("Enter")
+
+    def sees(self, view: str) -> None:
+        self.page.locator(f"[data-view={view}]").wait_for()
+
+    def is_in(self, state: str) -> None:
+        """Waits for a state of the trial."""
+        self.page.locator(f"#trial[data-state={state}]").wait_for()
+
+    def votes(self, key: str) -> None:
+        self.is_in("voting")
+        self.page.keyboard.press(key)
+        self.page.keyboard.press("Enter")
+
+    @property
+    def badge(self) -> str:
+        return str(self.page.locator("#trial").get_attribute("data-letter"))
+
+    def looks(self) -> NDArray[np.uint8]:
+        """The screen in grey."""
+        picture = cv2.imdecode(np.frombuffer(self.page.screenshot(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        return np.asarray(picture, dtype=np.uint8)
+
+    def reads_screen(self) -> tuple[str, int]:
+        """The condition and the frame number that are on the screen."""
+        return decode_squares(self.looks())
