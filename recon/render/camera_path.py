@@ -27,7 +27,7 @@ class PathParameters:
     swing_deg : how far to either side the camera swings where there is only one sensor
     """
 
-    margin: float = 0.9
+    margin: float = 0.94
     widest_deg: float = 50.0
     ease: float = 0.15
     swing_deg: float = 25.0

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 SUBPIXELS = 256  # snapping grid of corners
 TILE = 64  # pixels; four samples of inverse depth and face of a tile are 128 KiB and stay in the second-level cache
 N_SAMPLES = 4
-# Rotated grid: no two samples share a row or a column, in 1/256 pixel.
-SAMPLE_X = np.array([-32, 96, -96, 32], dtype=np.int64)
-SAMPLE_REACH = 96
-SAMPLE_Y = np.array([-96, -32, 32, 96], dtype=np.int64)
+# Rotated grid, in 1/256 pixel: over the whole picture the samples' columns are evenly spaced, one sample each a pixel.
+SAMPLE_STEP, SAMPLE_REACH = 64, 96  # from one column to the next; of a pixel's outermost sample from its centre
+SAMPLE_X = np.array([-96, -32, 32, 96], dtype=np.int64)
+SAMPLE_Y = np.array([32, -96, 96, -32], dtype=np.int64)
 NEAREST = 1e-3  # mm; a face that reaches behind the camera is not drawn
 FARTHEST_PIXEL = (
     2.0**21
@@ -84,7 +84,7 @@ def in_threads(work: Callable[[int], None], threads: int) -> None:
             pass
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _snapped(projected):  # type: ignore[no-untyped-def]  # numba
     """Corners int64 (N, 2) in 1/256 pixel and inverse depth float32 (N,), zero where a vertex cannot be drawn."""
     n = projected.shape[0]
@@ -99,15 +99,19 @@ def _snapped(projected):  # type: ignore[no-untyped-def]  # numba
     return corners, inverse_depth
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _pixel_range(low, high, size):  # type: ignore[no-untyped-def]  # numba
-    """First and last pixel, inside 0 … size - 1, with samples that can lie in low … high (1/256 pixel)."""
-    first = (low - SAMPLE_REACH + SUBPIXELS - 1) // SUBPIXELS
-    last = (high + SAMPLE_REACH) // SUBPIXELS
-    return max(first, 0), min(last, size - 1)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _sample_columns(low, high):  # type: ignore[no-untyped-def]  # numba
+    """First and last column of samples (four a pixel, from the left of pixel 0) in low … high (1/256 pixel)."""
+    return (low + SAMPLE_REACH + SAMPLE_STEP - 1) // SAMPLE_STEP, (high + SAMPLE_REACH) // SAMPLE_STEP
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _pixel_rows(low, high):  # type: ignore[no-untyped-def]  # numba
+    """First and last row of pixels with samples in low … high (1/256 pixel)."""
+    return (low - SAMPLE_REACH + SUBPIXELS - 1) // SUBPIXELS, (high + SAMPLE_REACH) // SUBPIXELS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_columns):  # type: ignore[no-untyped-def]  # numba
     """Which faces touch which tile: `members[starts[t] : starts[t + 1]]`, ascending."""
     counts = np.zeros(tile_rows * tile_columns + 1, dtype=np.int64)
@@ -119,11 +123,18 @@ def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_column
             continue
         ax, ay, bx, by = corners[a, 0], corners[a, 1], corners[b, 0], corners[b, 1]
         cx, cy = corners[c, 0], corners[c, 1]
-        x0, x1 = _pixel_range(min(ax, bx, cx), max(ax, bx, cx), width)
-        y0, y1 = _pixel_range(min(ay, by, cy), max(ay, by, cy), height)
-        if x0 > x1 or y0 > y1:
+        first, last = _sample_columns(min(ax, bx, cx), max(ax, bx, cx))
+        top, bottom = _pixel_rows(min(ay, by, cy), max(ay, by, cy))
+        left, right = max(first // N_SAMPLES, 0), min(last // N_SAMPLES, width - 1)
+        top, bottom = max(top, 0), min(bottom, height - 1)
+        if first > last or left > right or top > bottom:
             continue
-        ranges[f, 0], ranges[f, 1], ranges[f, 2], ranges[f, 3] = y0 // TILE, y1 // TILE, x0 // TILE, x1 // TILE
+        ranges[f, 0], ranges[f, 1], ranges[f, 2], ranges[f, 3] = (
+            top // TILE,
+            bottom // TILE,
+            left // TILE,
+            right // TILE,
+        )
         for row in range(ranges[f, 0], ranges[f, 1] + 1):
             for column in range(ranges[f, 2], ranges[f, 3] + 1):
                 counts[row * tile_columns + column + 1] += 1
@@ -139,7 +150,7 @@ def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_column
     return starts, members
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
     picture, corners, inverse_depth, faces, front, back, starts, members, first, step, tile_columns
 ):
@@ -158,7 +169,7 @@ def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
         _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
     """Enter one face into the samples of a tile where it is the nearest so far."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -170,51 +181,46 @@ def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1
         b, c = c, b
         bx, by, cx, cy = cx, cy, bx, by
         area = -area
-    left, right = _pixel_range(min(ax, bx, cx), max(ax, bx, cx), x1)
-    top, bottom = _pixel_range(min(ay, by, cy), max(ay, by, cy), y1)
-    left, top = max(left, x0), max(top, y0)
+    first, last = _sample_columns(min(ax, bx, cx), max(ax, bx, cx))
+    top, bottom = _pixel_rows(min(ay, by, cy), max(ay, by, cy))
+    first, last = max(first, x0 * N_SAMPLES), min(last, x1 * N_SAMPLES - 1)
+    top, bottom = max(top, y0), min(bottom, y1 - 1)
 
     # Edge opposite a, b, c: value at a point is the doubled area of the triangle that it makes with the edge.
-    ax_step, ay_step = by - cy, cx - bx
-    bx_step, by_step = cy - ay, ax - cx
-    cx_step, cy_step = ay - by, bx - ax
-    px, py = left * SUBPIXELS, top * SUBPIXELS
-    a_row = (px - bx) * ax_step + (py - by) * ay_step - _kept_out(ax_step, ay_step)
-    b_row = (px - cx) * bx_step + (py - cy) * by_step - _kept_out(bx_step, by_step)
-    c_row = (px - ax) * cx_step + (py - ay) * cy_step - _kept_out(cx_step, cy_step)
-
+    a_dx, a_dy, b_dx, b_dy, c_dx, c_dy = by - cy, cx - bx, cy - ay, ax - cx, ay - by, bx - ax
+    px, py = first * SAMPLE_STEP - SAMPLE_REACH, top * SUBPIXELS
+    a_row = (px - bx) * a_dx + (py - by) * a_dy - _kept_out(a_dx, a_dy)
+    b_row = (px - cx) * b_dx + (py - cy) * b_dy - _kept_out(b_dx, b_dy)
+    c_row = (px - ax) * c_dx + (py - ay) * c_dy - _kept_out(c_dx, c_dy)
     za, zb, zc = np.float64(inverse_depth[a]), np.float64(inverse_depth[b]), np.float64(inverse_depth[c])
-    z_dx = (ax_step * za + bx_step * zb + cx_step * zc) / area  # per 1/256 pixel
-    z_dy = (ay_step * za + by_step * zb + cy_step * zc) / area
+    scale = 1.0 / area
+    z_dx = (a_dx * za + b_dx * zb + c_dx * zc) * scale  # per 1/256 pixel
+    z_dy = (a_dy * za + b_dy * zb + c_dy * zc) * scale
     z_row = za + (px - ax) * z_dx + (py - ay) * z_dy
     for y in range(top, bottom + 1):
-        ea, eb, ec, z = a_row, b_row, c_row, z_row
-        for x in range(left, right + 1):
-            for s in range(N_SAMPLES):
-                sx, sy = SAMPLE_X[s], SAMPLE_Y[s]
-                inside = (ea + sx * ax_step + sy * ay_step) | (eb + sx * bx_step + sy * by_step)
-                if (inside | (ec + sx * cx_step + sy * cy_step)) >= 0:
-                    depth = np.float32(z + sx * z_dx + sy * z_dy)
-                    if depth > nearest[y - y0, x - x0, s]:
-                        nearest[y - y0, x - x0, s] = depth
-                        seen[y - y0, x - x0, s] = face
-            ea += ax_step * SUBPIXELS
-            eb += bx_step * SUBPIXELS
-            ec += cx_step * SUBPIXELS
-            z += z_dx * SUBPIXELS
-        a_row += ay_step * SUBPIXELS
-        b_row += by_step * SUBPIXELS
-        c_row += cy_step * SUBPIXELS
+        for column in range(first, last + 1):
+            s = column % N_SAMPLES
+            dx, dy = (column - first) * SAMPLE_STEP, SAMPLE_Y[s]
+            inside = (a_row + dx * a_dx + dy * a_dy) | (b_row + dx * b_dx + dy * b_dy)
+            if (inside | (c_row + dx * c_dx + dy * c_dy)) >= 0:
+                depth = np.float32(z_row + dx * z_dx + dy * z_dy)
+                x = column // N_SAMPLES - x0
+                if depth > nearest[y - y0, x, s]:
+                    nearest[y - y0, x, s] = depth
+                    seen[y - y0, x, s] = face
+        a_row += a_dy * SUBPIXELS
+        b_row += b_dy * SUBPIXELS
+        c_row += c_dy * SUBPIXELS
         z_row += z_dy * SUBPIXELS
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _kept_out(x_step, y_step):  # type: ignore[no-untyped-def]  # numba
     """1 for an edge whose own points belong to the triangle beyond it (neither a top nor a left edge), else 0."""
     return 0 if x_step > 0 or (x_step == 0 and y_step > 0) else 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
     """Colour a tile: once for each face that a pixel's samples see, at the middle of those samples."""
     for y in range(y0, y1):
@@ -250,7 +256,7 @@ def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1
                 pixel[2] = np.uint8((blue + rest * pixel[2]) * share + half)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # type: ignore[no-untyped-def]  # numba
     """The colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -269,7 +275,7 @@ def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # typ
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw_heights(points, faces, heights):  # type: ignore[no-untyped-def]  # numba
     """Lower each pixel of `heights` to the smallest depth of the triangles over its centre."""
     for f in range(faces.shape[0]):
@@ -281,11 +287,15 @@ def _draw_heights(points, faces, heights):  # type: ignore[no-untyped-def]  # nu
             continue
         left, right = max(0, int(np.ceil(min(ax, bx, cx)))), min(heights.shape[1] - 1, int(np.floor(max(ax, bx, cx))))
         top, bottom = max(0, int(np.ceil(min(ay, by, cy)))), min(heights.shape[0] - 1, int(np.floor(max(ay, by, cy))))
+        if left > right or top > bottom:
+            continue
+        scale = np.float32(1) / area
+        a_dx, a_dy, b_dx, b_dy = (by - cy) * scale, (cx - bx) * scale, (cy - ay) * scale, (ax - cx) * scale
+        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
-                wa = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
-                wb = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                dx, dy = np.float32(x) - cx, np.float32(y) - cy
+                wa, wb = a_dx * dx + a_dy * dy, b_dx * dx + b_dy * dy
                 wc = np.float32(1) - wa - wb
                 if wa >= 0 and wb >= 0 and wc >= 0:
-                    depth = np.float32(wa * points[a, 2] + wb * points[b, 2] + wc * points[c, 2])
-                    heights[y, x] = min(heights[y, x], depth)
+                    heights[y, x] = min(heights[y, x], wa * za + wb * zb + wc * zc)

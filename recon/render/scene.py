@@ -14,7 +14,7 @@ from recon.rig import Camera, bounds_corners, look_at
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
 KEY_ELEVATION_DEG = 55.0
 SHADOW_TEXELS = 1024  # of the shadow map's longer side
-FLOOR_TEXELS = 512  # of the map of shadows on the floor
+FLOOR_TEXELS = 256  # of the map of shadows on the floor
 
 
 @dataclass(frozen=True)
