@@ -1,0 +1,105 @@
+"""What a transaction promises."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from sqlalchemy import func, insert, select, text
+from sqlalchemy.exc import IntegrityError
+
+from app.store.engine import Database, open_database
+from app.store.tables import api_token, vote
+
+
+def token_row(name: str) -> dict[str, object]:
+    return {"name": name, "token_hash": name, "scopes": [], "created_at": datetime.now(UTC)}
+
+
+def n_tokens(database: Database) -> int:
+    with database.reading() as connection:
+        return connection.scalar(select(func.count()).select_from(api_token)) or 0
+
+
+@pytest.mark.parametrize(
+    ("pragma", "expected"), [("journal_mode", "wal"), ("synchronous", 2), ("foreign_keys", 1)]
+)  # 2 is FULL
+def test_sqlite_is_set_to_lose_nothing(database: Database, pragma: str, expected: object) -> None:
+    with database.reading() as connection:
+        assert connection.scalar(text(f"PRAGMA {pragma}")) == expected
+
+
+def test_what_was_written_before_an_error_is_undone(database: Database) -> None:
+    with pytest.raises(RuntimeError, match="midway"), database.writing() as connection:  # noqa: PT012
+        connection.execute(insert(api_token).values(**token_row("one")))
+        raise RuntimeError("midway")
+    assert n_tokens(database) == 0
+
+
+def test_a_writing_transaction_holds_the_write_lock_from_its_beginning(database: Database, tmp_path: Path) -> None:
+    other = sqlite3.connect(tmp_path / "study.sqlite", timeout=0, isolation_level=None)
+    with database.writing(), pytest.raises(sqlite3.OperationalError, match="locked"):
+        other.execute("BEGIN IMMEDIATE")
+    other.close()
+
+
+def test_one_can_read_while_another_writes(database: Database) -> None:
+    with database.writing() as connection:
+        connection.execute(insert(api_token).values(**token_row("one")))
+        assert n_tokens(database) == 0
+    assert n_tokens(database) == 1
+
+
+def test_a_vote_for_no_trial_is_refused(database: Database, now: datetime) -> None:
+    row = {
+        "client_id": "x",
+        "session_id": 1,
+        "trial_id": 1,
+        "choice": "a",
+        "first_shown": "a",
+        "n_switches": 0,
+        "shown_ms": 0.0,
+        "response_ms": 0.0,
+        "viewing": {},
+        "received_at": now,
+    }
+    with pytest.raises(IntegrityError, match="FOREIGN KEY"), database.writing() as connection:
+        connection.execute(insert(vote).values(**row))
+
+
+def test_many_threads_write_one_after_another(database: Database) -> None:
+    def write(number: int) -> None:
+        for turn in range(10):
+            with database.writing() as connection:
+                connection.execute(insert(api_token).values(**token_row(f"{number}-{turn}")))
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert n_tokens(database) == 80
+
+
+def test_a_moment_without_a_time_zone_is_refused(database: Database) -> None:
+    naive = token_row("one") | {"created_at": datetime(2026, 3, 1)}  # noqa: DTZ001
+    with pytest.raises(Exception, match="no time zone"), database.writing() as connection:
+        connection.execute(insert(api_token).values(**naive))
+
+
+def test_moments_come_back_in_utc(database: Database, now: datetime) -> None:
+    with database.writing() as connection:
+        connection.execute(insert(api_token).values(**token_row("one") | {"created_at": now}))
+        found = connection.scalar(select(api_token.c.created_at))
+    assert found == now
+    assert found is not None
+    assert found.tzinfo is UTC
+
+
+@pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:"])
+def test_a_database_in_memory_is_refused(url: str) -> None:
+    with pytest.raises(ValueError, match="on disk"):
+        open_database(url)

@@ -1,0 +1,143 @@
+"""Slots and sessions, also when everybody comes at once."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from datetime import datetime
+
+import pytest
+from sqlalchemy import select
+
+from app.errors import ForbiddenError, GoneError
+from app.store.designs import planned_pairs
+from app.store.engine import Database
+from app.store.invitations import Invitation, invitation_by_code
+from app.store.keys import resume_code
+from app.store.sessions import (
+    Session,
+    begin_session,
+    complete_stage,
+    done_of,
+    resume_session,
+    session_by_token,
+)
+from app.store.studies import set_state
+from app.store.tables import assignment, participant, session, stage_record
+from app.study.design import participant_order
+
+MakeInvitation = Callable[[int | None], Invitation]
+
+
+def found(database: Database, token: str) -> Session:
+    with database.reading() as connection:
+        session = session_by_token(connection, token)
+    assert session is not None
+    return session
+
+
+def test_nobody_gets_anothers_slot_when_all_begin_at_once(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    invitation = invite(None)
+    barrier = threading.Barrier(12)
+
+    def begin() -> None:
+        barrier.wait()
+        for _ in range(3):
+            begin_session(database, invitation, now)
+
+    threads = [threading.Thread(target=begin) for _ in range(12)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with database.reading() as connection:
+        slots = sorted(connection.scalars(select(participant.c.slot)))
+    assert slots == list(range(36))
+
+
+def test_an_invitation_with_places_lets_exactly_so_many_in(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    invitation = invite(3)
+    outcomes: list[str] = []
+    barrier = threading.Barrier(8)
+
+    def begin() -> None:
+        barrier.wait()
+        try:
+            begin_session(database, invitation, now)
+            outcomes.append("in")
+        except GoneError:
+            outcomes.append("used")
+
+    threads = [threading.Thread(target=begin) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(outcomes) == ["in"] * 3 + ["used"] * 5
+    with database.reading() as connection:
+        current = invitation_by_code(connection, invitation.code)
+    assert current is not None
+    assert current.is_used
+
+
+def test_a_closed_study_lets_nobody_in(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    invitation = invite(None)
+    with database.writing() as connection:
+        set_state(connection, study_id, "closed")
+    with pytest.raises(ForbiddenError):
+        begin_session(database, invitation, now)
+
+
+def test_the_stored_order_is_that_of_seed_and_slot(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    invitation = invite(None)
+    for _ in range(3):
+        begin_session(database, invitation, now)
+    with database.reading() as connection:
+        for slot in range(3):
+            rows = connection.execute(
+                select(assignment.c.pair_id, assignment.c.a_half, assignment.c.first_shown)
+                .join(participant)
+                .where(participant.c.slot == slot)
+                .order_by(assignment.c.position)
+            )
+            planned = participant_order(planned_pairs(connection, study_id), 1, slot)
+            assert [tuple(row) for row in rows] == [(one.pair, one.a_half, one.first_shown) for one in planned]
+
+
+def test_neither_token_nor_resume_code_is_kept(database: Database, invite: MakeInvitation, now: datetime) -> None:
+    token = begin_session(database, invite(None), now)
+    with database.reading() as connection:
+        row = connection.execute(select(session)).one()
+    assert token not in row
+    assert resume_code(token) not in row
+
+
+def test_a_resume_code_leads_back_to_the_session_once(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    token = begin_session(database, invite(None), now)
+    again = resume_session(database, resume_code(token))
+    assert again is not None
+    assert resume_session(database, resume_code(token)) is None
+    with database.reading() as connection:
+        assert session_by_token(connection, token) is None
+    assert found(database, again).stage == "introduction"
+
+
+def test_what_came_with_a_stage_is_kept_from_the_first_time(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    of = found(database, begin_session(database, invite(None), now))
+    assert complete_stage(database, of, "introduction", {"turn": 1}, now) == "trial"
+    assert complete_stage(database, of, "introduction", {"turn": 2}, now) == "trial"
+    with database.reading() as connection:
+        assert list(connection.scalars(select(stage_record.c.data))) == [{"turn": 1}]
+        assert (done_of(connection, of.id).n_done, done_of(connection, of.id).n_total) == (0, 6)
