@@ -29,12 +29,12 @@ from recon.capture.format import (
 )
 from recon.execute import Progress, silent
 
-METHODS = ("plate", "threshold")
 SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
 NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
 QUIET_SHARE = 0.25  # of the pixels show background in every picture
 QUIET_DEVIATIONS = 0.9  # that quantile of the largest of three normal deviations
-MIN_PLATE_DIFFERENCE = 8.0  # grey levels: compression and flicker stay below
+MIN_PLATE_DIFFERENCE = 5.0  # grey levels: compression and flicker stay below
+SHADE = (0.6, 1.05)  # of the plate's brightness: soft shadows and light thrown back by the actors
 HISTOGRAM_SMOOTHING = 3.0  # grey levels
 VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to this multiple of its lowest point
 SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
@@ -46,16 +46,19 @@ class CleanUp:
 
     Parameters
     ----------
+    max_hole : share of the picture; background enclosed by the object is a crevice below it, a true gap above
     opening_px : diameter of the specks and threads that are dropped
     closing_px : diameter of the gaps that are closed
-    max_hole : share of the picture; background enclosed by the object is a crevice below it, a true gap above
     min_part : share of the picture; smaller parts of the foreground are dropped
     """
 
+    max_hole: float
     opening_px: int = 3
     closing_px: int = 5
-    max_hole: float = 3e-3
     min_part: float = 1e-3
+
+
+METHODS = {"plate": CleanUp(max_hole=2e-4), "threshold": CleanUp(max_hole=3e-3)}  # dark crevices look like background
 
 
 def segment_capture(
@@ -71,8 +74,8 @@ def segment_capture(
     Parameters
     ----------
     folder : the capture's folder
-    method : "plate" (difference from the clean plate), "threshold" (brighter than a dark background), or None:
-        "plate" if every sensor has one, else "threshold"
+    method : "plate" (difference from the clean plate and its shadows), "threshold" (brighter than a dark
+        background), or None: "plate" if every sensor has one, else "threshold"
     threshold : grey levels of difference or brightness above which a pixel is foreground, None to find one for
         each sensor
     progress : called with ("masks", done, total)
@@ -94,7 +97,7 @@ def segment_capture(
         for n_done, (stream, frame) in enumerate(tasks, start=1):
             for side, evidence in enumerate(_evidence(capture, stream, frame, method)):
                 name = image_path(Path(), _mask_patterns(stream)[side], frame)
-                mask = clean_mask(evidence > thresholds[stream.id], clean_up or CleanUp())
+                mask = clean_mask(evidence > thresholds[stream.id], clean_up or METHODS[method])
                 if not mask.any():
                     raise CaptureError(f"{folder / name}: no foreground above {thresholds[stream.id]:.1f} grey levels")
                 _write_mask(staging / name, mask)
@@ -164,14 +167,24 @@ def _evidence(capture: Capture, stream: SensorStream, frame: int, method: str) -
     """How much each pixel looks like foreground (left, right), (H, W), grey levels.
 
     By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
-    of any channel.
+    of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
+
+    Source
+    ------
+    The shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background subtraction and
+    shadow detection", 1999, brightness and chromaticity distortion.
     """
     images = read_frame(capture, stream.id, frame)
     if method == "threshold":
         return [_smooth(image).max(axis=2) for image in images]
     plates = read_plates(capture, stream.id)
     assert plates is not None, "the method was chosen with plates"
-    return [np.abs(_smooth(image) - _smooth(plate)).max(axis=2) for image, plate in zip(images, plates, strict=True)]
+    return [_difference(_smooth(image), _smooth(plate)) for image, plate in zip(images, plates, strict=True)]
+
+
+def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArray[np.float32]:
+    shade = (image * plate).sum(axis=2) / np.maximum((plate * plate).sum(axis=2), 1.0)
+    return np.asarray(np.abs(image - shade.clip(*SHADE)[..., None] * plate).max(axis=2))
 
 
 def _found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:

@@ -71,6 +71,20 @@ def test_the_board_is_found_before_a_bright_background_with_a_clean_plate(tmp_pa
     assert_masks_are_true(read_capture(board.folder), at_least=0.93)
 
 
+def test_a_soft_shadow_on_the_background_is_not_foreground(tmp_path: Path) -> None:
+    board = record_board(tmp_path / "board", plates=True)
+    brighten_background(board)
+    for stream in board.sensors:
+        for frame in range(board.n_frames):
+            truths = true_masks(board, stream.id, frame)
+            for side, truth in zip((stream.left, stream.right), truths, strict=True):
+                path = str(image_path(board.folder, side.image, frame))
+                shaded = np.where(truth[..., None], 1.0, np.linspace(0.7, 1.0, SIZE[0])[:, None]) * cv2.imread(path)
+                cv2.imwrite(path, shaded.astype(np.uint8))
+    segment_capture(board.folder)
+    assert_masks_are_true(read_capture(board.folder), at_least=0.93)
+
+
 def test_masks_are_named_in_the_capture_and_nothing_else_changes(tmp_path: Path) -> None:
     board = record_board(tmp_path / "board")
     seen: list[tuple[str, int, int]] = []
