@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from recon.mesh import Mesh
 from recon.render import offscreen
+from recon.render.backdrop import floor_shade
 from recon.render.camera_path import camera_path
 from recon.render.frames import (
     RENDERERS,
@@ -22,7 +23,7 @@ from recon.render.frames import (
 )
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, working_platform
-from recon.render.scene import BACKGROUNDS, Scene, Shot, scene_around
+from recon.render.scene import BACKGROUNDS, Scene, Shot, floor_grid, floor_reach, scene_around
 from recon.rig import Camera, Rig, Sensor, look_at
 
 BOUNDS = np.array([[-300.0, 0.0, -300.0], [300.0, 600.0, 300.0]])
@@ -155,9 +156,26 @@ def test_the_floor_is_darkest_where_the_model_touches_it(renderer: str) -> None:
     with_model = next(render_frames([mesh], path[1:2], scene, renderer=renderer)).astype(int)
     lifted = Mesh(mesh.vertices + np.array([0, 500, 0], np.float32), mesh.faces, mesh.normals, mesh.colours)
     without = next(render_frames([lifted], path[1:2], scene, renderer=renderer)).astype(int)
-    column, row = path[1].project(np.array([[20.0, 0.0, 75.0]]))[0].round().astype(int)  # just before the contact
-    assert without[row, column, 0] - with_model[row, column, 0] > 12
+    column, row = path[1].project(np.array([[10.0, 0.0, 70.0]]))[0].round().astype(int)  # just before the contact
+    assert without[row, column, 0] - with_model[row, column, 0] >= 6
     assert np.abs(without[-1] - with_model[-1]).max() <= 12
+
+
+def test_the_shadow_on_the_floor_lies_away_from_the_light_and_ends_before_the_map_does() -> None:
+    scene = scene_around(BOUNDS, cameras())
+    body = trimesh.creation.box((40, 600, 40))
+    body.apply_translation((0, 300, 0))
+    shade = floor_shade(lit(coloured(body), scene), scene)
+    grid = floor_grid(scene, np.array([0.0, 1.0, 0.0]))
+    z, x = np.mgrid[0 : shade.shape[0], 0 : shade.shape[1]] * grid.texel - floor_reach(scene)
+    middle = np.array([(shade * x).sum(), (shade * z).sum()]) / shade.sum()
+    along = scene.to_light[[0, 2]] / np.linalg.norm(scene.to_light[[0, 2]])
+    assert middle @ along < -100
+    assert abs(middle @ [-along[1], along[0]]) < 10
+    foot = np.unravel_index(shade.argmax(), shade.shape)
+    assert max(abs(x[foot]), abs(z[foot])) < 50
+    border = np.concatenate([shade[[0, -1]].ravel(), shade[:, [0, -1]].ravel()])
+    assert not border.any()
 
 
 def test_a_part_of_the_path_shows_what_the_whole_path_showed() -> None:
