@@ -174,8 +174,8 @@ def make_mesh(capture: Capture, run: Path, approach: Approach, frame: int, param
 def depth_resolution(capture: Capture) -> float:
     """A voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
 
-    A quarter of the depth step of one pixel of disparity (subpixel methods reach about that), and not less than
-    the width of a pixel; the coarsest of the sensors decides.
+    A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
+    and not less than the width of a pixel; the coarsest of the sensors decides.
     """
     centre = capture.bounds.mean(axis=0)
     sizes: list[float] = []
@@ -183,7 +183,7 @@ def depth_resolution(capture: Capture) -> float:
         camera = stream.left.camera
         distance = float(np.linalg.norm(camera.centre - centre))
         pixel = distance / float(camera.K[0, 0])
-        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 4))
+        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3))
     return round(max(sizes), 3)
 
 
