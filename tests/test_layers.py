@@ -23,6 +23,7 @@ STAGES = [
     {"approaches"},
     {"render"},
     {"manifest"},
+    {"run"},
     {"validation"},
     {"pipeline"},
     {"console", "cli"},
