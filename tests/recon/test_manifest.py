@@ -50,5 +50,5 @@ def test_the_papers_methods_make_six_approaches() -> None:
 
 @pytest.mark.parametrize(("depth", "fusion"), [("xx", "fa"), ("id", "fc")])
 def test_an_unknown_method_is_named(depth: str, fusion: str) -> None:
-    with pytest.raises(ValueError, match="xx|fc"):
+    with pytest.raises(ValueError, match=r"xx|fc"):
         Approach(depth, fusion)
