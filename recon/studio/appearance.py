@@ -1,121 +1,28 @@
-"""What things look like: colours of actors, objects and the studio's walls, and the light on them.
+"""What actors and objects look like: their colours, and the light on them.
 
 Every colour is a function of the place on the body at rest, so that texture moves with the surface. Noise of
-several wavelengths is faded out where a pixel is too coarse to hold it (`footprint`), so nothing aliases.
-Colours are linear here. All kernels of this module stand in this one file because numba's cache needs it.
+several wavelengths is faded out where a pixel is too coarse to hold it (`fp`, a pixel's footprint in mm), so nothing
+aliases. Colours are linear here; looks and lights are rows as in `looks`. All kernels stand in this one file because
+numba's cache needs it.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-NOISE_SIZE = 64  # cells per side of the periodic noise: 1 MB, which stays in a core's cache
-N_LOOK = 32  # numbers that describe one look
 
-PERSON, BALL, BOX, SPHERE, CUBOID = 0.0, 1.0, 2.0, 3.0, 4.0
-PLAID, STRIPES, KNIT, PRINT = 0.0, 1.0, 2.0, 3.0
-
-Colour = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Look:
-    """Colours (sRGB, 0 to 1) and patterns of one actor or object.
-
-    Parameters
-    ----------
-    kind : PERSON, BALL, BOX, SPHERE or CUBOID
-    first, second, third, fourth, fifth : colours; a person's skin, shirt, shirt's pattern, trousers, hair
-    pattern : PLAID, STRIPES, KNIT or PRINT, of a person's shirt
-    sleeve : mm along the arm from the shoulder
-    long_hair : hair down to the shoulders
-    half_size : mm, half edges of a box or the radius of a ball
-    shift : mm, displaces the texture, so that equal bodies differ
-    """
-
-    kind: float
-    first: Colour
-    second: Colour
-    third: Colour = (0.2, 0.2, 0.2)
-    fourth: Colour = (0.2, 0.2, 0.2)
-    fifth: Colour = (0.1, 0.08, 0.06)
-    pattern: float = PLAID
-    sleeve: float = 505.0
-    long_hair: bool = False
-    half_size: Colour = (0.0, 0.0, 0.0)
-    shift: float = 0.0
-
-
-@dataclass(frozen=True)
-class Light:
-    """Soft studio light: a key light that casts shadows, a fill and a rim light, and light from all around.
-
-    Directions point towards the light; powers are linear RGB at normal incidence on a white surface.
-    """
-
-    directions: tuple[Colour, ...] = ((-0.55, 0.72, 0.62), (0.75, 0.35, 0.60), (0.15, 0.65, -0.80))
-    powers: tuple[Colour, ...] = ((0.62, 0.60, 0.57), (0.26, 0.27, 0.29), (0.22, 0.22, 0.24))
-    above: Colour = (0.40, 0.41, 0.43)
-    below: Colour = (0.17, 0.16, 0.15)
-    softness: float = 0.25
-
-    def table(self) -> NDArray[np.float64]:
-        """Rows (2 + lights, 6) for the kernels: above and below, then direction and power of each light."""
-        rows: list[tuple[float, ...]] = [(*self.above, *self.below), (self.softness, 0.0, 0.0, 0.0, 0.0, 0.0)]
-        for direction, power in zip(self.directions, self.powers, strict=True):
-            unit = np.asarray(direction) / np.linalg.norm(direction)
-            rows.append((*map(float, unit), *power))
-        return np.array(rows)
-
-
-@dataclass(frozen=True)
-class Room:
-    """The studio's floor, and a curtain that hangs around it.
-
-    Parameters
-    ----------
-    radius : mm, of the curtain around the world's y axis; the sensors stand inside
-    floor_y : mm
-    """
-
-    radius: float = 3900.0
-    floor_y: float = 0.0
-    curtain: Colour = (0.36, 0.42, 0.46)
-    floor: Colour = (0.40, 0.37, 0.34)
-    shift: float = field(default=0.0)
-
-
-def linear(colour: Colour) -> NDArray[np.float64]:
-    """Linear intensities of display colours."""
-    return np.power(np.asarray(colour, dtype=np.float64), 2.2)
-
-
-def look_row(look: Look) -> NDArray[np.float64]:
-    """A look as the row (N_LOOK,) that the kernels read."""
-    row = np.zeros(N_LOOK)
-    row[0] = look.kind
-    for i, colour in enumerate((look.first, look.second, look.third, look.fourth, look.fifth)):
-        row[1 + 3 * i : 4 + 3 * i] = linear(colour)
-    row[16:21] = look.pattern, look.sleeve, float(look.long_hair), 0.0, look.shift
-    row[21:24] = look.half_size
-    return row
-
-
-def noise_volume(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Periodic white noise (S, S, S), standard deviation 0.5, at most 1, for smooth interpolation."""
-    return np.clip(rng.normal(0.0, 0.5, (NOISE_SIZE,) * 3), -1.0, 1.0).astype(np.float32)
-
-
-@numba.njit(cache=True, nogil=True)
-def _noise(volume, x, y, z):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     tx, ty, tz = x - fx, y - fy, z - fz
-    i0, j0, k0 = int(fx) & 63, int(fy) & 63, int(fz) & 63
-    i1, j1, k1 = (i0 + 1) & 63, (j0 + 1) & 63, (k0 + 1) & 63
+    i0, j0, k0 = np.uint64(np.int64(fx) & 63), np.uint64(np.int64(fy) & 63), np.uint64(np.int64(fz) & 63)
+    i1, j1, k1 = (
+        np.uint64((np.int64(fx) + 1) & 63),
+        np.uint64((np.int64(fy) + 1) & 63),
+        np.uint64((np.int64(fz) + 1) & 63),
+    )
     tx, ty, tz = tx * tx * (3.0 - 2.0 * tx), ty * ty * (3.0 - 2.0 * ty), tz * tz * (3.0 - 2.0 * tz)
     a = volume[i0, j0, k0] + tz * (volume[i0, j0, k1] - volume[i0, j0, k0])
     b = volume[i0, j1, k0] + tz * (volume[i0, j1, k1] - volume[i0, j1, k0])
@@ -123,33 +30,37 @@ def _noise(volume, x, y, z):  # type: ignore[no-untyped-def]
     d = volume[i1, j1, k0] + tz * (volume[i1, j1, k1] - volume[i1, j1, k0])
     a += ty * (b - a)
     c += ty * (d - c)
-    return a + tx * (c - a)
+    return float(a + tx * (c - a))
 
 
-@numba.njit(cache=True, nogil=True)
-def _step(value, low, high):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _step(value: float, low: float, high: float) -> float:
     t = min(1.0, max(0.0, (value - low) / (high - low)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, nogil=True)
-def _layer(volume, x, y, z, cell, footprint):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: float, footprint: float) -> float:
     """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
     if cell < 0.5 * footprint:
         return 0.0
-    fade = _step(cell / footprint, 0.5, 1.5)
-    return fade * _noise(volume, x / cell, y / cell + 0.37 * cell, z / cell)
+    inverse = 1.0 / cell
+    return float(
+        _step(cell / footprint, 0.5, 1.5) * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse)
+    )
 
 
-@numba.njit(cache=True, nogil=True)
-def _wave(u, period, footprint):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _wave(u: float, period: float, footprint: float) -> float:
     """A soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
     fade = _step(period / footprint, 1.5, 4.0)
-    return fade * min(1.0, max(-1.0, 3.0 * np.sin(6.283185307 * u / period)))
+    return float(fade * min(1.0, max(-1.0, 3.0 * np.sin(6.283185307 * u / period))))
 
 
-@numba.njit(cache=True, nogil=True)
-def _skin(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _skin(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float]:
     s = look[20]
     tone = 1.0 + 0.07 * _layer(volume, x + s, y, z, 31.0, fp) + 0.08 * _layer(volume, x, y + s, z, 9.0, fp)
     tone += 0.09 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
@@ -172,23 +83,26 @@ def _skin(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
         gap = _step(1.5 - abs(y - 1595.5), -0.4 - 0.5 * fp, 0.4 + 0.5 * fp) * arch
         r, g, b = r * (1.0 - 0.80 * gap), g * (1.0 - 0.86 * gap), b * (1.0 - 0.86 * gap)
     # Brows.
-    brow = 1688.0 - 0.012 * (ax - 30.0) ** 2 + 0.08 * (ax - 30.0)
+    brow = 1686.0 - 0.012 * (ax - 30.0) ** 2 + 0.08 * (ax - 30.0)
     hairs = _step(4.2 - abs(y - brow), -1.5, 1.5) * _step(ax, 11.0, 17.0) * _step(52.0 - ax, 0.0, 9.0)
     hairs *= 0.75 + 0.5 * _layer(volume, x * 3.0, y, z, 2.0, fp)
     hairs = min(1.0, max(0.0, hairs))
     r, g, b = r + hairs * (look[13] - r), g + hairs * (look[14] - g), b + hairs * (look[15] - b)
-    return _eye(look, ax, x, y, z, fp, r, g, b)
+    r, g, b = _eye(look, ax, x, y, z, fp, r, g, b)
+    return r, g, b
 
 
-@numba.njit(cache=True, nogil=True)
-def _eye(look, ax, x, y, z, fp, r, g, b):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _eye(
+    look: NDArray[np.float64], ax: float, x: float, y: float, z: float, fp: float, r: float, g: float, b: float
+) -> tuple[float, float, float]:
     """White, iris, pupil and lids; look[19] is how far the lids are closed."""
     ex, ey = ax - 32.0, y - 1666.5
     if abs(ex) > 17.0 or abs(ey) > 12.0 or z < 60.0:
         return r, g, b
     arch = max(0.0, 1.0 - (ex / 13.5) ** 2)
-    top = 5.6 * arch * (1.0 - 1.9 * look[19])
-    bottom = -4.6 * arch
+    top = 4.4 * arch * (1.0 - 1.9 * look[19])
+    bottom = -4.4 * arch
     soft = 0.5 + 0.5 * fp
     opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.2)
     white = 0.62
@@ -211,8 +125,10 @@ def _eye(look, ax, x, y, z, fp, r, g, b):  # type: ignore[no-untyped-def]
     return r + opened * (er - r), g + opened * (eg - g), b + opened * (eb - b)
 
 
-@numba.njit(cache=True, nogil=True)
-def _shirt(look, volume, x, y, z, along, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shirt(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, along: float, fp: float
+) -> tuple[float, float, float]:
     s = look[20]
     if abs(x) > 190.0:  # a sleeve: along the arm and around it
         u, v = z + 0.3 * y, along
@@ -242,8 +158,10 @@ def _shirt(look, volume, x, y, z, along, fp):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, nogil=True)
-def _trousers(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _trousers(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float]:
     s = look[20] + 13.0
     side = abs(x) - 108.0
     worn = 0.35 * np.exp(-((z - 70.0) ** 2) / 2500.0) * np.exp(-((y - 620.0) ** 2) / 40000.0)
@@ -257,16 +175,20 @@ def _trousers(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return look[10] * tone, look[11] * tone, look[12] * tone
 
 
-@numba.njit(cache=True, nogil=True)
-def _hair(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _hair(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float]:
     tone = 1.0 + 0.35 * _layer(volume, x, 0.25 * y, z, 5.0, fp) + 0.35 * _layer(volume, x + 7.0, 0.2 * y, z, 2.0, fp)
     tone += 0.25 * _layer(volume, x, 0.5 * y + 3.0, z, 12.0, fp) + 0.2 * _layer(volume, x, 0.2 * y, z + 5.0, 1.0, fp)
     tone = max(0.25, tone)
     return look[13] * tone, look[14] * tone, look[15] * tone
 
 
-@numba.njit(cache=True, nogil=True)
-def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _person(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float, float]:
     """Colour and gloss of a person at a place of the rest body; the borders are those of `person.cloth_thickness`."""
     ax = abs(x)
     along = (ax - 180.0) * 0.683 - (y - 1412.0) * 0.730
@@ -274,11 +196,15 @@ def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     cover = 0.0
     gloss = 0.10
     r, g, b = 0.0, 0.0, 0.0
-    if y > 1515.0:
-        line = 1722.0 - 0.9 * max(0.0, 45.0 - z) - 0.35 * max(0.0, -10.0 - z)
-        low = 1520.0 if look[18] > 0.0 else 1585.0
-        edge = 5.0 * _noise(volume, x / 6.0, y / 6.0, z / 6.0)
-        cover = _step(y - max(line, low) + edge, -2.0 - soft, 2.0 + soft) if ax < 125.0 else 0.0
+    if y > 1496.0:
+        line = 1731.0 - 0.004 * x * x - 1.15 * max(0.0, 42.0 - z) - 0.35 * max(0.0, -10.0 - z)
+        line = max(line, 1588.0)
+        if z > -34.0 and ax > 60.0:
+            line = max(line, 1664.0)
+        if look[18] > 0.0:
+            line = min(line, 1830.0 - 322.0 * _step(max(1.6 * (ax - 62.0) - max(0.0, z - 4.0), -58.0 - z), -3.0, 6.0))
+        edge = 4.0 * _noise(volume, x / 4.0, y / 9.0, z / 4.0) + 2.5 * _noise(volume, x / 1.3, y / 4.0, z / 1.3)
+        cover = _step(y - line + edge, -3.0 - soft, 5.0 + soft) if ax < 125.0 else 0.0
         if cover > 0.0:
             r, g, b = _hair(look, volume, x, y, z, fp)
             gloss = 0.16
@@ -290,7 +216,10 @@ def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     shirt = _step(collar, -soft, soft)
     if ax > 250.0:
         shirt *= _step(look[17] - along, -soft, soft)
-    if shirt < 1.0:
+    if y < 925.0 and ax < 260.0:
+        shirt *= _step(y - 905.0, -soft, soft)
+    below = 1.0 - shirt if y < 925.0 and ax < 260.0 else 0.0
+    if shirt + below < 1.0:
         r, g, b = _skin(look, volume, x, y, z, fp)
     if shirt > 0.0:
         cr, cg, cb = _shirt(look, volume, x, y, z, along, fp)
@@ -298,8 +227,7 @@ def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
         cr, cg, cb = cr * (0.75 + 0.25 * hem), cg * (0.75 + 0.25 * hem), cb * (0.75 + 0.25 * hem)
         r, g, b = r + shirt * (cr - r), g + shirt * (cg - g), b + shirt * (cb - b)
         gloss = 0.03
-    if y < 975.0 and ax < 260.0:
-        below = _step(966.0 - y, -soft, soft)
+    if below > 0.0:
         tr, tg, tb = _trousers(look, volume, x, y, z, fp)
         r, g, b = r + below * (tr - r), g + below * (tg - g), b + below * (tb - b)
         if y < 85.0:
@@ -312,8 +240,10 @@ def _person(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return r, g, b, gloss
 
 
-@numba.njit(cache=True, nogil=True)
-def _ball(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _ball(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float, float]:
     """Six panels in three colours with dark seams, scuffed."""
     angle = np.arctan2(z, x)
     panel = int(np.floor(3.0 * angle / 3.14159265)) % 3
@@ -330,8 +260,10 @@ def _ball(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return r * tone, g * tone, b * tone, 0.2
 
 
-@numba.njit(cache=True, nogil=True)
-def _box(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _box(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float, float]:
     """Cardboard with flutes, a strip of tape and a printed label on each side."""
     tone = 1.0 + 0.10 * _layer(volume, x, y, z, 60.0, fp) + 0.10 * _layer(volume, x, y, z, 15.0, fp)
     tone += 0.14 * _layer(volume, x, y * 0.3, z, 4.0, fp) + 0.16 * _layer(volume, x, y, z, 1.4, fp)
@@ -354,8 +286,10 @@ def _box(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return r, g, b, 0.05
 
 
-@numba.njit(cache=True, nogil=True)
-def _target(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _target(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float, float]:
     """Colourful blots of every size: features for matching at any distance."""
     s = look[20]
     wx, wy = (
@@ -375,8 +309,10 @@ def _target(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return r * tone, g * tone, b * tone, 0.02
 
 
-@numba.njit(cache=True, nogil=True)
-def _albedo(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _albedo(
+    look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
+) -> tuple[float, float, float, float]:
     if look[0] == 0.0:
         r, g, b, gloss = _person(look, volume, x, y, z, fp)
     elif look[0] == 1.0:
@@ -388,8 +324,14 @@ def _albedo(look, volume, x, y, z, fp):  # type: ignore[no-untyped-def]
     return max(0.004, r), max(0.004, g), max(0.004, b), gloss
 
 
-@numba.njit(cache=True, nogil=True)
-def vertex_albedo(places, owners, looks, volume, footprint):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def vertex_albedo(
+    places: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    looks: NDArray[np.float64],
+    volume: NDArray[np.float32],
+    footprint: float,
+) -> NDArray[np.float32]:
     """Linear colours (N, 3) at places (N, 3) of the rest bodies whose looks are rows `owners` (N,) of `looks`."""
     colours = np.empty((len(places), 3), np.float32)
     for i in range(len(places)):
@@ -398,8 +340,22 @@ def vertex_albedo(places, owners, looks, volume, footprint):  # type: ignore[no-
     return colours
 
 
-@numba.njit(cache=True, nogil=True)
-def _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, b, gloss):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _lit(
+    lights: NDArray[np.float64],
+    nx: float,
+    ny: float,
+    nz: float,
+    vx: float,
+    vy: float,
+    vz: float,
+    openness: float,
+    shadow: float,
+    r: float,
+    g: float,
+    b: float,
+    gloss: float,
+) -> tuple[float, float, float]:
     """Light that a surface of colour (r, g, b) sends towards the unit vector v."""
     up = 0.5 + 0.5 * ny
     lr = openness * (lights[0, 3] + up * (lights[0, 0] - lights[0, 3]))
@@ -428,24 +384,41 @@ def _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, b, gloss):  # t
     return r * lr + shine, g * lg + shine, b * lb + shine
 
 
-@numba.njit(cache=True, nogil=True)
-def _shadow(depths, frame, x, y, z):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shadow(depths: NDArray[np.float32], frame: NDArray[np.float64], x: float, y: float, z: float) -> float:
     """Share of the key light that reaches a point: 16 comparisons in the map of nearest distances."""
     u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
     v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
     d = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z + frame[2, 3]
     h, w = depths.shape
+    column, row, limit = int(u), int(v), d + 22.0
+    if row < 3 or column < 3 or row >= h - 3 or column >= w - 3:
+        return 1.0
     lit = 0
-    for j in range(4):
-        for i in range(4):
-            row, column = int(v + 1.8 * (j - 1.5)), int(u + 1.8 * (i - 1.5))
-            if row < 0 or column < 0 or row >= h or column >= w or depths[row, column] <= d + 22.0:
+    for j in range(-3, 4, 2):
+        for i in range(-3, 4, 2):
+            if depths[row + j, column + i] <= limit:
                 lit += 1
     return lit / 16.0
 
 
-@numba.njit(cache=True, nogil=True)
-def _shade_sample(sx, sy, face, faces, pixels, surface, owners, looks, volume, lights, depths, frame, eye, spread):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shade_sample(
+    sx: float,
+    sy: float,
+    face: int,
+    faces: NDArray[np.int32],
+    pixels: NDArray[np.float64],
+    surface: NDArray[np.float32],
+    owners: NDArray[np.int64],
+    looks: NDArray[np.float64],
+    volume: NDArray[np.float32],
+    lights: NDArray[np.float64],
+    depths: NDArray[np.float32],
+    frame: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    spread: float,
+) -> tuple[float, float, float]:
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, bx, by = pixels[a, 0] - sx, pixels[a, 1] - sy, pixels[b, 0] - sx, pixels[b, 1] - sy
     cx, cy = pixels[c, 0] - sx, pixels[c, 1] - sy
@@ -475,13 +448,28 @@ def _shade_sample(sx, sy, face, faces, pixels, surface, owners, looks, volume, l
     )
     openness = wa * surface[a, 9] + wb * surface[b, 9] + wc * surface[c, 9]
     shadow = _shadow(depths, frame, x + 4.0 * nx, y + 4.0 * ny, z + 4.0 * nz)
-    return _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, bl, gloss)
+    r, g, bl = _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, bl, gloss)
+    return r, g, bl
 
 
-@numba.njit(cache=True, nogil=True)
-def shade(  # type: ignore[no-untyped-def]
-    column, row, seen, nearness, faces, pixels, surface, owners, looks, volume, lights, depths, frame, eye, spread
-):
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def shade(
+    column: int,
+    row: int,
+    seen: NDArray[np.int32],
+    nearness: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    pixels: NDArray[np.float64],
+    surface: NDArray[np.float32],
+    owners: NDArray[np.int64],
+    looks: NDArray[np.float64],
+    volume: NDArray[np.float32],
+    lights: NDArray[np.float64],
+    depths: NDArray[np.float32],
+    frame: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    spread: float,
+) -> NDArray[np.float32]:
     """Linear colour and coverage of the window that a camera sees the actors in.
 
     Parameters
@@ -526,54 +514,3 @@ def shade(  # type: ignore[no-untyped-def]
             result[y, x, 0], result[y, x, 1], result[y, x, 2] = red / n, green / n, blue / n
             result[y, x, 3] = covered / 4.0
     return result
-
-
-@numba.njit(cache=True, nogil=True)
-def room_plate(height, width, inverse_k, camera_to_world, eye, radius, floor_y, curtain, floor, shift, volume):  # type: ignore[no-untyped-def]
-    """Linear colours (H, W, 3) and depths z (H, W), mm, of the empty studio.
-
-    Parameters
-    ----------
-    inverse_k : float64 (3, 3); camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
-    """
-    colours = np.empty((height, width, 3), np.float32)
-    depths = np.empty((height, width), np.float32)
-    spread = inverse_k[0, 0]
-    for row in range(height):
-        for column in range(width):
-            cx = inverse_k[0, 0] * column + inverse_k[0, 1] * row + inverse_k[0, 2]
-            cy = inverse_k[1, 1] * row + inverse_k[1, 2]
-            dx = camera_to_world[0, 0] * cx + camera_to_world[0, 1] * cy + camera_to_world[0, 2]
-            dy = camera_to_world[1, 0] * cx + camera_to_world[1, 1] * cy + camera_to_world[1, 2]
-            dz = camera_to_world[2, 0] * cx + camera_to_world[2, 1] * cy + camera_to_world[2, 2]
-            a, b = dx * dx + dz * dz, eye[0] * dx + eye[2] * dz
-            t = (-b + np.sqrt(b * b - a * (eye[0] * eye[0] + eye[2] * eye[2] - radius * radius))) / a
-            on_floor = dy < 0.0 and (floor_y - eye[1]) / dy < t
-            if on_floor:
-                t = (floor_y - eye[1]) / dy
-            x, y, z = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
-            fp = t * spread
-            if on_floor:
-                tone = (
-                    1.0
-                    + 0.10 * _layer(volume, x + shift, 0.0, z, 260.0, fp)
-                    + 0.12 * _layer(volume, x, 3.0, z, 60.0, fp)
-                )
-                tone += 0.14 * _layer(volume, x, 7.0, z, 14.0, fp) + 0.18 * _layer(volume, x, 11.0, z, 5.0, fp)
-                tone += 0.20 * _layer(volume, x, 15.0, z, 2.3, fp)
-                pool = 0.35 + 0.75 * np.exp(-(x * x + z * z) / 5.0e6)
-                near_wall = _step(radius - np.sqrt(x * x + z * z), -50.0, 500.0)
-                light = pool * (0.55 + 0.45 * near_wall)
-                r, g, bl = floor[0] * tone * light, floor[1] * tone * light, floor[2] * tone * light
-            else:
-                arc = np.arctan2(x, z) * radius
-                sway = 60.0 * _noise(volume, arc / 420.0 + shift, y / 1400.0, 0.3)
-                pleat = np.sin(6.2831853 * (arc + sway) / 190.0) + 0.35 * np.sin(6.2831853 * (arc - 0.5 * sway) / 73.0)
-                tone = 0.80 + 0.17 * pleat + 0.08 * _layer(volume, arc, y, 5.0, 120.0, fp)
-                tone += 0.09 * _layer(volume, arc, 0.4 * y, 5.0, 17.0, fp) + 0.12 * _layer(volume, arc, y, 9.0, 4.5, fp)
-                fall = 0.55 + 0.30 * _step(y, -200.0, 1600.0) - 0.10 * _step(y, 2000.0, 3200.0)
-                fall *= 0.55 + 0.45 * _step(y - floor_y, -60.0, 260.0)
-                r, g, bl = curtain[0] * tone * fall, curtain[1] * tone * fall, curtain[2] * tone * fall
-            colours[row, column, 0], colours[row, column, 1], colours[row, column, 2] = r, g, bl
-            depths[row, column] = t
-    return colours, depths

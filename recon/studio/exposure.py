@@ -22,7 +22,18 @@ def plate_values(plate: NDArray[np.float32], gains: NDArray[np.float64]) -> NDAr
 
 
 @numba.njit(cache=True, nogil=True)
-def expose(plate, actors, column, row, gains, curve, floor_map, floor_shade, noise, key):  # type: ignore[no-untyped-def]
+def expose(
+    plate: NDArray[np.float32],
+    actors: NDArray[np.float32],
+    column: int,
+    row: int,
+    gains: NDArray[np.float64],
+    curve: NDArray[np.float32],
+    floor_map: NDArray[np.float64],
+    floor_shade: NDArray[np.float32],
+    noise: float,
+    key: np.uint64,
+) -> NDArray[np.uint8]:
     """The picture that a camera writes, uint8 (H, W, 3) in the order blue, green, red.
 
     Parameters

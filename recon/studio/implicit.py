@@ -5,7 +5,7 @@ A body is a table of parts; its surface is where the smooth union of the parts' 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numba
@@ -16,6 +16,7 @@ from skimage.measure import marching_cubes
 N_COLUMNS = 21
 CONE, ELLIPSOID = 0.0, 1.0
 JOIN, CARVE = 1.0, -1.0
+MAX_REFINEMENTS = 4
 
 
 @dataclass(frozen=True)
@@ -64,35 +65,88 @@ def part_table(parts: Sequence[Part]) -> NDArray[np.float64]:
 
 
 def body_mesh(
-    table: NDArray[np.float64], axes: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    table: NDArray[np.float64], cell: float, wanted_edge: Callable[[NDArray[np.float64]], NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Triangulate the zero level on a rectilinear grid.
+    """Triangulate the zero level: marching cubes on a coarse grid, then refinement where it is wanted.
 
     Parameters
     ----------
     table : float64 (P, N_COLUMNS)
-    axes : increasing x, y, z coordinates of the grid's planes, mm
+    cell : mm, edge of the coarse grid's cells
+    wanted_edge : longest edge wanted (N,) at places (N, 3), mm
 
     Returns
     -------
     vertices : float64 (N, 3), mm, on the surface to a hundredth of a millimetre where it is smooth
     faces : int32 (M, 3), counter-clockwise seen from outside
     """
-    field_values = grid_distance(table, *axes)
-    indices, faces, _, _ = marching_cubes(field_values, 0.0, gradient_direction="ascent")
-    vertices = np.stack([np.interp(indices[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(axes)], axis=1)
-    return project_to_surface(table, vertices), faces[:, ::-1].astype(np.int32)
+    low, high = _extent(table)
+    axes = [np.arange(low[i] - 1.5 * cell, high[i] + 2.5 * cell, cell) for i in range(3)]
+    indices, faces, _, _ = marching_cubes(grid_distance(table, *axes), 0.0, gradient_direction="ascent")
+    vertices = project_to_surface(table, indices.astype(np.float64) * cell + [axis[0] for axis in axes])
+    faces = faces[:, ::-1].astype(np.int32)
+    for _ in range(MAX_REFINEMENTS):
+        n_before = len(vertices)
+        vertices, faces = split_long_edges(vertices, faces, wanted_edge)
+        if len(vertices) == n_before:
+            break
+        vertices[n_before:] = project_to_surface(table, vertices[n_before:])
+    return vertices, faces
+
+
+def split_long_edges(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    wanted_edge: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Put a vertex on the middle of every edge that is longer than wanted there; a closed mesh stays closed."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, place = np.unique(edges[:, 0].astype(np.int64) * len(vertices) + edges[:, 1], return_inverse=True)
+    a, b = vertices[unique // len(vertices)], vertices[unique % len(vertices)]
+    middles = 0.5 * (a + b)
+    is_long = np.linalg.norm(a - b, axis=1) > wanted_edge(middles)
+    new = np.where(is_long, len(vertices) + np.cumsum(is_long) - 1, -1)
+    return np.concatenate([vertices, middles[is_long]]), _split_faces(faces, new[place].reshape(3, -1).T)
+
+
+def _split_faces(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Faces (M, 3) with the new vertices (M, 3) on their edges 01, 12, 20, -1 where an edge stays whole."""
+    n_split = (middles >= 0).sum(axis=1)
+    parts = [faces[n_split == 0]]
+    for count in (1, 2, 3):
+        # Turn each face so that a split edge comes first and a whole one last.
+        chosen = n_split == count
+        face, middle = faces[chosen].astype(np.int64), middles[chosen]
+        for _ in range(2):
+            turn = (middle[:, 0] < 0) | ((count == 2) & (middle[:, 2] >= 0))
+            face[turn], middle[turn] = np.roll(face[turn], -1, axis=1), np.roll(middle[turn], -1, axis=1)
+        (a, b, c), (ab, bc, ca) = face.T, middle.T
+        pieces = {
+            1: ((a, ab, c), (ab, b, c)),
+            2: ((ab, b, bc), (a, ab, bc), (a, bc, c)),
+            3: ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)),
+        }[count]
+        parts += [np.stack(piece, axis=1) for piece in pieces]
+    return np.concatenate(parts).astype(np.int32)
+
+
+def _extent(table: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner of a box around all parts, mm."""
+    is_cone = table[:, 0] == CONE
+    ends = np.concatenate([table[:, 3:6], table[is_cone, 6:9]])
+    reach = np.concatenate([table[:, 9:11].max(axis=1), table[is_cone, 9:11].max(axis=1)])[:, None]
+    return np.min(ends - reach, axis=0), np.max(ends + reach, axis=0)
 
 
 @numba.njit(cache=True, nogil=True)
-def _part_distance(row, x, y, z):  # type: ignore[no-untyped-def]
+def _part_distance(row: NDArray[np.float64], x: float, y: float, z: float) -> float:
     px, py, pz = x - row[3], y - row[4], z - row[5]
     if row[0] == 0.0:
         bx, by, bz = row[6] - row[3], row[7] - row[4], row[8] - row[5]
         t = (px * bx + py * by + pz * bz) / (bx * bx + by * by + bz * bz)
         t = min(1.0, max(0.0, t))
         dx, dy, dz = px - t * bx, py - t * by, pz - t * bz
-        return np.sqrt(dx * dx + dy * dy + dz * dz) - (row[9] + t * (row[10] - row[9]))
+        return float(np.sqrt(dx * dx + dy * dy + dz * dz) - (row[9] + t * (row[10] - row[9])))
     ux = row[12] * px + row[15] * py + row[18] * pz
     uy = row[13] * px + row[16] * py + row[19] * pz
     uz = row[14] * px + row[17] * py + row[20] * pz
@@ -101,12 +155,12 @@ def _part_distance(row, x, y, z):  # type: ignore[no-untyped-def]
     ax, ay, az = ax / row[6], ay / row[7], az / row[8]
     k1 = np.sqrt(ax * ax + ay * ay + az * az)
     if k1 < 1e-12:
-        return -min(row[6], min(row[7], row[8]))
-    return k0 * (k0 - 1.0) / k1
+        return float(-min(row[6], min(row[7], row[8])))
+    return float(k0 * (k0 - 1.0) / k1)
 
 
 @numba.njit(cache=True, nogil=True)
-def _blend(d, e, k, op):  # type: ignore[no-untyped-def]
+def _blend(d: float, e: float, k: float, op: float) -> float:
     """Polynomial smooth minimum of d and e, or smooth maximum of d and -e."""
     if op > 0.0:
         h = max(k - abs(d - e), 0.0) / k
@@ -116,7 +170,7 @@ def _blend(d, e, k, op):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _distance(table, near, n_near, x, y, z):  # type: ignore[no-untyped-def]
+def _distance(table: NDArray[np.float64], near: NDArray[np.int64], n_near: int, x: float, y: float, z: float) -> float:
     d = 1e6
     for i in range(n_near):
         row = table[near[i]]
@@ -125,7 +179,7 @@ def _distance(table, near, n_near, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def distance(table, points):  # type: ignore[no-untyped-def]
+def distance(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Smooth signed distances (N,) of points (N, 3), negative inside, mm."""
     everything = np.arange(len(table))
     result = np.empty(len(points))
@@ -135,7 +189,7 @@ def distance(table, points):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def part_distances(table, points):  # type: ignore[no-untyped-def]
+def part_distances(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distances (N, P) of points (N, 3) to every part alone, mm."""
     result = np.empty((len(points), len(table)))
     for i in range(len(points)):
@@ -145,19 +199,23 @@ def part_distances(table, points):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def project_to_surface(table, points):  # type: ignore[no-untyped-def]
+def project_to_surface(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Move points (N, 3) along the gradient onto the zero level: three Newton steps of at most 4 mm."""
-    everything = np.arange(len(table))
-    n = len(table)
+    near = np.empty(len(table), np.int64)
     step = 0.05
     result = points.copy()
     for i in range(len(points)):
         x, y, z = result[i, 0], result[i, 1], result[i, 2]
+        n = 0
+        for part in range(len(table)):
+            if _part_distance(table[part], x, y, z) < 90.0:
+                near[n] = part
+                n += 1
         for _ in range(3):
-            d = _distance(table, everything, n, x, y, z)
-            gx = (_distance(table, everything, n, x + step, y, z) - d) / step
-            gy = (_distance(table, everything, n, x, y + step, z) - d) / step
-            gz = (_distance(table, everything, n, x, y, z + step) - d) / step
+            d = _distance(table, near, n, x, y, z)
+            gx = (_distance(table, near, n, x + step, y, z) - d) / step
+            gy = (_distance(table, near, n, x, y + step, z) - d) / step
+            gz = (_distance(table, near, n, x, y, z + step) - d) / step
             g2 = max(gx * gx + gy * gy + gz * gz, 0.05)
             s = max(-4.0, min(4.0, d / g2))
             x, y, z = x - s * gx, y - s * gy, z - s * gz
@@ -166,7 +224,9 @@ def project_to_surface(table, points):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def grid_distance(table, xs, ys, zs):  # type: ignore[no-untyped-def]
+def grid_distance(
+    table: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64], zs: NDArray[np.float64]
+) -> NDArray[np.float32]:
     """Distances float32 (X, Y, Z) on a rectilinear grid; blocks far from the surface hold one rough value."""
     result = np.empty((len(xs), len(ys), len(zs)), np.float32)
     n = len(table)

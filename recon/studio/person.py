@@ -6,6 +6,7 @@ whose left is +x.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,10 @@ from recon.studio.skeleton import BONES, REST, vertex_normals
 
 ARM = np.array([0.683, -0.730, 0.03])  # direction of the left arm at rest
 BACK_OF_HAND = np.array([0.73, 0.683, 0.0])
+BUST_BONES = {"chest", "neck", "head", "upper_arm_l", "upper_arm_r"}
 BLEND_MM = 22.0  # width over which a vertex passes from one bone to the next
 MOUTH_Y = 1596.0
+HEM_Y = 905.0  # where the shirt ends
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Build:
     girth : factor on the radii of trunk and limbs
     shoulders, hips : factors on the widths
     long_hair : hair down to the shoulders
+    bust : only head, neck, shoulders and upper arms
     """
 
     height: float = 1780.0
@@ -38,6 +42,7 @@ class Build:
     shoulders: float = 1.0
     hips: float = 1.0
     long_hair: bool = False
+    bust: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +73,21 @@ def person_parts(build: Build) -> list[Part]:
         Part("spine", (0, 1085, 2), None, (138 * g, 130, 100 * g), 60),
         Part("chest", (0, 1270, -2), None, (158 * g * shoulders, 190, 112 * g), 60),
         Part("chest", (-120 * shoulders, 1412, -18), (120 * shoulders, 1412, -18), (58, 58), 60),
-        Part("neck", (0, 1445, -22), (0, 1565, 0), (58 * g, 54 * g), 30),
+        Part("neck", (0, 1440, -24), (0, 1565, -4), (55 * g, 51 * g), 30),
     ]
     sided = [
         Part("pelvis", (72 * hips, 915, -55), None, (82 * g, 85, 70 * g), 50),
         Part("chest", (72, 1325, 62), None, (78 * shoulders, 62, 42 * g), 60),
-        Part("neck", (100, 1440, -25), (25, 1492, -18), (34, 44), 50),
+        Part("neck", (105, 1436, -28), (22, 1488, -26), (32, 40), 50),
         *_arm(g),
         *_leg(g, hips),
     ]
-    return [*trunk, *_both(sided), *head_parts()]
+    parts = [*trunk, *_both(sided), *head_parts(ears=not build.long_hair), *(_long_hair() if build.long_hair else [])]
+    return [part for part in parts if part.bone in BUST_BONES] if build.bust else parts
 
 
-def head_parts() -> list[Part]:
-    """Skull, face and ears; the features are 2 to 10 mm deep."""
+def head_parts(*, ears: bool) -> list[Part]:
+    """Skull and face, and ears where hair does not cover them; the features are 2 to 10 mm deep."""
     middle = [
         Part("head", (0, 1690, -10), None, (76, 90, 96), 20),
         Part("head", (0, 1640, 28), None, (63, 88, 66), 30),
@@ -94,54 +100,65 @@ def head_parts() -> list[Part]:
         Part("head", (0, 1588.5, 88), None, (21, 7.5, 11), 7),
     ]
     sided = [
-        Part("head", (10, 1686, 90), (44, 1688, 74), (8, 8), 18),
+        Part("head", (10, 1686, 89), (40, 1689, 76), (8, 7.5), 22),
+        Part("head", (40, 1689, 76), (57, 1676, 50), (7.5, 9), 22),
         Part("head", (41, 1640, 62), None, (26, 25, 24), 25),
         Part("head", (32, 1667, 100), None, (21, 12, 15), 16, carve=True),
         Part("head", (32, 1667, 76), None, (13.5, 12.5, 13.5), 4),
         Part("head", (10, 1627, 101), None, (8, 8, 10), 6),
+    ]
+    ear = [
         Part("head", (77, 1652, -8), None, (8, 31, 19), 7, turn=_ear_turn()),
         Part("head", (84, 1656, -4), None, (6, 18, 9), 5, turn=_ear_turn(), carve=True),
     ]
-    return [*middle, *_both(sided)]
+    return [*middle, *_both(sided), *(_both(ear) if ears else [])]
 
 
-def rest_body(build: Build, parts: list[Part], *, cell: float, noise: NDArray[np.float32]) -> RestBody:
+def _long_hair() -> list[Part]:
+    sides = [
+        Part("head", (58, 1690, -26), (68, 1575, -30), (34, 29), 30),
+        Part("head", (68, 1575, -30), (60, 1528, -38), (29, 20), 24),
+    ]
+    return [Part("head", (0, 1610, -58), None, (74, 104, 44), 40), *_both(sides)]
+
+
+def rest_body(parts: list[Part], *, cell: float, noise: NDArray[np.float32]) -> RestBody:
     """Triangulate a person, lay clothes and hair over it, and bind it to the bones.
 
     Parameters
     ----------
-    cell : mm, edge of the grid's cells on the trunk; the head's are half as long
+    cell : mm, edge of the triangles on the trunk; the face's are a third as long
     noise : float32 (S, S, S), periodic, for folds
     """
     table = part_table(parts)
-    vertices, faces = body_mesh(table, _grid(parts, cell))
+    vertices, faces = body_mesh(table, cell, _wanted_edge(cell))
     normals = vertex_normals(vertices, faces)
     openness = _openness(table, vertices, normals)
     bones, weights = _bind(parts, table, vertices)
-    vertices = vertices + cloth_thickness(vertices, build, noise)[:, None] * normals
+    vertices = vertices + cloth_thickness(vertices, noise)[:, None] * normals
     return RestBody(vertices, faces, bones, weights, openness)
 
 
-def cloth_thickness(points: NDArray[np.float64], build: Build, noise: NDArray[np.float32]) -> NDArray[np.float64]:
+def cloth_thickness(points: NDArray[np.float64], noise: NDArray[np.float32]) -> NDArray[np.float64]:
     """How far clothes and hair stand off the body (N,), mm: hems, folds and locks."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     along = (x - 180.0) * ARM[0] + (y - 1412.0) * ARM[1]
     hand = _step(along, 500.0, 512.0) * (x > 250)
     collar = np.maximum(1452.0 - 0.5 * z - y, np.hypot(x, z + 18.0) - 84.0)
     shirt = _step(collar, -4.0, 4.0) * (1 - hand) * (y < 1515.0)
-    trousers = _step(966.0 - y, -4.0, 4.0) * (x < 260)
+    trousers = _step(HEM_Y - y, -4.0, 4.0) * (x < 260)
     shoe = _step(78.0 - y, -4.0, 4.0)
     folds = _folds(points, noise)
-    cloth = shirt * (1 - shoe) * (5.0 + 4.5 * folds) - trousers * (1 - shoe) * 4.0 - shoe * 3.0
-    return np.asarray(cloth + hair(points, build) * (9.0 + 4.0 * _sample(noise, points / (9.0, 26.0, 9.0))))
+    cloth = shirt * (1 - shoe) * (5.0 + 4.5 * folds) - trousers * (1 - shoe) * 6.0 - shoe * 3.0
+    return np.asarray(cloth + hair(points) * (11.0 + 4.0 * _sample(noise, points / (9.0, 26.0, 9.0))))
 
 
-def hair(points: NDArray[np.float64], build: Build) -> NDArray[np.float64]:
-    """Where hair grows (N,), 0 to 1. The same region is coloured by `appearance`."""
+def hair(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How full the hair is (N,), 0 to 1, thin along the hairline; `appearance` colours the same region."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
-    line = 1722.0 - 0.9 * np.maximum(0.0, 45.0 - z) - 0.35 * np.maximum(0.0, -10.0 - z)
-    low = 1520.0 if build.long_hair else 1585.0
-    return np.asarray(_step(y - np.maximum(line, low), -6.0, 6.0) * (x < 125))
+    line = 1731.0 - 0.004 * x * x - 1.15 * np.maximum(0.0, 42.0 - z) - 0.35 * np.maximum(0.0, -10.0 - z)
+    behind_ears = np.where((z > -34.0) & (x > 60.0), 1664.0, 1588.0)
+    return np.asarray(_step(y - np.maximum(line, behind_ears), -3.0, 26.0) * (x < 125))
 
 
 def _arm(g: float) -> list[Part]:
@@ -155,8 +172,8 @@ def _arm(g: float) -> list[Part]:
             "hand_l",
             tuple(knuckle + offset * across),
             tuple(_finger_end(knuckle, across, offset, length)),
-            (9.5, 7.5),
-            5,
+            (8.6, 7.0),
+            12,
         )
         for offset, length in ((27.0, 74.0), (9.0, 84.0), (-9.0, 78.0), (-26.0, 62.0))
     ]
@@ -175,7 +192,7 @@ def _arm(g: float) -> list[Part]:
 def _finger_end(
     knuckle: NDArray[np.float64], across: NDArray[np.float64], offset: float, length: float
 ) -> NDArray[np.float64]:
-    return np.asarray(knuckle + length * ARM + 1.25 * offset * across - 0.28 * length * BACK_OF_HAND)
+    return np.asarray(knuckle + length * ARM + 1.45 * offset * across - 0.28 * length * BACK_OF_HAND)
 
 
 def _leg(g: float, hips: float) -> list[Part]:
@@ -197,28 +214,16 @@ def _ear_turn() -> NDArray[np.float64]:
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
-def _grid(parts: list[Part], cell: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Grid planes, twice as dense across the head, that enclose all parts."""
-    ends = [np.asarray(end) for part in parts for end in (part.a, part.b) if end is not None]
-    reach = [max(part.radii) for part in parts for end in (part.a, part.b) if end is not None]
-    low = np.min([end - r for end, r in zip(ends, reach, strict=True)], axis=0) - 2 * cell
-    high = np.max([end + r for end, r in zip(ends, reach, strict=True)], axis=0) + 2 * cell
-    fine = 0.5 * cell
-    return (
-        _planes(low[0], high[0], -95.0, 95.0, cell, fine),
-        _planes(low[1], high[1], 1540.0, high[1], cell, fine),
-        _planes(low[2], high[2], 40.0, 130.0, cell, fine),
-    )
+def _wanted_edge(cell: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Edges of the trunk are left as they are, those of hands and head are halved, those of the face quartered."""
 
+    def wanted(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, z = np.abs(places[:, 0]), places[:, 1], places[:, 2]
+        fine = (y > 1500.0) & (x < 130.0) | (x > 535.0)
+        finest = (y > 1545.0) & (y < 1715.0) & (z > 55.0) & (x < 70.0) | (x > 600.0)
+        return np.select([finest, fine], [0.36 * cell, 0.72 * cell], 2.0 * cell)
 
-def _planes(
-    low: float, high: float, fine_low: float, fine_high: float, cell: float, fine: float
-) -> NDArray[np.float64]:
-    if high <= fine_high:
-        return np.concatenate([np.arange(low, fine_low, cell), np.arange(fine_low, high + fine, fine)])
-    inner = np.arange(fine_low, fine_high, fine)
-    below = np.arange(fine_low - cell, low - cell, -cell)[::-1] if low < fine_low else np.zeros(0)
-    return np.concatenate([below, inner, np.arange(fine_high, high + cell, cell)])
+    return wanted
 
 
 def _openness(

@@ -49,15 +49,11 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
     ValueError
         If a vertex lies behind the camera or closer than NEAREST_MM.
     """
-    in_camera = camera.points_in_camera(vertices)
-    if in_camera[:, 2].min() < NEAREST_MM:
-        raise ValueError(f"a surface comes within {in_camera[:, 2].min():.0f} mm of a camera; keep {NEAREST_MM:.0f} mm")
-    pixels = in_camera @ camera.K.T
-    pixels[:, :2] /= pixels[:, 2:]
-    pixels[:, 2] = 1.0 / pixels[:, 2]
-    width, height = camera.size
-    low = np.maximum(np.floor(pixels[:, :2].min(axis=0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(pixels[:, :2].max(axis=0)).astype(int) + 2, (width, height))
+    pixels, extent = _project(vertices, np.ascontiguousarray(camera.K @ camera.cam_from_world[:3]))
+    if extent[0, 2] < NEAREST_MM:
+        raise ValueError(f"a surface comes within {extent[0, 2]:.0f} mm of a camera; keep {NEAREST_MM:.0f} mm")
+    low = np.maximum(np.floor(extent[0, :2]).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(extent[1, :2]).astype(int) + 2, camera.size)
     w, h = np.maximum(high - low, 0)
     seen = np.full((h, w, N_SAMPLES), -1, np.int32)
     nearness = np.zeros((h, w, N_SAMPLES), np.float32)
@@ -65,8 +61,36 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
     return Visibility(int(low[0]), int(low[1]), seen, nearness, pixels)
 
 
-@numba.njit(cache=True, nogil=True)
-def _rasterise(pixels, faces, column, row, seen, nearness):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(
+    vertices: NDArray[np.float64], projection: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Column, row and 1 / z (N, 3) of world points, and the lowest and highest (2, 3) column, row and z."""
+    pixels = np.empty((len(vertices), 3))
+    extent = np.empty((2, 3))
+    extent[0], extent[1] = np.inf, -np.inf
+    for i in range(len(vertices)):
+        x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+        near = 1.0 / depth
+        column = near * (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3])
+        row = near * (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3])
+        pixels[i, 0], pixels[i, 1], pixels[i, 2] = column, row, near
+        extent[0, 0], extent[1, 0] = min(extent[0, 0], column), max(extent[1, 0], column)
+        extent[0, 1], extent[1, 1] = min(extent[0, 1], row), max(extent[1, 1], row)
+        extent[0, 2], extent[1, 2] = min(extent[0, 2], depth), max(extent[1, 2], depth)
+    return pixels, extent
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _rasterise(
+    pixels: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    column: int,
+    row: int,
+    seen: NDArray[np.int32],
+    nearness: NDArray[np.float32],
+) -> None:
     h, w = seen.shape[0], seen.shape[1]
     offset_x = (0.0, -0.125, 0.375, -0.375, 0.125)
     offset_y = (0.0, -0.375, -0.125, 0.125, 0.375)
@@ -91,8 +115,16 @@ def _rasterise(pixels, faces, column, row, seen, nearness):  # type: ignore[no-u
         vx, vy = (cy - ay) * -inverse, (ax - cx) * -inverse
         u0 = -(ux * cx + uy * cy)
         v0 = -(vx * cx + vy * cy)
+        # No sample of a pixel can lie inside where its centre is this far outside.
+        u_low = -0.375 * (abs(ux) + abs(uy)) - 1e-9
+        v_low = -0.375 * (abs(vx) + abs(vy)) - 1e-9
+        t_low = -0.375 * (abs(ux + vx) + abs(uy + vy)) - 1e-9
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
+                u_middle = u0 + ux * x + uy * y
+                v_middle = v0 + vx * x + vy * y
+                if u_middle < u_low or v_middle < v_low or 1.0 - u_middle - v_middle < t_low:
+                    continue
                 for s in range(5):
                     sx, sy = x + offset_x[s], y + offset_y[s]
                     u = u0 + ux * sx + uy * sy

@@ -49,12 +49,12 @@ def floor_shade(vertices: NDArray[np.float64], floor_y: float, direction: NDArra
     _splat(x[~low], z[~low], soft)
     _splat(vertices[contact, 0], vertices[contact, 2], under)
     key = np.maximum(cv2.GaussianBlur(sharp, (0, 0), 2.5), cv2.GaussianBlur(soft, (0, 0), 6.0))
-    light = (1.0 - 0.45 * key) * (1.0 - 0.6 * cv2.GaussianBlur(under, (0, 0), 4.0))
+    light = (1.0 - 0.45 * key) * (1.0 - 0.75 * cv2.GaussianBlur(under, (0, 0), 3.0))
     return np.asarray(np.power(light, 1.0 / 2.2), dtype=np.float32)
 
 
 @numba.njit(cache=True, nogil=True)
-def _splat(xs, zs, cells):  # type: ignore[no-untyped-def]
+def _splat(xs: NDArray[np.float64], zs: NDArray[np.float64], cells: NDArray[np.float32]) -> None:
     for i in range(len(xs)):
         column, row = int((xs[i] + 1800.0) * (256 / 3600.0)), int((zs[i] + 1800.0) * (256 / 3600.0))
         if 0 <= column < 256 and 0 <= row < 256:
@@ -62,7 +62,7 @@ def _splat(xs, zs, cells):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest(points, faces, nearest):  # type: ignore[no-untyped-def]
+def _nearest(points: NDArray[np.float64], faces: NDArray[np.int32], nearest: NDArray[np.float32]) -> None:
     h, w = nearest.shape
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

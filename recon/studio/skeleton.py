@@ -179,7 +179,12 @@ def _twist(palm: Vector, towards: Vector, axis: Vector) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def skin(vertices, bones, weights, transforms):  # type: ignore[no-untyped-def]
+def skin(
+    vertices: NDArray[np.float64],
+    bones: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    transforms: NDArray[np.float64],
+) -> NDArray[np.float64]:
     """Move rest vertices (N, 3) with their four bones (N, 4) and weights (N, 4): float64 (N, 3)."""
     moved = np.empty_like(vertices)
     for i in range(len(vertices)):
@@ -194,7 +199,7 @@ def skin(vertices, bones, weights, transforms):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def vertex_normals(vertices, faces):  # type: ignore[no-untyped-def]
+def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Area-weighted unit normals (N, 3) of a mesh whose faces are counter-clockwise seen from outside."""
     normals = np.zeros_like(vertices)
     for f in range(len(faces)):

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from recon.mesh import Mesh
 from recon.studio import objects
-from recon.studio.appearance import look_row, vertex_albedo
+from recon.studio.appearance import vertex_albedo
+from recon.studio.looks import look_row
 from recon.studio.person import person_parts, rest_body
 from recon.studio.scenes import Actor, Moment, Prop, Scene
 from recon.studio.skeleton import pose, rotation, skin, vertex_normals
@@ -44,9 +45,7 @@ class Stage:
 
     def __init__(self, scene: Scene, *, cell: float, noise: NDArray[np.float32]) -> None:
         self._scene = scene
-        self._people = [
-            rest_body(actor.build, person_parts(actor.build), cell=cell, noise=noise) for actor in scene.actors
-        ]
+        self._people = [rest_body(person_parts(actor.build), cell=cell, noise=noise) for actor in scene.actors]
         self._things = [_prop_mesh(prop, cell) for prop in scene.props]
         looks = [actor.look for actor in scene.actors] + [prop.look for prop in scene.props]
         self._looks = np.stack([look_row(look) for look in looks])
@@ -98,5 +97,5 @@ def _placed(actor: Actor, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _prop_mesh(prop: Prop, cell: float) -> objects.Mesh:
     if len(prop.size) == 1:
-        return objects.ball(prop.size[0], min(cell, 0.02 * prop.size[0]))
+        return objects.ball(prop.size[0], min(cell, 0.036 * prop.size[0]))
     return objects.box((prop.size[0], prop.size[1], prop.size[2]), cell)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,25 +24,33 @@ MESH = "truth/mesh/{frame:04d}.ply"
 FACTS = "truth/truth.json"
 DEPTH_FROM_MM = 1000.0
 DEPTH_STEP_MM = 0.05
-DEPTH_TOP = 65535
-PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
+       cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)  # fmt: skip
 
 
 def write_view(folder: Path, view: str, frame: int, size: tuple[int, int], seen: Visibility) -> None:
     """Write depth and mask of what one camera sees."""
+    depth, mask = np.zeros(size[::-1], np.uint16), np.zeros(size[::-1], np.uint8)
     h, w = seen.nearness.shape[:2]
     window = np.s_[seen.row : seen.row + h, seen.column : seen.column + w]
-    near = seen.nearness[..., 0]
-    covered = near > 0
-    depth = np.zeros(size[::-1], np.uint16)
-    values = (1.0 / np.where(covered, near, 1.0) - DEPTH_FROM_MM) / DEPTH_STEP_MM
-    depth[window] = np.where(covered, np.clip(np.rint(values), 1, DEPTH_TOP), 0)
-    mask = np.zeros(size[::-1], np.uint8)
-    mask[window] = 255 * covered
+    _quantise(seen.nearness, depth[window], mask[window], DEPTH_FROM_MM, DEPTH_STEP_MM)
     for pattern, picture in ((DEPTH, depth), (MASK, mask)):
         path = folder / pattern.format(view=view, frame=frame)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
+
+
+@numba.njit(cache=True, nogil=True)
+def _quantise(
+    nearness: NDArray[np.float32], depth: NDArray[np.uint16], mask: NDArray[np.uint8], from_mm: float, step_mm: float
+) -> None:
+    for y in range(nearness.shape[0]):
+        for x in range(nearness.shape[1]):
+            near = nearness[y, x, 0]
+            if near > 0.0:
+                value = np.rint((1.0 / near - from_mm) / step_mm)
+                depth[y, x] = int(min(65535.0, max(1.0, value)))
+                mask[y, x] = 255
 
 
 def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArray[np.float32]:

@@ -1,0 +1,91 @@
+"""How actors, objects and lights are described: looks, and the rows of numbers that the kernels read.
+
+The row of a look: 0 kind, 1-15 five colours (linear), 16 pattern, 17 sleeve, 18 long hair, 19 how far the eyes are
+closed, 20 shift, 21-23 half size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+NOISE_SIZE = 64  # cells per side of the periodic noise: 1 MB, which stays in a core's cache
+N_LOOK = 32  # numbers that describe one look
+
+PERSON, BALL, BOX, SPHERE, CUBOID = 0.0, 1.0, 2.0, 3.0, 4.0
+PLAID, STRIPES, KNIT, PRINT = 0.0, 1.0, 2.0, 3.0
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours (sRGB, 0 to 1) and patterns of one actor or object.
+
+    Parameters
+    ----------
+    kind : PERSON, BALL, BOX, SPHERE or CUBOID
+    first, second, third, fourth, fifth : colours; a person's skin, shirt, shirt's pattern, trousers, hair
+    pattern : PLAID, STRIPES, KNIT or PRINT, of a person's shirt
+    sleeve : mm along the arm from the shoulder
+    long_hair : hair down to the shoulders
+    half_size : mm, half edges of a box or the radius of a ball
+    shift : mm, displaces the texture, so that equal bodies differ
+    """
+
+    kind: float
+    first: Colour
+    second: Colour
+    third: Colour = (0.2, 0.2, 0.2)
+    fourth: Colour = (0.2, 0.2, 0.2)
+    fifth: Colour = (0.1, 0.08, 0.06)
+    pattern: float = PLAID
+    sleeve: float = 505.0
+    long_hair: bool = False
+    half_size: Colour = (0.0, 0.0, 0.0)
+    shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Soft studio light: a key light that casts shadows, a fill and a rim light, and light from all around.
+
+    Directions point towards the light; powers are linear RGB at normal incidence on a white surface.
+    """
+
+    directions: tuple[Colour, ...] = ((-0.55, 0.72, 0.62), (0.75, 0.35, 0.60), (0.15, 0.65, -0.80))
+    powers: tuple[Colour, ...] = ((0.62, 0.60, 0.57), (0.26, 0.27, 0.29), (0.22, 0.22, 0.24))
+    above: Colour = (0.40, 0.41, 0.43)
+    below: Colour = (0.17, 0.16, 0.15)
+    softness: float = 0.25
+
+    def table(self) -> NDArray[np.float64]:
+        """Rows (2 + lights, 6) for the kernels: above and below, then direction and power of each light."""
+        rows: list[tuple[float, ...]] = [(*self.above, *self.below), (self.softness, 0.0, 0.0, 0.0, 0.0, 0.0)]
+        for direction, power in zip(self.directions, self.powers, strict=True):
+            unit = np.asarray(direction) / np.linalg.norm(direction)
+            rows.append((*map(float, unit), *power))
+        return np.array(rows)
+
+
+def linear(colour: Colour) -> NDArray[np.float64]:
+    """Linear intensities of display colours."""
+    return np.power(np.asarray(colour, dtype=np.float64), 2.2)
+
+
+def look_row(look: Look) -> NDArray[np.float64]:
+    """A look as the row (N_LOOK,) that the kernels read."""
+    row = np.zeros(N_LOOK)
+    row[0] = look.kind
+    for i, colour in enumerate((look.first, look.second, look.third, look.fourth, look.fifth)):
+        row[1 + 3 * i : 4 + 3 * i] = linear(colour)
+    row[16:21] = look.pattern, look.sleeve, float(look.long_hair), 0.0, look.shift
+    row[21:24] = look.half_size
+    return row
+
+
+def noise_volume(rng: np.random.Generator) -> NDArray[np.float32]:
+    """Periodic white noise (S, S, S), standard deviation 0.5, at most 1, for smooth interpolation."""
+    return np.clip(rng.normal(0.0, 0.5, (NOISE_SIZE,) * 3), -1.0, 1.0).astype(np.float32)
