@@ -28,6 +28,7 @@ class Entrance:
     slug: str
     title: str
     state: Literal["open", "mine", "used", "closed"]
+    is_shared: bool  # an invitation for more than one participant
 
 
 @dataclass(frozen=True)
@@ -117,11 +118,12 @@ def entrance(request: Request, code: str) -> Entrance | None:
         session = session_by_token(connection, token) if token else None
     if invitation is None or study is None:
         return None
+    state: Literal["open", "mine", "used", "closed"] = "used" if invitation.is_used else "open"
     if session is not None and session.invitation_id == invitation.id:
-        return Entrance(study.slug, study.name, "mine")
-    if study.state == "closed":
-        return Entrance(study.slug, study.name, "closed")
-    return Entrance(study.slug, study.name, "used" if invitation.is_used else "open")
+        state = "mine"
+    elif study.state == "closed":
+        state = "closed"
+    return Entrance(study.slug, study.name, state, is_shared=invitation.places != 1)
 
 
 def _bearer(request: Request) -> str | None:

@@ -54,10 +54,8 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
 def preferred_language(accepted: str, available: frozenset[str]) -> str:
     """The first available language of an Accept-Language header by falling weight, else English."""
     weighted = [_weighted(entry) for entry in accepted.split(",") if entry.strip()]
-    for _, language in sorted(weighted, key=lambda entry: -entry[0]):
-        if language in available:
-            return language
-    return DEFAULT_LANGUAGE
+    acceptable = sorted((entry for entry in weighted if entry[0] > 0), key=lambda entry: -entry[0])
+    return next((language for _, language in acceptable if language in available), DEFAULT_LANGUAGE)
 
 
 def _weighted(entry: str) -> tuple[float, str]:

@@ -30,6 +30,7 @@ byId("continue").addEventListener("click", () => {
   guarded(runTrials);
 });
 byId("again").addEventListener("click", () => location.reload());
+document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
 byId("try").addEventListener("click", switchTry);
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 
@@ -40,14 +41,14 @@ function welcome() {
   const canPlay = document.createElement("video").canPlayType(H264) !== "";
   byId("no-codec").hidden = canPlay;
   byId("begin").hidden = !canPlay;
+  byId("begin").toggleAttribute("disabled", false);
   show("welcome");
 }
 
 /** The one press that uses the invitation up. */
 function begin() {
-  const button = /** @type {HTMLButtonElement} */ (byId("begin"));
   enterFullScreen();
-  button.disabled = true;
+  byId("begin").toggleAttribute("disabled", true);
   guarded(async () => {
     enterSession(await patiently(() => beginSession(page.dataset.slug ?? "", code)));
     showInstructions(1);

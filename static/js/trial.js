@@ -139,9 +139,12 @@ export class Trial {
 
   /** @param {number} at performance.now() of the press */
   #switch(at) {
+    const { switches } = this.viewing;
     const to = this.player.shown === "a" ? "b" : "a";
     this.#showLetter(to);
-    this.viewing.switches.push({ to, at_ms: this.#since(at), media_time_s: this.player.mediaTime });
+    // A mouse and a keyboard may each date their presses a little differently; the order is what happened.
+    const at_ms = Math.max(this.#since(at), switches.at(-1)?.at_ms ?? 0);
+    switches.push({ to, at_ms, media_time_s: this.player.mediaTime });
   }
 
   /** @param {Letter} letter */

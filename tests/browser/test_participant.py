@@ -20,7 +20,9 @@ def test_a_participant_goes_from_the_invitation_to_the_thanks_and_the_votes_are_
     page.goto(study.url)
     page.get_by_label("Invitation code").fill(f" {study.invitation} ")
     page.keyboard.press("Enter")
+    visitor.sees("welcome")
     visitor.begin(study)
+    assert page.evaluate("document.fullscreenElement !== null")
     shown = []
 
     visitor.is_in("exposure")  # by keyboard
@@ -79,6 +81,23 @@ def _check_viewing(trial: dict[str, Any]) -> None:
     assert all(one != other for one, other in pairwise(letters))
 
 
+def test_another_participant_begins_at_the_same_browser(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    for key in ("1", "2", "3"):
+        visitor.votes(key)
+        visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
+    page.get_by_role("button", name="Begin as another participant").click()
+    visitor.sees("welcome")
+    page.get_by_role("button", name="Begin").click()
+    visitor.sees("instructions-1")
+    for _ in range(3):
+        page.keyboard.press("Enter")
+    visitor.votes("3")
+    visitor.is_in("exposure")
+    choices = [(vote["participant"], vote["choice"]) for vote in study.read("votes")]
+    assert choices == [("P001", "a"), ("P001", "none"), ("P001", "b"), ("P002", "b")]
+
+
 def test_reloading_an_instruction_shows_the_same_instruction(study: Study, page: Page, visitor: Visitor) -> None:
     page.goto(study.address)
     visitor.sees("welcome")
@@ -90,6 +109,23 @@ def test_reloading_an_instruction_shows_the_same_instruction(study: Study, page:
     visitor.sees("instructions-2")
     page.get_by_role("button", name="Back").click()
     visitor.sees("instructions-1")
+
+
+def test_switching_is_tried_on_the_instructions_with_the_same_keys(study: Study, page: Page, visitor: Visitor) -> None:
+    page.goto(study.address)
+    for view in ("welcome", "instructions-1"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
+    visitor.sees("instructions-2")
+    seen = [page.locator("#try").get_attribute("data-shown")]
+    for switch in (
+        lambda: page.keyboard.press("Space"),
+        lambda: page.keyboard.press("ArrowUp"),
+        page.locator("#try").click,
+    ):
+        switch()
+        seen.append(page.locator("#try").get_attribute("data-shown"))
+    assert seen == ["a", "b", "a", "b"]
 
 
 def test_every_control_is_reached_by_the_tabulator(study: Study, page: Page, visitor: Visitor) -> None:
