@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts
 from app.analysis.counts import PairCounts, outcome_index
-from app.analysis.newton import Design, maximise
+from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.votes import VotesTable
 
 Array = NDArray[np.float64]
 
+TOLERANCE = 1e-5  # of the last step: errors below 1e-9, far below what the draws themselves leave open
 RUNAWAY = 15.0  # log-odds beyond which a replicate is suspected to have no maximum, and looked at alone
 
 
@@ -76,7 +77,7 @@ def bootstrap_scores(fit: Fit, votes: VotesTable, weights: Array) -> Bootstrap:
         Of all participants in the table.
     """
     assert fit.theta is not None
-    drawn = (weights.astype(np.float32) @ participant_counts(fit, votes)).astype(np.float64)
+    drawn = weights.astype(np.float32) @ participant_counts(fit, votes)
     size = len(fit.counts.first)
     raw = drawn[:, :size], drawn[:, size : 2 * size], drawn[:, 2 * size :]
     wins, losses, ties = TIE_MODELS[fit.ties].counted(*raw)
@@ -96,7 +97,7 @@ def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bo
     design, start = fit.design, fit.theta
     if design.has_tie and not has_tie:
         design, start = Design(fit.counts, WITHOUT_TIES, has_tie=False, levels=design.levels), start[:-1]
-    found = maximise(design, wins, losses, ties, start=start, runaway=RUNAWAY)
+    found = maximise(design, wins, losses, ties, start=start, search=Search(TOLERANCE, RUNAWAY))
     effects = found.theta[:, : design.n_effects]
     scores = effects if design.levels is None else effects @ design.levels.T
     is_there = found.converged.copy()

@@ -5,6 +5,7 @@ as the sample.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy.stats import chi2
 
 from app.analysis.counts import PairCounts, count_pairs, outcome_index
 from app.analysis.existence import Existence, ford, recession
-from app.analysis.newton import Design, maximise
+from app.analysis.newton import Design, Search, maximise, maximise_many_items
 from app.analysis.penalised import maximise_firth
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
 from app.analysis.votes import VotesTable
@@ -20,6 +21,7 @@ from app.analysis.votes import VotesTable
 Array = NDArray[np.float64]
 
 LARGEST_COVARIANCE = 3000  # items; beyond, a matrix of all covariances takes minutes and a gigabyte
+MANY_ITEMS = 200  # above, Newton's steps are cheaper by conjugate gradients
 RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper)
 
 
@@ -45,13 +47,9 @@ class Fit:
         Name of the penalised estimate that stands in for a maximum.
     theta : float64 (P,) or None
         Scores with sum zero (or effects), order effect and tie parameter, the latter two if present.
-    covariance, participant_covariance : float64 (P, P) or None
-        From the observed information; from the sandwich clustered by participant.
+    participant_covariance : float64 (P, P) or None
+        From the sandwich clustered by participant.
     n_participants : int or None
-    loglik, deviance, pearson_x2 : float or None
-        Without combinatorial constants.
-    df : int or None
-        Residual degrees of freedom of the table of pairs.
     """
 
     items: tuple[str, ...]
@@ -62,13 +60,8 @@ class Fit:
     counts: PairCounts
     design: Design
     theta: Array | None = None
-    covariance: Array | None = None
     participant_covariance: Array | None = None
     n_participants: int | None = None
-    loglik: float | None = None
-    deviance: float | None = None
-    pearson_x2: float | None = None
-    df: int | None = None
     iterations: int = 0
 
     @property
@@ -78,6 +71,64 @@ class Fit:
             return None
         effects = self.theta[: self.design.n_effects]
         return effects if self.design.levels is None else self.design.levels @ effects
+
+    @cached_property
+    def covariance(self) -> Array | None:
+        """Covariance of the parameters from the observed information, float64 (P, P)."""
+        if self.theta is None or self.design.n_parameters > LARGEST_COVARIANCE:
+            return None
+        by_pair = self.design.model.derivatives(*self._predictors, *self._table)
+        return self.design.covariance(self.design.information(by_pair)[0])
+
+    @cached_property
+    def expected(self) -> Array | None:
+        """Expected wins, losses and ties of each pair, float64 (3, C)."""
+        if self.theta is None:
+            return None
+        result: Array = self.design.model.probabilities(*self._predictors)[:, 0] * self.counts.totals
+        return result
+
+    @property
+    def loglik(self) -> float | None:
+        """Log-likelihood without combinatorial constants."""
+        if self.theta is None:
+            return None
+        return float(self.design.model.loglik(*self._predictors, *self._table).sum())
+
+    @property
+    def deviance(self) -> float | None:
+        """Twice the log-likelihood that the saturated model has more."""
+        if self.expected is None:
+            return None
+        observed = np.stack([self.counts.wins, self.counts.losses, self.counts.ties])
+        seen = observed > 0
+        return float(2 * np.sum(observed[seen] * np.log(observed[seen] / self.expected[seen])))
+
+    @property
+    def pearson_x2(self) -> float | None:
+        """Sum of (observed - expected)^2 / expected over the possible outcomes of all pairs."""
+        if self.expected is None:
+            return None
+        possible = 2 + self.design.has_tie
+        observed = np.stack([self.counts.wins, self.counts.losses, self.counts.ties])[:possible]
+        expected = self.expected[:possible]
+        return float(np.sum((observed - expected) ** 2 / expected))
+
+    @property
+    def df(self) -> int | None:
+        """Residual degrees of freedom of the table of pairs."""
+        if self.theta is None:
+            return None
+        return (1 + self.design.has_tie) * len(self.counts.first) - self.design.n_free
+
+    @property
+    def _predictors(self) -> tuple[Array, Array]:
+        assert self.theta is not None
+        return self.design.predictors(self.theta[None])
+
+    @property
+    def _table(self) -> tuple[Array, Array, Array]:
+        return self.counts.wins[None], self.counts.losses[None], self.counts.ties[None]
 
     @property
     def order_effect(self) -> float | None:
@@ -206,7 +257,11 @@ def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
 
 def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
     counts, design = fit.counts, fit.design
-    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None])
+    table = counts.wins, counts.losses, counts.ties
+    if len(fit.items) > MANY_ITEMS and design.levels is None and not design.has_order:
+        found = maximise_many_items(design, *table)
+    else:
+        found = maximise(design, *(part[None] for part in table))
     if not found.converged[0]:
         if not is_certain:
             return _penalised(replace(fit, status="separated"))
@@ -222,35 +277,15 @@ def _penalised(fit: Fit) -> Fit:
     if design.model.is_canonical:
         theta, iterations = maximise_firth(design, counts)
         return _described(replace(fit, penalty="firth"), theta, iterations)
-    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None], ridge=RIDGE)
+    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None], search=Search(ridge=RIDGE))
     return _described(replace(fit, penalty=f"ridge {RIDGE}"), found.theta[0], found.iterations)
 
 
 def _described(fit: Fit, theta: Array, iterations: int) -> Fit:
-    """Add covariance and goodness of fit at the given parameters."""
-    counts, design = fit.counts, fit.design
-    if design.levels is None:
-        theta = theta.copy()
-        theta[: design.n_effects] -= theta[: design.n_effects].mean()
-    d, t = design.predictors(theta[None])
-    table = counts.wins[None], counts.losses[None], counts.ties[None]
-    covariance = None
-    if design.n_parameters <= LARGEST_COVARIANCE:
-        covariance = design.covariance(design.information(design.model.derivatives(d, t, *table))[0])
-    observed = np.stack([counts.wins, counts.losses, counts.ties])
-    expected = design.model.probabilities(d, t)[:, 0] * counts.totals
-    seen = observed > 0
-    possible = np.array([True, True, design.has_tie])
-    return replace(
-        fit,
-        theta=theta,
-        covariance=covariance,
-        iterations=iterations,
-        loglik=float(design.model.loglik(d, t, *table).sum()),
-        deviance=float(2 * np.sum(observed[seen] * np.log(observed[seen] / expected[seen]))),
-        pearson_x2=float(np.sum((observed[possible] - expected[possible]) ** 2 / expected[possible])),
-        df=int(possible.sum() - 1) * len(counts.first) - design.n_free,
-    )
+    """Add the parameters, with scores that sum to zero exactly."""
+    n = fit.design.n_effects
+    shift = theta[:n].mean() if fit.design.levels is None else 0.0
+    return replace(fit, theta=np.r_[theta[:n] - shift, theta[n:]], iterations=iterations)
 
 
 def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, int]:

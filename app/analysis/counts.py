@@ -90,8 +90,17 @@ def _count_dense(votes: VotesTable, n: int, *, is_ordered: bool) -> Array:
         code = votes.choice * np.int32(n * n)
         code += votes.item_a * np.int32(n)
         code += votes.item_b
-    weights = None if votes.count.size and votes.count.min() == votes.count.max() == 1 else votes.count
-    return np.bincount(code, weights, minlength=3 * n * n).reshape(3, n, n).astype(np.float64)
+    return (
+        np.bincount(code, None if is_single(votes.count) else votes.count, minlength=3 * n * n)
+        .reshape(3, n, n)
+        .astype(np.float64)
+    )
+
+
+def is_single(count: NDArray[np.int64]) -> bool:
+    """Whether every row stands for one vote; an array made by repeating one number is not looked through."""
+    seen = count[:1] if count.strides == (0,) else count
+    return bool(seen.size and seen.min() == seen.max() == 1)
 
 
 def _fold(table: Array) -> Array:

@@ -20,6 +20,8 @@ from app.analysis.counts import PairCounts
 
 Array = NDArray[np.float64]
 
+DENSE_ITEMS = 3000  # for a matrix of who beats whom, 9 MB
+GLANCES = 4
 LARGEST_PROGRAMME = 200_000  # constraints times parameters; HiGHS takes about a second here
 
 
@@ -46,6 +48,8 @@ def ford(counts: PairCounts) -> Existence:
     Source: Ford (1957), "Solution of a ranking problem from binary comparisons"; ties after Davidson (1970).
     """
     n = counts.n_items
+    if _is_strong_at_a_glance(counts):
+        return Existence("ok", (tuple(range(n)),))
     beaten, winner = _edges(counts)
     graph = csr_array(coo_array((np.ones(len(winner)), (winner, beaten)), shape=(n, n)))
     n_islands, island = connected_components(graph, directed=True, connection="weak")
@@ -55,6 +59,27 @@ def ford(counts: PairCounts) -> Existence:
     if n_strong == 1:
         return Existence("ok", (tuple(range(n)),))
     return Existence("separated", _groups(strong, _descending(graph, strong, n_strong)))
+
+
+def _is_strong_at_a_glance(counts: PairCounts) -> bool:
+    """Whether a few steps along the votes lead from one item to all and back; False does not prove the contrary."""
+    n = counts.n_items
+    if n > DENSE_ITEMS or n == 0:
+        return False
+    beats = np.zeros((n, n), bool)
+    beats[counts.first, counts.second] = counts.wins + counts.ties > 0
+    beats[counts.second, counts.first] = counts.losses + counts.ties > 0
+    return all(_reaches_all(direction) for direction in (beats, beats.T))
+
+
+def _reaches_all(beats: NDArray[np.bool_]) -> bool:
+    reached = beats[0].copy()
+    reached[0] = True
+    for _ in range(GLANCES):
+        if reached.all():
+            return True
+        reached |= beats[reached].any(axis=0)
+    return bool(reached.all())
 
 
 def _edges(counts: PairCounts) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -4,7 +4,7 @@ once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -18,9 +18,11 @@ Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 100
 LARGEST_STEP = 3.0  # log-odds; keeps the exponentials finite while far from the maximum
-STEP_TOLERANCE = 1e-8  # the error left after a Newton step is of the order of its square
 OVERSHOT = 0.9  # share of the old slope that may be left behind the maximum before a step is halved
-DENSE_MAP = 200_000  # entries of the map from pairs to the Hessian up to which it is cheaper as a dense matrix
+CG_TOLERANCE = 1e-5  # of the residual's norm; Newton's method then still gains five digits a step
+CG_STEPS = 2  # times the number of parameters; exact arithmetic would need one
+IN_CACHE = 100000  # pairs times tables that are worked on together: a few arrays of this size stay in the cache
+SMALL_MAP = 50_000  # entries up to which a matrix product beats scattering into matrices
 UNROLLED = 16  # parameters up to which systems are solved side by side, element by element
 
 
@@ -91,26 +93,6 @@ class Design:
         parts = [csr_array((n_pairs, self.n_effects)), order, csr_array(np.ones((n_pairs, int(self.has_tie))))]
         return csr_array(hstack(parts))
 
-    @cached_property
-    def gradient_map(self) -> Array | csr_array:
-        """Pairs to items, (C, n)."""
-        return (
-            self.incidence.toarray()
-            if self.incidence.shape[0] * self.incidence.shape[1] < DENSE_MAP
-            else self.incidence
-        )
-
-    @cached_property
-    def hessian_map(self) -> Array | csr_array:
-        """Pairs to the flattened Hessian of the scores, (C, n * n)."""
-        n, first, second = self.counts.n_items, self.counts.first, self.counts.second
-        columns = np.stack(
-            [first * n + first, second * n + second, first * n + second, second * n + first], axis=1
-        ).ravel()
-        rows = np.repeat(np.arange(len(first)), 4)
-        entries = csr_array((np.tile([1.0, 1.0, -1.0, -1.0], len(first)), (rows, columns)), shape=(len(first), n * n))
-        return entries.toarray() if len(first) * n * n < DENSE_MAP else entries
-
     def predictors(self, theta: Array) -> tuple[Array, Array]:
         """Return d (B, C) and t (B, C) or (B, 1) at parameters (B, P)."""
         q = self.n_effects
@@ -124,7 +106,7 @@ class Design:
 
     def gradient(self, by_pair: Derivatives) -> Array:
         """Return the gradient in the parameters, (B, P)."""
-        scores = by_pair.d @ self.gradient_map
+        scores = self._by_item(by_pair.d)
         parts = [scores if self.levels is None else scores @ self.levels]
         if self.has_order:
             parts.append((by_pair.d + self.model.order_in_t * by_pair.t).sum(axis=1, keepdims=True))
@@ -137,7 +119,7 @@ class Design:
         q, n, in_t = self.n_effects, self.counts.n_items, self.model.order_in_t
         n_tables = len(by_pair.dd)
         result = np.zeros((n_tables, self.n_parameters, self.n_parameters))
-        scores = (by_pair.dd @ self.hessian_map).reshape(n_tables, n, n)
+        scores = self._laplacian(by_pair.dd)
         result[:, :q, :q] = scores if self.levels is None else self.levels.T @ scores @ self.levels
         borders = []
         if self.has_order:
@@ -146,13 +128,48 @@ class Design:
         if self.has_tie:
             borders.append((by_pair.dt, by_pair.tt.sum(axis=1)))
         for column, (with_d, own) in enumerate(borders, start=q):
-            with_scores = with_d @ self.gradient_map
+            with_scores = self._by_item(with_d)
             with_scores = with_scores if self.levels is None else with_scores @ self.levels
             result[:, :q, column] = result[:, column, :q] = with_scores
             result[:, column, column] = own
         if len(borders) == 2:
             result[:, q, q + 1] = result[:, q + 1, q] = (by_pair.dt + in_t * by_pair.tt).sum(axis=1)
         return result
+
+    @cached_property
+    def _small_maps(self) -> tuple[Array, Array] | None:
+        """Maps from pairs to items (C, n) and to flattened Laplacians (C, n * n), None where scattering is cheaper."""
+        n_pairs, n = len(self.counts.first), self.counts.n_items
+        if n_pairs * n * n > SMALL_MAP:
+            return None
+        signs = self.incidence.toarray()
+        return signs, (signs[:, :, None] * signs[:, None, :]).reshape(n_pairs, n * n)
+
+    def _by_item(self, by_pair: Array) -> Array:
+        """Add values of pairs (B, C) to their first items and take them from their second, (B, n)."""
+        if self._small_maps is not None:
+            return np.asarray(by_pair @ self._small_maps[0])
+        matrices = self._spread(by_pair)
+        result: Array = matrices.sum(axis=2) - matrices.sum(axis=1)
+        return result
+
+    def _laplacian(self, by_pair: Array) -> Array:
+        """Return the matrices (B, n, n) with the pairs' weights off the diagonal, negative, and rows that sum to zero."""
+        n = self.counts.n_items
+        if self._small_maps is not None:
+            return np.asarray(by_pair @ self._small_maps[1]).reshape(-1, n, n)
+        matrices = self._spread(by_pair)
+        result: Array = -(matrices + matrices.transpose(0, 2, 1))
+        diagonal = np.arange(n)
+        result[:, diagonal, diagonal] = -result.sum(axis=2)
+        return result
+
+    def _spread(self, by_pair: Array) -> Array:
+        """Put values of pairs (B, C) at [first, second] of matrices (B, n, n); each ordered pair appears once."""
+        n = self.counts.n_items
+        matrices = np.zeros((len(by_pair), n, n))
+        matrices[:, self.counts.first, self.counts.second] = by_pair
+        return matrices
 
     def regular(self, information: Array) -> Array:
         """Return the information made invertible: a shift of all scores, which changes no probability, is given a
@@ -188,6 +205,25 @@ class Design:
 
 
 @dataclass(frozen=True)
+class Search:
+    """How a maximum is looked for.
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest change of a parameter in the last step; the error left is of the order of its square.
+    runaway : float
+        Tables with a parameter beyond this are given up.
+    ridge : float
+        Penalty ridge / 2 * sum of squared parameters, which makes a maximum exist where there is none.
+    """
+
+    tolerance: float = 1e-8
+    runaway: float = np.inf
+    ridge: float = 0.0
+
+
+@dataclass(frozen=True)
 class Maximum:
     """Where Newton's method stopped.
 
@@ -204,6 +240,84 @@ class Maximum:
     iterations: int
 
 
+def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array) -> Maximum:
+    """Maximise the likelihood of one table of many items, by Newton steps that are solved by conjugate gradients.
+
+    Every pair costs a few operations per step, and nothing the square of the number of items: ten thousand items are no
+    trouble unless nearly all pairs of them were compared.
+
+    Parameters
+    ----------
+    design : Design
+        Without levels and without an order effect.
+    wins, losses, ties : float64 (C,)
+    """
+    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
+    theta = np.r_[_start_scores(design, wins, losses, ties), _start(design, wins, losses, ties)[n:]]
+    table = wins[None], losses[None], ties[None]
+    weights = csr_array((np.zeros(len(first)), (first, second)), shape=(n, n))
+    place = np.argsort(first * n + second)  # csr order
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        by_pair = design.model.derivatives(*design.predictors(theta[None]), *table)
+        by_pair = Derivatives(*(getattr(by_pair, part.name)[0] for part in fields(by_pair)))
+        weights.data[:] = by_pair.dd[place]
+        step = _conjugate_gradients(design, by_pair, weights)
+        step = _limit(design, theta[None], step[None])[0]
+        theta = theta + step
+        if np.abs(step).max() < Search.tolerance:
+            return Maximum(theta[None], np.array([True]), iteration)
+    return Maximum(theta[None], np.array([False]), MAX_ITERATIONS)
+
+
+def _start_scores(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return the log-odds of each item's share of won votes, half a vote added to both sides."""
+    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
+    won = np.bincount(first, wins + ties / 2, n) + np.bincount(second, losses + ties / 2, n)
+    lost = np.bincount(first, losses + ties / 2, n) + np.bincount(second, wins + ties / 2, n)
+    scores: Array = np.log((won + 0.5) / (lost + 0.5))
+    return scores - scores.mean()
+
+
+def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_array) -> Array:
+    """Return information^-1 gradient (P,) for one table, by conjugate gradients with the diagonal as preconditioner.
+
+    Scores that all shift together are in the null space of both sides, so that the iteration never leaves sum zero.
+    """
+    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
+    ties = design.has_tie
+
+    def by_item(values: Array) -> Array:
+        return np.bincount(first, values, n) - np.bincount(second, values, n)
+
+    degree = np.bincount(first, by_pair.dd, n) + np.bincount(second, by_pair.dd, n)
+    border = by_item(by_pair.dt) if ties else np.zeros(0)
+    corner = by_pair.tt.sum()
+    transposed = weights.T
+
+    def times(x: Array) -> Array:
+        product = degree * x[:n] - weights @ x[:n] - transposed @ x[:n]
+        return np.r_[product + border * x[n], border @ x[:n] + corner * x[n]] if ties else product
+
+    residual = np.r_[by_item(by_pair.d), by_pair.t.sum()] if ties else by_item(by_pair.d)
+    scale = np.r_[degree, corner] if ties else degree
+    x = np.zeros_like(residual)
+    ahead = residual / scale
+    direction, size = ahead.copy(), float(residual @ ahead)
+    enough = size * CG_TOLERANCE**2
+    for _ in range(CG_STEPS * len(x)):
+        if size <= enough:
+            break
+        image = times(direction)
+        factor = size / float(direction @ image)
+        x += factor * direction
+        residual -= factor * image
+        ahead = residual / scale
+        size, before = float(residual @ ahead), size
+        direction = ahead + size / before * direction
+    x[:n] -= x[:n].mean()
+    return x
+
+
 def maximise(
     design: Design,
     wins: Array,
@@ -211,22 +325,17 @@ def maximise(
     ties: Array,
     *,
     start: Array | None = None,
-    ridge: float = 0.0,
-    runaway: float = np.inf,
+    search: Search | None = None,
 ) -> Maximum:
     """Maximise the likelihood of each table.
 
     Parameters
     ----------
-    wins, losses, ties : float64 (B, C)
+    wins, losses, ties : float32 or float64 (B, C)
         As the model counts them, see `TieModel.counted`.
     start : float64 (P,), optional
         Where to start; without it, equal scores and the overall share of ties.
-    ridge : float
-        Penalty ridge / 2 * sum of squared parameters, which makes a maximum exist where there is none.
-
-    runaway : float
-        Tables with a parameter beyond this are given up.
+    search : Search, optional
 
     Returns
     -------
@@ -234,12 +343,31 @@ def maximise(
         Tables that do not converge have no finite maximum, or none within `MAX_ITERATIONS`; they are marked, not
         dropped.
     """
+    start = _start(design, wins, losses, ties) if start is None else start
+    size = max(1, IN_CACHE // max(1, wins.shape[1]))
+    parts = [
+        _maximise_together(
+            design, *(part[rows].astype(np.float64) for part in (wins, losses, ties)), start, search or Search()
+        )
+        for rows in (slice(first, first + size) for first in range(0, len(wins), size))
+    ]
+    return Maximum(
+        np.concatenate([part.theta for part in parts]),
+        np.concatenate([part.converged for part in parts]),
+        max(part.iterations for part in parts),
+    )
+
+
+def _maximise_together(
+    design: Design, wins: Array, losses: Array, ties: Array, start: Array, search: Search
+) -> Maximum:
+    """Take Newton steps on all tables at once until each has converged or been given up."""
     n_tables = len(wins)
-    theta = np.tile(_start(design, wins, losses, ties) if start is None else start, (n_tables, 1))
+    theta = np.tile(start, (n_tables, 1))
     result, converged = theta.copy(), np.zeros(n_tables, bool)
     active = np.arange(n_tables)
     step, slope = np.zeros_like(theta), np.zeros(n_tables)
-    penalty = np.full(design.n_parameters, ridge)
+    penalty = np.full(design.n_parameters, search.ridge)
     iteration = 0
     while len(active) and iteration < MAX_ITERATIONS:
         iteration += 1
@@ -252,11 +380,11 @@ def maximise(
         theta = theta + np.where(overshot[:, None], -step / 2, newton)
         step = np.where(overshot[:, None], step / 2, newton)
         slope = np.where(overshot, slope / 2, newton_slope)
-        done = ~overshot & (np.abs(newton).max(axis=1) < STEP_TOLERANCE)
+        done = ~overshot & (np.abs(newton).max(axis=1) < search.tolerance)
         result[active] = theta
         converged[active] = done
-        done |= np.abs(theta).max(axis=1) > runaway
-        if done.sum() > len(active) / 2 or (runaway < np.inf and done.any()):
+        done |= np.abs(theta).max(axis=1) > search.runaway
+        if done.sum() > len(active) / 2 or (search.runaway < np.inf and done.any()):
             keep = ~done
             active, theta, step, slope = active[keep], theta[keep], step[keep], slope[keep]
             wins, losses, ties = wins[keep], losses[keep], ties[keep]

@@ -233,10 +233,8 @@ def _model_row(one: Comparison) -> dict[str, Any]:
 def _pair_rows(one: Comparison) -> Iterator[dict[str, Any]]:
     """Observed and expected votes on every pair, for the preference matrix and the residuals."""
     fit = one.fit
-    expected: list[list[float | None]] = [[None] * 3] * len(fit.counts.first)
-    if fit.theta is not None:
-        probabilities = fit.design.model.probabilities(*fit.design.predictors(fit.theta[None]))[:, 0]
-        expected = (probabilities * fit.counts.totals).T.tolist()
+    nothing: list[list[float | None]] = [[None] * 3] * len(fit.counts.first)
+    expected = nothing if fit.expected is None else fit.expected.T.tolist()
     columns = fit.counts.first, fit.counts.second, fit.counts.wins, fit.counts.losses, fit.counts.ties
     for first, second, wins, losses, ties, (as_win, as_loss, as_tie) in zip(*columns, expected, strict=True):
         yield {

@@ -149,7 +149,7 @@ def votes_from_indices(
         item_b=item_b.astype(np.int32, copy=False),
         choice=choice.astype(np.int8, copy=False),
         first_shown=np.full(n, -1, np.int8) if first_shown is None else first_shown.astype(np.int8, copy=False),
-        count=np.ones(n, np.int64) if count is None else count.astype(np.int64, copy=False),
+        count=np.broadcast_to(np.int64(1), n) if count is None else count.astype(np.int64, copy=False),
         response_ms=np.full(n, np.nan),
         practice=np.zeros(n, bool),
         excluded=np.zeros(n, bool),

@@ -1,0 +1,131 @@
+"""The experimenter's pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from app import operate
+from app.settings import Settings
+from app.simulate import simulate
+from app.web.admin.results_view import decimal, p_value
+
+
+@pytest.fixture
+def experimenter(server: str, settings: Settings) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=server, timeout=60, follow_redirects=True, headers={"Accept": "text/html"}) as client:
+        client.get(operate.add_experimenter(settings, "Ann Example")["path"])
+        yield client
+
+
+@pytest.fixture(scope="module")
+def taken(server: str, token: str, new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    study = new_study()
+    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+    simulate(server, study["slug"], study["invitation"], token, 3, abilities, 0.2, seed=4)
+    return study
+
+
+def test_the_link_signs_in_and_leaves_the_address(client: httpx.Client, settings: Settings) -> None:
+    answer = client.get(operate.add_experimenter(settings, "Ben Example")["path"])
+    assert answer.status_code == 303
+    assert answer.headers["location"] == "/admin"
+    assert "HttpOnly" in answer.headers["set-cookie"]
+    page = client.get("/admin")
+    assert page.status_code == 200
+    assert "Ben Example" in page.text
+
+
+def test_a_new_link_ends_the_old_one(client: httpx.Client, settings: Settings) -> None:
+    old, new = (operate.add_experimenter(settings, "Cleo Example")["path"] for _ in range(2))
+    assert client.get(old).status_code == 401
+    assert client.get(new).status_code == 303
+
+
+def test_nobody_sees_the_pages_without_signing_in(client: httpx.Client, study: dict[str, Any]) -> None:
+    results = f"/admin/studies/{study['slug']}"
+    for path in ("/admin", results, f"{results}/scores/all.svg"):
+        answer = client.get(path, headers={"Accept": "text/html"})
+        assert answer.status_code == 401
+        assert "You are not signed in." in answer.text
+        assert study["name"] not in answer.text
+    assert client.post(f"{results}/state", data={"state": "closed"}).status_code == 401
+
+
+def test_signing_out_ends_the_session(experimenter: httpx.Client) -> None:
+    cookie = experimenter.cookies["experimenter"]
+    assert experimenter.post("/admin/logout").status_code == 200
+    assert experimenter.get("/admin", headers={"Cookie": f"experimenter={cookie}"}).status_code == 401
+
+
+def test_all_studies_are_listed_with_their_invitations(experimenter: httpx.Client, study: dict[str, Any]) -> None:
+    page = experimenter.get("/admin").text
+    assert study["name"] in page
+    assert f"{experimenter.base_url}/s/{study['invitation']}".replace("//s/", "/s/") in page
+
+
+def test_results_show_scores_triads_and_downloads(experimenter: httpx.Client, taken: dict[str, Any]) -> None:
+    page = experimenter.get(f"/admin/studies/{taken['slug']}").text
+    assert "Circular triads" in page
+    assert "P003" in page
+    for path in (f"/admin/studies/{taken['slug']}/scores/all.svg", f"/api/v1/studies/{taken['slug']}/votes?format=csv"):
+        assert path in page
+        assert experimenter.get(path).status_code == 200
+
+
+@pytest.mark.parametrize("comparison", ["all", "depth"])
+def test_the_plot_is_an_image_that_names_the_items(
+    experimenter: httpx.Client, taken: dict[str, Any], comparison: str
+) -> None:
+    answer = experimenter.get(f"/admin/studies/{taken['slug']}/scores/{comparison}.svg")
+    assert answer.headers["content-type"] == "image/svg+xml"
+    assert answer.text.startswith("<svg")
+    assert ("pm_fb" if comparison == "all" else "pm") in answer.text
+
+
+def test_there_is_no_plot_of_nothing(experimenter: httpx.Client, taken: dict[str, Any]) -> None:
+    for path in (f"{taken['slug']}/scores/holiday.svg", "unknown/scores/all.svg"):
+        assert experimenter.get(f"/admin/studies/{path}").status_code == 404
+
+
+def test_a_study_without_votes_says_so(experimenter: httpx.Client, new_study: Callable[[], dict[str, Any]]) -> None:
+    assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}").text
+
+
+def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(
+    experimenter: httpx.Client, client: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    change = f"/admin/studies/{study['slug']}/state"
+    begin = f"/api/v1/studies/{study['slug']}/sessions"
+    assert "Open again" in experimenter.post(change, data={"state": "closed"}).text
+    assert client.post(begin, json={"invitation": study["invitation"]}).status_code == 403
+    assert client.get(f"/s/{study['invitation']}").status_code == 403
+    experimenter.post(change, data={"state": "open"})
+    assert client.post(begin, json={"invitation": study["invitation"]}).status_code == 201
+
+
+def test_another_site_cannot_close_a_study(experimenter: httpx.Client, study: dict[str, Any]) -> None:
+    foreign = {"Origin": "http://elsewhere.example"}
+    answer = experimenter.post(f"/admin/studies/{study['slug']}/state", data={"state": "closed"}, headers=foreign)
+    assert answer.status_code == 403
+
+
+def test_names_are_escaped(experimenter: httpx.Client, settings: Settings, stimulus_set: Any) -> None:
+    operate.create_study(settings, stimulus_set, "<script>alert(1)</script> study")
+    page = experimenter.get("/admin").text
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+
+
+@pytest.mark.parametrize(("value", "text"), [(None, "–"), (1.005, "1.00"), (-0.5, "−0.50")])
+def test_numbers_have_a_true_minus(value: float | None, text: str) -> None:
+    assert decimal(value) == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(None, "–"), (0.0004, "< 0.001"), (0.0512, "0.051")])
+def test_p_values_do_not_pretend_to_be_zero(value: float | None, text: str) -> None:
+    assert p_value(value) == text

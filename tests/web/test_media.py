@@ -1,0 +1,80 @@
+"""Pair videos over HTTP."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import httpx
+import pytest
+from http_checks import is_problem
+
+
+@pytest.fixture
+def url(participant: httpx.Client) -> str:
+    return str(participant.get("/api/v1/session/trials/next").json()["media"]["url"])
+
+
+def test_a_video_is_served_whole_with_its_digest_as_etag(client: httpx.Client, url: str) -> None:
+    answer = client.get(url)
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "video/mp4"
+    assert answer.headers["accept-ranges"] == "bytes"
+    assert answer.headers["cache-control"] == "private, max-age=31536000, immutable"
+    assert answer.headers["etag"] == f'"{hashlib.sha256(answer.content).hexdigest()}"'
+    assert int(answer.headers["content-length"]) == len(answer.content)
+
+
+@pytest.mark.parametrize(
+    ("asked", "part"), [("bytes=0-9", slice(0, 10)), ("bytes=100-", slice(100, None)), ("bytes=-7", slice(-7, None))]
+)
+def test_a_range_is_served(client: httpx.Client, url: str, asked: str, part: slice) -> None:
+    whole = client.get(url).content
+    answer = client.get(url, headers={"Range": asked})
+    assert answer.status_code == 206
+    assert answer.content == whole[part]
+    start = range(len(whole))[part][0]
+    assert answer.headers["content-range"] == f"bytes {start}-{start + len(answer.content) - 1}/{len(whole)}"
+
+
+def test_a_range_beyond_the_end_is_refused(client: httpx.Client, url: str) -> None:
+    assert client.get(url, headers={"Range": "bytes=99999999-"}).status_code == 416
+
+
+def test_a_range_of_older_content_is_answered_with_all_of_the_new(client: httpx.Client, url: str) -> None:
+    headers = {"Range": "bytes=0-9", "If-Range": '"older"'}
+    assert client.get(url, headers=headers).status_code == 200
+
+
+def test_head_tells_the_length_without_the_content(client: httpx.Client, url: str) -> None:
+    answer, whole = client.head(url), client.get(url)
+    assert answer.status_code == 200
+    assert answer.content == b""
+    for name in ("content-length", "etag", "content-type", "accept-ranges"):
+        assert answer.headers[name] == whole.headers[name]
+
+
+@pytest.mark.parametrize("form", ["{}", "W/{}", '"other", {}', "*"])
+def test_who_has_it_is_told_so(client: httpx.Client, url: str, form: str) -> None:
+    etag = client.head(url).headers["etag"]
+    answer = client.get(url, headers={"If-None-Match": form.format(etag)})
+    assert answer.status_code == 304
+    assert answer.content == b""
+    assert answer.headers["etag"] == etag
+    assert "immutable" in answer.headers["cache-control"]
+
+
+def test_who_has_something_else_gets_it(client: httpx.Client, url: str) -> None:
+    assert client.get(url, headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/media/invented", "/media/..%2fstudy.sqlite", "/media/%00"])
+def test_there_is_nothing_else_in_there(client: httpx.Client, path: str) -> None:
+    assert is_problem(client.get(path), 404)
+
+
+def test_names_of_media_say_nothing_about_content(client: httpx.Client, url: str, study: dict[str, Any]) -> None:
+    name = url.removeprefix("/media/")
+    assert len(name) == 16
+    assert name not in client.get(url).headers["etag"]
+    assert study["slug"] not in url

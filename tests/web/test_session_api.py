@@ -1,0 +1,153 @@
+"""A participant's way from the invitation to the last vote, over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+from http_checks import is_problem
+
+from app import operate
+from app.settings import Settings
+
+VoteBody = Callable[..., dict[str, Any]]
+
+
+def sessions(study: dict[str, Any]) -> str:
+    return f"/api/v1/studies/{study['slug']}/sessions"
+
+
+def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, Any]) -> None:
+    answer = client.post(sessions(study), json={"invitation": study["invitation"]})
+    assert answer.status_code == 201
+    assert answer.json().keys() == {"session", "token", "resume_code", "study", "stage", "stages", "progress"}
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=lax" in cookie
+    looked = client.get("/api/v1/session").json()
+    assert looked == {key: value for key, value in answer.json().items() if key != "token"}
+    assert looked["stage"] == "introduction"
+    assert looked["progress"] == {"done": 0, "total": 6}
+    assert looked["study"] == {"slug": study["slug"], "title": study["name"], "exposure_s": 0.4}
+
+
+def test_a_token_serves_where_there_are_no_cookies(client: httpx.Client, study: dict[str, Any], server: str) -> None:
+    token = client.post(sessions(study), json={"invitation": study["invitation"]}).json()["token"]
+    bearer = {"Authorization": f"Bearer {token}"}
+    assert httpx.get(f"{server}/api/v1/session", headers=bearer).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/api/v1/session", "/api/v1/session/trials/next"])
+def test_without_a_session_there_is_nothing_to_see(client: httpx.Client, path: str) -> None:
+    assert is_problem(client.get(path), 401)
+    assert is_problem(client.get(path, headers={"Cookie": "session=invented"}), 401)
+
+
+def test_an_unknown_invitation_is_not_found(client: httpx.Client, study: dict[str, Any]) -> None:
+    assert is_problem(client.post(sessions(study), json={"invitation": "unknown"}), 404)
+
+
+def test_an_invitation_is_to_one_study_only(
+    client: httpx.Client, study: dict[str, Any], new_study: Callable[[], dict[str, Any]]
+) -> None:
+    assert is_problem(client.post(sessions(new_study()), json={"invitation": study["invitation"]}), 404)
+
+
+def test_a_used_invitation_is_gone_but_its_participant_goes_on(
+    client: httpx.Client, study: dict[str, Any], settings: Settings, server: str
+) -> None:
+    code = operate.add_invitation(settings, study["slug"], places=1)["invitation"]
+    assert client.get(f"/s/{code}").status_code == 200
+    assert client.post(sessions(study), json={"invitation": code}).status_code == 201
+    assert is_problem(client.post(sessions(study), json={"invitation": code}), 410)
+    assert client.get(f"/s/{code}").status_code == 200
+    assert httpx.get(f"{server}/s/{code}").status_code == 410
+
+
+@pytest.mark.parametrize(
+    "body", [{}, {"invitation": 1}, {"invitation": "a", "more": 1}, {"invitation": "a b"}, {"invitation": "a" * 41}, []]
+)
+def test_an_admission_is_taken_as_described_or_not_at_all(
+    client: httpx.Client, study: dict[str, Any], body: Any
+) -> None:
+    assert is_problem(client.post(sessions(study), json=body), 422)
+
+
+def test_a_stage_is_completed_once(client: httpx.Client, study: dict[str, Any]) -> None:
+    client.post(sessions(study), json={"invitation": study["invitation"]})
+    path = "/api/v1/session/stages/introduction"
+    first, second = (client.put(path, json={"data": {"language": "en"}}) for _ in range(2))
+    assert first.status_code == second.status_code == 200
+    assert first.json() == second.json() == client.get("/api/v1/session").json()
+    assert first.json()["stage"] == "trial"
+
+
+@pytest.mark.parametrize(("stage", "status"), [("trial", 409), ("finished", 409), ("holiday", 404)])
+def test_other_stages_cannot_be_completed(participant: httpx.Client, stage: str, status: int) -> None:
+    assert is_problem(participant.put(f"/api/v1/session/stages/{stage}", json={"data": {}}), status)
+
+
+def test_trials_wait_for_the_introduction(client: httpx.Client, study: dict[str, Any]) -> None:
+    client.post(sessions(study), json={"invitation": study["invitation"]})
+    assert is_problem(client.get("/api/v1/session/trials/next"), 409)
+
+
+def test_what_comes_with_a_stage_is_bounded(client: httpx.Client, study: dict[str, Any]) -> None:
+    client.post(sessions(study), json={"invitation": study["invitation"]})
+    path = "/api/v1/session/stages/introduction"
+    assert is_problem(client.put(path, json={"data": {"long": "x" * 20_000}}), 422)
+    assert is_problem(
+        client.put(path, content=b'{"data": {"x": NaN}}', headers={"Content-Type": "application/json"}), 422
+    )
+
+
+def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
+    trial = participant.get("/api/v1/session/trials/next").json()
+    assert trial.keys() == {"trial", "number", "total", "exposure_s", "first_shown", "media", "next_media"}
+    assert (trial["number"], trial["total"], trial["exposure_s"]) == (1, 6, 0.4)
+    assert trial["first_shown"] in ("a", "b")
+    media = trial["media"]
+    assert media.keys() == {"url", "layout", "a", "width", "height", "guard_rows", "fps", "n_frames"}
+    assert media["layout"] == "stacked"
+    assert media["a"] in ("top", "bottom")
+    assert (media["width"], media["height"], media["guard_rows"]) == (64, 48, 16)
+    assert (media["fps"], media["n_frames"]) == (25.0, 10)
+    assert participant.head(media["url"]).status_code == participant.head(trial["next_media"]).status_code == 200
+
+
+def test_reloading_goes_on_where_one_was(participant: httpx.Client, vote_body: VoteBody) -> None:
+    first = participant.get("/api/v1/session/trials/next").json()
+    assert participant.get("/api/v1/session/trials/next").json() == first
+    participant.put(f"/api/v1/session/trials/{first['trial']}/vote", json=vote_body(first))
+    second = participant.get("/api/v1/session/trials/next").json()
+    assert second["number"] == 2
+    assert second["media"]["url"] == first["next_media"]
+    assert participant.get("/api/v1/session").json()["progress"] == {"done": 1, "total": 6}
+
+
+def test_a_resume_code_goes_on_in_another_browser(participant: httpx.Client, vote_body: VoteBody, server: str) -> None:
+    trial = participant.get("/api/v1/session/trials/next").json()
+    participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+    code = participant.get("/api/v1/session").json()["resume_code"]
+    with httpx.Client(base_url=server) as elsewhere:
+        answer = elsewhere.post("/api/v1/session/resume", json={"resume_code": code})
+        assert answer.status_code == 200
+        assert elsewhere.get("/api/v1/session").json()["progress"]["done"] == 1
+        assert is_problem(elsewhere.post("/api/v1/session/resume", json={"resume_code": code}), 404)
+    assert is_problem(participant.get("/api/v1/session"), 401)
+
+
+def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: VoteBody) -> None:
+    seen = set()
+    for number in range(1, 7):
+        trial = participant.get("/api/v1/session/trials/next").json()
+        assert trial["number"] == number
+        assert (trial["next_media"] is None) == (number == 6)
+        seen.add(trial["media"]["url"])
+        answer = participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+        assert answer.status_code == 201
+    assert len(seen) == 6
+    assert participant.get("/api/v1/session/trials/next").status_code == 204
+    assert participant.get("/api/v1/session").json()["stage"] == "finished"

@@ -1,0 +1,68 @@
+"""Artificial participants take a real study."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from app.simulate import simulate
+
+NewStudy = Callable[[], dict[str, Any]]
+ABILITIES = {"id_fa": -12.0, "id_fb": 0.0, "pm_fb": 12.0}
+
+
+def test_the_better_item_wins_whatever_its_label(
+    server: str, token: str, analyst: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    told: list[tuple[int, int]] = []
+    result = simulate(
+        server,
+        study["slug"],
+        study["invitation"],
+        token,
+        4,
+        ABILITIES,
+        0.0,
+        progress=lambda done, total, _: told.append((done, total)),
+    )
+    assert result["votes"] == 24
+    assert told == [(done, 24) for done in range(1, 25)]
+    votes = analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()
+    assert len(votes) == 24
+    for vote in votes:
+        assert ABILITIES[vote[f"item_{vote['choice']}"]] == max(ABILITIES[vote["item_a"]], ABILITIES[vote["item_b"]])
+    assert Counter(vote["choice"] for vote in votes) == {"a": 12, "b": 12}  # labels are balanced over four
+
+
+def test_the_same_seed_makes_the_same_choices(
+    server: str, token: str, analyst: httpx.Client, new_study: NewStudy
+) -> None:
+    choices = []
+    for _ in range(2):
+        study = new_study()
+        simulate(server, study["slug"], study["invitation"], token, 2, dict.fromkeys(ABILITIES, 0.0), 0.3, seed=9)
+        choices.append([vote["choice"] for vote in analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()])
+    assert choices[0] == choices[1]
+    assert len(set(choices[0])) == 3
+
+
+def test_an_item_without_an_ability_is_named(server: str, token: str, study: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"no ability for \['pm_fb'\]"):
+        simulate(server, study["slug"], study["invitation"], token, 1, {"id_fa": 0.0, "id_fb": 0.0})
+
+
+def test_a_refusal_is_passed_on_in_the_servers_words(server: str, token: str, study: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="404: There is no such invitation"):
+        simulate(server, study["slug"], "unknown", token, 1, ABILITIES)
+    with pytest.raises(ValueError, match="401: This token is not known"):
+        simulate(server, study["slug"], study["invitation"], "unknown", 1, ABILITIES)
+
+
+def test_a_server_that_is_not_there_is_named(token: str) -> None:
+    with pytest.raises(ValueError, match=r"http://127\.0\.0\.1:9.*does not answer"):
+        simulate("http://127.0.0.1:9", "x", "x", token, 1, ABILITIES)
