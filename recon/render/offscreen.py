@@ -14,6 +14,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.render.scene import LitMesh, Shot
@@ -92,7 +93,8 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
                     scene.remove_node(node)
                 scene.add(_two_sided(pyrender, shot.mesh))
                 shown = shot.mesh
-            yield _over(shot.picture, _drawn(pyrender, renderer, scene, shot, scale))
+            _lay_over(shot.picture, _drawn(pyrender, renderer, scene, shot, scale))
+            yield shot.picture
     finally:
         if renderer is not None:
             renderer.delete()
@@ -132,8 +134,8 @@ def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
     )
 
 
-def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> NDArray[np.float32]:
-    """The model alone, float32 (H, W, 4): colours already multiplied by coverage, and coverage, 0 to 255."""
+def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> NDArray[np.uint8]:
+    """The model alone, uint8 (H, W, 4): colours already multiplied by coverage, and coverage."""
     depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2]
     near = max(float(depth.min()) * 0.9, 1.0)
     K = shot.camera.K
@@ -150,11 +152,11 @@ def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> 
     drawn, distance = renderer.render(scene, flags=flags)
     scene.remove_node(node)
     if scale == 1:
-        return np.asarray(drawn, np.float32)
+        return np.asarray(drawn, np.uint8)
     covered = (distance > 0)[..., None]
     whole = np.concatenate([drawn[..., :3] * covered, covered * np.uint8(255)], axis=2)
     height, width = whole.shape[0] // scale, whole.shape[1] // scale
-    return np.asarray(whole.reshape(height, scale, width, scale, 4).mean(axis=(1, 3)), np.float32)
+    return np.asarray(np.rint(whole.reshape(height, scale, width, scale, 4).mean(axis=(1, 3))), np.uint8)
 
 
 def _world_from_gl_camera(camera: Camera) -> NDArray[np.float64]:
@@ -162,7 +164,13 @@ def _world_from_gl_camera(camera: Camera) -> NDArray[np.float64]:
     return np.asarray(np.linalg.inv(camera.cam_from_world) @ np.diag([1.0, -1.0, -1.0, 1.0]))
 
 
-def _over(picture: NDArray[np.uint8], model: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The model over a picture."""
-    rest = 1 - model[..., 3:] / 255
-    return np.asarray(np.rint(model[..., :3] + rest * picture), np.uint8)
+@njit(cache=True, nogil=True)
+def _lay_over(picture, model):  # type: ignore[no-untyped-def]  # numba
+    """Lay a model (H, W, 4), its colours already multiplied by coverage, over a picture in place."""
+    for y in range(picture.shape[0]):
+        for x in range(picture.shape[1]):
+            uncovered = 255 - np.int32(model[y, x, 3])
+            if uncovered < 255:
+                for channel in range(3):
+                    behind = (uncovered * picture[y, x, channel] + 127) // 255
+                    picture[y, x, channel] = min(model[y, x, channel] + behind, 255)
