@@ -28,7 +28,7 @@ class Entrance:
     slug: str
     title: str
     state: Literal["open", "mine", "used", "closed"]
-    is_shared: bool  # an invitation for more than one participant
+    is_shared: bool  # another participant may begin with it now
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def entrance(request: Request, code: str) -> Entrance | None:
         state = "mine"
     elif study.state == "closed":
         state = "closed"
-    return Entrance(study.slug, study.name, state, is_shared=invitation.places != 1)
+    return Entrance(study.slug, study.name, state, is_shared=study.state == "open" and not invitation.is_used)
 
 
 def _bearer(request: Request) -> str | None:

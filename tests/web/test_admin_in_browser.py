@@ -1,0 +1,59 @@
+"""The experimenter's pages in real Chromium: on a telephone, for everybody, under the strict policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, sync_playwright
+
+from app import operate
+from app.settings import Settings
+from app.simulate import simulate
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+CHROMIUM = Path("/usr/bin/chromium")
+TELEPHONE = {"width": 390, "height": 844}
+
+
+@pytest.fixture
+def page(server: str, settings: Settings) -> Iterator[Page]:
+    """A signed-in experimenter's telephone; at the end the browser must not have complained."""
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}; setup installs it")
+    complaints: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(base_url=server, viewport=TELEPHONE)
+        page.on("console", lambda message: complaints.append(message.text))
+        page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+        yield page
+        browser.close()
+    assert complaints == []
+
+
+def test_the_pages_fit_a_telephone_and_are_accessible(
+    page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+    simulate(server, study["slug"], study["invitation"], token, 3, abilities)
+    for path in ("/admin", f"/admin/studies/{study['slug']}"):
+        page.goto(path, wait_until="networkidle")
+        assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
+        found = Axe().run(page)
+        assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("Array.from(document.images).every((image) => image.naturalWidth > 0)")
+
+
+def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
+    study = new_study()
+    page.goto(f"/admin/studies/{study['slug']}")
+    page.get_by_role("button", name="Close to new participants").click()
+    page.get_by_role("button", name="Open again").wait_for()
+    page.get_by_role("button", name="Sign out").click()
+    page.wait_for_url("/")
