@@ -16,6 +16,7 @@ from recon.mesh import Cloud
 MIN_FIT_POINTS = 6  # twice what determines a plane
 SPECKLE_STEPS_PER_PX = 16  # OpenCV's own fixed point for disparities
 LARGEST_INT16 = 32000
+UNIFORM_SIGMA = 12**-0.5  # of a number rounded to a whole one
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class CloudParameters:
     gap_px : invalid regions up to this many pixels are gaps inside a surface, nothing is cut off around them
     min_cluster : smallest connected cluster that is kept, as a share of all valid pixels
     min_cosine : cosine between normal and line of sight below which a point is seen too obliquely to be trusted
-    disparity_sigma_px : error of a disparity where its neighbourhood is perfectly smooth (measured on synthetic
-        sensors with subpixel matching); roughness adds to it
+    disparity_sigma_px : error of a disparity where its neighbourhood is perfectly smooth; roughness adds to it, and so
+        does the rounding of a map of whole numbers
     """
 
     jump_px: float = 1.0
@@ -88,7 +89,7 @@ def cloud_from_disparity(
     planes = fit_planes(relative, rows, columns, parameters.normal_radius, parameters.jump_px)
     points, normals, sigma, cosine = back_project(
         relative, rows, columns, planes, intrinsics, rectification.focal * rectification.baseline,
-        parameters.disparity_sigma_px,
+        _disparity_sigma(disparity, parameters),
     )  # fmt: skip
     seen = cosine >= parameters.min_cosine
     if not seen.any():
@@ -155,6 +156,13 @@ def _surface_pixels(relative: NDArray[np.float32], parameters: CloudParameters) 
     kept: NDArray[np.bool_] = support(relative, parameters.jump_px) >= parameters.min_support
     kept &= ~_rim(~kept, parameters)
     return kept & _in_large_cluster(np.where(kept, relative, np.nan), parameters)
+
+
+def _disparity_sigma(disparity: NDArray[np.float32], parameters: CloudParameters) -> float:
+    """Standard deviation of a single disparity in a smooth neighbourhood, pixels."""
+    valid = disparity[np.isfinite(disparity)]
+    rounding = UNIFORM_SIGMA if np.array_equal(valid, np.rint(valid)) else 0.0
+    return float(np.hypot(parameters.disparity_sigma_px, rounding))
 
 
 def _rim(invalid: NDArray[np.bool_], parameters: CloudParameters) -> NDArray[np.bool_]:

@@ -9,12 +9,13 @@ import numpy as np
 
 from recon.mesh import Cloud, Mesh
 from recon.surface.apss import signed_field
-from recon.surface.band import LARGEST_AXIS, SAMPLES, Band, Cells, band_around, extent_in_blocks, gather
+from recon.surface.band import LARGEST_AXIS, SAMPLES, Band, Cells, Reach, band_around, extent_in_blocks, gather
 from recon.surface.components import drop_small_components
 from recon.surface.marching_cubes import march
 
 BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
 BYTES_PER_POINT = 200  # while points are gathered into cells, measured
+MIN_POINTS = 3
 SPACINGS_PER_VOXEL = 2.0
 COARSE_CELLS = (128, 64, 32, 16, 8)  # along the longest side, to count how much surface a cloud covers
 POINTS_PER_COARSE_CELL = 8  # so that cells without a point inside the surface are rare
@@ -29,7 +30,8 @@ class SurfaceParameters:
     ----------
     voxel_mm : distance of the samples; None takes twice the spacing of a sensor's points, or their depth error
         where that is more
-    radius : where the weights end, voxels, 1 to 8
+    radius, radius_spacings, radius_sigmas : where a point's weight ends: the largest of these, in voxels, in distances
+        of neighbouring points where they are sparse, and in standard deviations of the points' depth; at most 8 voxels
     overhang : how far the surface may reach past the data's edge; 0.235 of the radius is the edge itself, for points
         that fill a half plane under these weights
     agreement : shortest mean normal that counts as one surface, 0 to 1
@@ -40,6 +42,8 @@ class SurfaceParameters:
 
     voxel_mm: float | None = None
     radius: float = 3.5
+    radius_spacings: float = 3.5
+    radius_sigmas: float = 5.0
     overhang: float = 0.3
     agreement: float = 0.5
     min_weight: float = 0.5
@@ -51,6 +55,10 @@ class SurfaceParameters:
             raise ValueError(f"voxel_mm is {self.voxel_mm}, expected a length above 0")
         if not 1 <= self.radius <= 8:
             raise ValueError(f"radius is {self.radius} voxels, expected 1 to 8")
+        if self.radius_spacings < 0 or self.radius_sigmas < 0:
+            raise ValueError(
+                f"radius_spacings {self.radius_spacings} and radius_sigmas {self.radius_sigmas} must be >= 0"
+            )
         if not 0 <= self.min_component <= 1 or not self.memory_gb > 0:
             raise ValueError(f"min_component {self.min_component} must be 0 to 1, memory_gb {self.memory_gb} above 0")
 
@@ -63,18 +71,17 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
     Raises
     ------
     ValueError
-        If the cloud is empty, its points support no surface, or the samples would not fit into memory.
+        If the cloud is empty or nearly so, its points support no surface, or the samples would not fit into memory.
     """
-    if not len(cloud):
-        raise ValueError("the cloud is empty: a surface needs points")
+    if len(cloud) < MIN_POINTS:
+        raise ValueError(f"the cloud has {len(cloud)} points: a surface needs at least {MIN_POINTS}")
     parameters = with_voxel([cloud], parameters)
     voxel = parameters.voxel_mm
     assert voxel is not None
     cells, band = _sampled(cloud, voxel, parameters)
     field, gradient, colour = signed_field(
-        cells, band, radius=parameters.radius, overhang=parameters.overhang,
-        agreement=parameters.agreement, min_weight=parameters.min_weight,
-    )  # fmt: skip
+        cells, band, overhang=parameters.overhang, agreement=parameters.agreement, min_weight=parameters.min_weight
+    )
     vertices, faces, normals, colours = march(field, gradient, colour, band.blocks, band.neighbours)
     if not len(faces):
         raise ValueError(
@@ -127,7 +134,7 @@ def _sampled(cloud: Cloud, voxel: float, parameters: SurfaceParameters) -> tuple
     """The cloud's cells and the band around them, if they fit into memory."""
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise _too_large(cloud, voxel, parameters, "more samples than can be numbered")
-    cells = gather(cloud, voxel)
+    cells = gather(cloud, voxel, _reach(parameters))
     band = band_around(cells)
     needed = _gigabytes(cloud, band)
     if needed > parameters.memory_gb:
@@ -135,6 +142,10 @@ def _sampled(cloud: Cloud, voxel: float, parameters: SurfaceParameters) -> tuple
             cloud, voxel, parameters, f"{needed:.3g} GB, more than the {parameters.memory_gb:g} GB allowed"
         )
     return cells, band
+
+
+def _reach(parameters: SurfaceParameters) -> Reach:
+    return Reach(parameters.radius, parameters.radius_spacings, parameters.radius_sigmas)
 
 
 def _gigabytes(cloud: Cloud, band: Band) -> float:
@@ -145,6 +156,6 @@ def _too_large(cloud: Cloud, voxel: float, parameters: SurfaceParameters, need: 
     fitting = voxel
     while extent_in_blocks(cloud, fitting) > LARGEST_AXIS:
         fitting *= 2
-    while (needed := _gigabytes(cloud, band_around(gather(cloud, fitting)))) > parameters.memory_gb:
+    while (needed := _gigabytes(cloud, band_around(gather(cloud, fitting, _reach(parameters))))) > parameters.memory_gb:
         fitting *= max(1.05, (needed / parameters.memory_gb) ** 0.5)  # the band grows with the inverse square
     return ValueError(f"a voxel of {voxel:g} mm would need {need}; a voxel of {fitting:.3g} mm fits")

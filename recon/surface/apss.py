@@ -1,7 +1,7 @@
 """The signed field of an algebraic point set surface on the samples of a band.
 
 Around every sample an algebraic sphere is fitted to the points and normals nearby; its signed distance at the sample
-is the field, its gradient there the normal, and the same weights blend the colours.
+is the field, its gradient there the normal, and powers of the same weights blend the colours.
 Source: Guennebaud and Gross, Algebraic Point Set Surfaces, SIGGRAPH 2007; the closed form of the fit with normals from
 Guennebaud, Germann and Gross, Dynamic Sampling and Rendering of Algebraic Point Set Surfaces, 2008, section 2.
 """
@@ -16,15 +16,14 @@ from recon.surface.band import Band, Cells, neighbours_of
 
 
 def signed_field(
-    cells: Cells, band: Band, *, radius: float, overhang: float, agreement: float, min_weight: float
+    cells: Cells, band: Band, *, overhang: float, agreement: float, min_weight: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Fit a sphere at every sample of the band.
 
     Parameters
     ----------
-    radius : where the weights end, voxels, at most 8
-    overhang : how far the mean of the weighted points may lie beside a sample, along the surface, as a share of the
-        radius; beyond it the sample is past the data's edge and has no value
+    overhang : how far the mean of the weighted points may lie beside a sample, along the surface, as a share of
+        their radius; beyond it the sample is past the data's edge and has no value
     agreement : shortest mean normal that counts as one surface
     min_weight : least sum of weights that supports a value
 
@@ -34,25 +33,25 @@ def signed_field(
     colour (B, 8, 8, 8, 3), 0 to 255; all float32
     """
     field, gradient, colour = fit_spheres(
-        cells.moments, cells.starts, neighbours_of(band, cells), radius, overhang, agreement, min_weight
+        cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_weight
     )
     return field, gradient, colour
 
 
 @njit(cache=True)
-def spread_cell(
-    moment: NDArray[np.float32], x: float, y: float, z: float, radius: float, sums: NDArray[np.float32]
-) -> None:
-    """Add a cell's weighted moments about each sample it reaches to `sums` (12, 8, 8, 8).
+def spread_cell(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
+    """Add a cell's weighted moments about each sample it reaches to `sums` (14, 8, 8, 8).
 
     `x, y, z` is the cell's mean point from the corner of the block of samples. The weight is (1 - r^2 / h^2)^4
-    (Guennebaud and Gross 2007, equation 1).
+    (Guennebaud and Gross 2007, equation 1); colours take its fourth power, half as wide, because a picture bears less
+    smoothing than a shape.
     """
-    inverse = np.float32(1 / (radius * radius))
     weight, nx, ny, nz = moment[3], moment[4], moment[5], moment[6]
     along, spread = moment[7], moment[8]
     red, green, blue = moment[9], moment[10], moment[11]
+    radius = moment[12]
     one, zero = np.float32(1), np.float32(0)
+    inverse = one / (radius * radius)
     for i in range(max(int(np.ceil(x - radius)), 0), min(int(np.floor(x + radius)) + 1, 8)):
         dx = np.float32(x - i)
         for j in range(max(int(np.ceil(y - radius)), 0), min(int(np.floor(y + radius)) + 1, 8)):
@@ -65,7 +64,8 @@ def spread_cell(
                 r2 = square + dz * dz
                 t = max(one - r2 * inverse, zero)
                 t = t * t
-                w = weight * t * t
+                t = t * t
+                w = weight * t
                 sums[0, i, j, k] += w
                 sums[1, i, j, k] += w * dx
                 sums[2, i, j, k] += w * dy
@@ -75,9 +75,13 @@ def spread_cell(
                 sums[6, i, j, k] += w * nz
                 sums[7, i, j, k] += w * (dx * nx + dy * ny + dz * nz + along)
                 sums[8, i, j, k] += w * (r2 + spread)
-                sums[9, i, j, k] += w * red
-                sums[10, i, j, k] += w * green
-                sums[11, i, j, k] += w * blue
+                sums[9, i, j, k] += w * radius
+                t = t * t
+                w = weight * t * t
+                sums[10, i, j, k] += w
+                sums[11, i, j, k] += w * red
+                sums[12, i, j, k] += w * green
+                sums[13, i, j, k] += w * blue
 
 
 @njit(cache=True)
@@ -111,7 +115,6 @@ def fit_spheres(
     moments: NDArray[np.float32],
     starts: NDArray[np.int64],
     neighbours: NDArray[np.int32],
-    radius: float,
     overhang: float,
     agreement: float,
     min_weight: float,
@@ -125,7 +128,7 @@ def fit_spheres(
     gradient = np.zeros((n_blocks, 8, 8, 8, 3), np.float32)
     colour = np.zeros((n_blocks, 8, 8, 8, 3), np.float32)
     for block in prange(n_blocks):
-        sums = np.zeros((12, 8, 8, 8), np.float32)
+        sums = np.zeros((14, 8, 8, 8), np.float32)
         for side in range(27):
             other = neighbours[block, side]
             if other < 0:
@@ -134,8 +137,8 @@ def fit_spheres(
             for cell in range(starts[other], starts[other + 1]):
                 moment = moments[cell]
                 x, y, z = moment[0] + di, moment[1] + dj, moment[2] + dk
-                if z > -radius and z < 7 + radius:
-                    spread_cell(moment, x, y, z, radius, sums)
+                if z > -moment[12] and z < 7 + moment[12]:
+                    spread_cell(moment, x, y, z, sums)
         for i in range(8):
             for j in range(8):
                 for k in range(8):
@@ -147,12 +150,12 @@ def fit_spheres(
                         continue
                     px, py, pz = sums[1, i, j, k] / total, sums[2, i, j, k] / total, sums[3, i, j, k] / total
                     beside = px * px + py * py + pz * pz - (px * nx + py * ny + pz * nz) ** 2
-                    if beside > (overhang * radius) ** 2:
+                    if beside > (overhang * sums[9, i, j, k] / total) ** 2:
                         continue
                     field[block, i, j, k] = distance
                     gradient[block, i, j, k, 0] = nx
                     gradient[block, i, j, k, 1] = ny
                     gradient[block, i, j, k, 2] = nz
                     for c in range(3):
-                        colour[block, i, j, k, c] = sums[9 + c, i, j, k] / total
+                        colour[block, i, j, k, c] = sums[11 + c, i, j, k] / sums[10, i, j, k]
     return field, gradient, colour

@@ -18,7 +18,22 @@ SAMPLES = BLOCK**3
 REACH = 2.0  # voxels; a cell of the grid that the surface crosses has its corners within sqrt(3) of it
 AXIS_BITS = 18  # of a block's coordinate; three axes and nine bits inside a block fill an int64
 LARGEST_AXIS = 2**AXIS_BITS - 2  # one block of room on either side
+BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions
 WEIGHT_RANGE = (1 / 16, 4.0)  # of a point against the median: no single sensor is ignored or trusted alone
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a point's influence goes: the largest of three lengths, at most the eight voxels of a block.
+
+    Parameters
+    ----------
+    voxels, spacings, sigmas : in voxels, in distances of neighbouring points, in standard deviations of their depth
+    """
+
+    voxels: float
+    spacings: float
+    sigmas: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +44,8 @@ class Cells:
     ----------
     blocks : int64 (O, 3), coordinates of the blocks that hold points, in the order of their keys
     starts : int64 (O + 1,), first cell of each block; cells of a block stand together
-    moments : float32 (C, 12): mean point from the block's corner (3), weight, mean normal (3), covariance of point
-        and normal (trace), spread of the points (trace), mean colour (3); lengths in voxels
+    moments : float32 (C, 13): mean point from the block's corner (3), weight, mean normal (3), covariance of point
+        and normal (trace), spread of the points (trace), mean colour (3), radius of influence; lengths in voxels
     """
 
     blocks: NDArray[np.int64]
@@ -58,7 +73,7 @@ def extent_in_blocks(cloud: Cloud, voxel: float) -> int:
     return int(size / (voxel * BLOCK)) + 1
 
 
-def gather(cloud: Cloud, voxel: float) -> Cells:
+def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     """Gather a cloud's points into cells one voxel wide, in an order that depends on nothing but the points.
 
     Raises
@@ -68,17 +83,29 @@ def gather(cloud: Cloud, voxel: float) -> Cells:
     """
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
-    in_voxels = cloud.points.astype(np.float64) / voxel
-    cells = np.floor(in_voxels).astype(np.int64)
-    lowest = (cells >> 3).min(axis=0) - 1
-    keys = _block_keys((cells >> 3) - lowest) << 9 | _local(cells)
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1], [True]]))
-    block_keys = keys[starts[:-1]] >> 9
-    block_starts = np.flatnonzero(np.concatenate([[True], block_keys[1:] != block_keys[:-1], [True]]))
-    moments = cell_moments(in_voxels, cloud.normals, cloud.colours, _weights(cloud), order, starts)
-    return Cells(_block_coordinates(block_keys[block_starts[:-1]]) + lowest, block_starts, moments)
+    lowest = np.floor(cloud.points.min(axis=0).astype(np.float64) / voxel).astype(np.int64) // BLOCK - 1
+    found, keys = number_blocks(cloud.points, voxel, lowest)
+    rank = np.empty(len(keys), np.int64)
+    rank[np.argsort(keys)] = np.arange(len(keys))
+    order, point_starts = sort_by_block(rank[found], len(keys))
+    sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
+    moments, starts = cell_moments(
+        cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts, voxel
+    )
+    cells = Cells(_block_coordinates(np.sort(keys)) + lowest, starts, moments)
+    _set_radius(cells, np.diff(point_starts), reach)
+    return cells
+
+
+def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None:
+    """Turn each cell's depth error, column 12, into its radius of influence; `n_points` (O,) in each block."""
+    lowest = cells.blocks.min(axis=0) - 1
+    around = neighbours_in(cells.blocks, _block_keys(cells.blocks - lowest), lowest)
+    points = np.where(around >= 0, n_points[around], 0).sum(axis=1)
+    area = BLOCK**2 / BLOCKS_PER_AREA * (around >= 0).sum(axis=1)
+    spacing = np.repeat(np.sqrt(area / points), np.diff(cells.starts))
+    radius = np.maximum(reach.spacings * spacing, reach.sigmas * cells.moments[:, 12])
+    cells.moments[:, 12] = np.clip(radius, reach.voxels, BLOCK)
 
 
 def band_around(cells: Cells) -> Band:
@@ -121,11 +148,6 @@ def _block_coordinates(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.stack([keys >> 2 * AXIS_BITS, (keys >> AXIS_BITS) & mask, keys & mask], axis=1)
 
 
-def _local(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    inside = cells & (BLOCK - 1)
-    return np.asarray((inside[:, 0] << 6) | (inside[:, 1] << 3) | inside[:, 2])
-
-
 def _weights(cloud: Cloud) -> NDArray[np.float64]:
     """float64 (N,): inverse variance of each point against the median one; 1 where no uncertainty is known."""
     if cloud.sigma is None:
@@ -134,45 +156,151 @@ def _weights(cloud: Cloud) -> NDArray[np.float64]:
     return np.asarray(np.clip(relative, *WEIGHT_RANGE))
 
 
+@njit(cache=True)
+def block_of(point: NDArray[np.float32], axis: int, voxel: float) -> int:
+    """Coordinate along an axis of the block whose cells hold a point."""
+    return int(np.floor(np.floor(float(point[axis]) / voxel) / 8))
+
+
+@njit(cache=True)
+def number_blocks(
+    points: NDArray[np.float32], voxel: float, lowest: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number of each point's block (N,), in the order in which they are met, and the blocks' keys."""
+    size = 16
+    while size < 2 * len(points):
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    keys = np.empty(len(points), np.int64)
+    found = np.empty(len(points), np.int64)
+    n_blocks = 0
+    key = number = -1
+    for index in range(len(points)):
+        x = block_of(points[index], 0, voxel) - lowest[0]
+        y = block_of(points[index], 1, voxel) - lowest[1]
+        z = block_of(points[index], 2, voxel) - lowest[2]
+        wanted = (x << 36) | (y << 18) | z
+        if wanted != key:
+            key = wanted
+            slot = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)
+            while table[slot] >= 0 and keys[table[slot]] != key:
+                slot = (slot + 1) & (size - 1)
+            if table[slot] < 0:
+                table[slot] = n_blocks
+                keys[n_blocks] = key
+                n_blocks += 1
+            number = table[slot]
+        found[index] = number
+    return found, keys[:n_blocks].copy()
+
+
+@njit(cache=True)
+def sort_by_block(found: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points (N,) by block, in their own order within each, and the first of each block (n_blocks + 1,)."""
+    starts = np.zeros(n_blocks + 1, np.int64)
+    for index in range(len(found)):
+        starts[found[index] + 1] += 1
+    for block in range(n_blocks):
+        starts[block + 1] += starts[block]
+    following = starts.copy()
+    order = np.empty(len(found), np.int64)
+    for index in range(len(found)):
+        order[following[found[index]]] = index
+        following[found[index]] += 1
+    return order, starts
+
+
+@njit(cache=True)
+def cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
+    """Number, 0 to 511, of a point's cell within its block."""
+    x = int(np.floor(float(point[0]) / voxel)) & 7
+    y = int(np.floor(float(point[1]) / voxel)) & 7
+    return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
+
+
 @njit(parallel=True, cache=True)
 def cell_moments(
-    points: NDArray[np.float64],
+    points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
     weights: NDArray[np.float64],
+    sigma: NDArray[np.float32],
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
-) -> NDArray[np.float32]:
-    """The moments (C, 12) of `Cells`: cell c holds the points `order[starts[c] : starts[c + 1]]`, in voxels."""
-    moments = np.empty((len(starts) - 1, 12), np.float32)
-    for cell in prange(len(starts) - 1):
-        sums = np.zeros(12)
-        corner = np.floor(points[order[starts[cell]]] / 8) * 8
-        for place in range(starts[cell], starts[cell + 1]):
-            index = order[place]
-            weight = weights[index]
-            along = square = 0.0
-            for axis in range(3):
-                local = points[index, axis] - corner[axis]
-                normal = float(normals[index, axis])
-                sums[axis] += weight * local
-                sums[4 + axis] += weight * normal
-                sums[9 + axis] += weight * colours[index, axis]
-                along += local * normal
-                square += local * local
-            sums[3] += weight
-            sums[7] += weight * along
-            sums[8] += weight * square
-        total = sums[3]
-        for moment in range(12):
-            sums[moment] /= total
+    voxel: float,
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The moments (C, 13) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
+
+    Block b holds the points `order[starts[b] : starts[b + 1]]`.
+    """
+    n_blocks = len(starts) - 1
+    n_cells = np.zeros(n_blocks + 1, np.int64)
+    for block in prange(n_blocks):
+        is_cell = np.zeros(512, np.bool_)
+        for place in range(starts[block], starts[block + 1]):
+            is_cell[cell_in_block(points[order[place]], voxel)] = True
+        n_cells[block + 1] = is_cell.sum()
+    cell_starts = np.cumsum(n_cells)
+    moments = np.empty((cell_starts[-1], 13), np.float32)
+    for block in prange(n_blocks):
+        sums = np.zeros((512, 13))
+        corner = np.empty(3)
         for axis in range(3):
-            sums[7] -= sums[axis] * sums[4 + axis]
-            sums[8] -= sums[axis] * sums[axis]
-        sums[3] = total
-        sums[8] = max(sums[8], 0.0)
-        moments[cell] = sums
-    return moments
+            corner[axis] = 8.0 * block_of(points[order[starts[block]]], axis, voxel)
+        for place in range(starts[block], starts[block + 1]):
+            index = order[place]
+            add_point(
+                points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel,
+                sums[cell_in_block(points[index], voxel)],
+            )  # fmt: skip
+        cell = cell_starts[block]
+        for number in range(512):
+            if sums[number, 3] > 0:
+                finish_moments(sums[number], moments[cell])
+                cell += 1
+    return moments, cell_starts
+
+
+@njit(cache=True)
+def add_point(
+    point: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    colour: NDArray[np.uint8],
+    weight: float,
+    sigma: float,
+    corner: NDArray[np.float64],
+    voxel: float,
+    sums: NDArray[np.float64],
+) -> None:
+    """Add a point to its cell's sums (13,)."""
+    along = square = 0.0
+    for axis in range(3):
+        local = float(point[axis]) / voxel - corner[axis]
+        sums[axis] += weight * local
+        sums[4 + axis] += weight * float(normal[axis])
+        sums[9 + axis] += weight * colour[axis]
+        along += local * float(normal[axis])
+        square += local * local
+    sums[3] += weight
+    sums[7] += weight * along
+    sums[8] += weight * square
+    sums[12] += weight * float(sigma) / voxel
+
+
+@njit(cache=True)
+def finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> None:
+    """Turn a cell's sums into means, covariance and spread about the mean point."""
+    total = sums[3]
+    along, spread = sums[7] / total, sums[8] / total
+    for axis in range(3):
+        mean = sums[axis] / total
+        along -= mean * sums[4 + axis] / total
+        spread -= mean * mean
+    for moment in range(13):
+        moments[moment] = sums[moment] / total
+    moments[3] = total
+    moments[7] = along
+    moments[8] = max(spread, 0.0)
 
 
 @njit(cache=True)
