@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.cvf import match_id
+from recon.depth.cvf import match_dr, match_id
 from recon.depth.pair import StereoPair
 
-__all__ = ["MATCHERS", "Matcher", "StereoPair", "match_id"]
+__all__ = ["MATCHERS", "Matcher", "StereoPair", "match_dr", "match_id"]
 
 Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
 
-MATCHERS: dict[str, Matcher] = {"id": match_id}
+MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr}

@@ -6,17 +6,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+Disparities = NDArray[np.int32] | NDArray[np.float32]
+
 
 def consistent(
-    view: NDArray[np.int32], mirrored: NDArray[np.int32], *, min_disparity: int = 0, threshold: int = 0
+    view: Disparities, mirrored: Disparities, *, min_disparity: int = 0, threshold: float = 0
 ) -> NDArray[np.bool_]:
     """Where a view's disparity is confirmed by the pixel of the other view that it points to.
 
     Parameters
     ----------
-    view : int32 (H, W), disparity indices of the one view
-    mirrored : int32 (H, W), those of the other view, columns from right to left; so the check of either view against
-        the other is the same
+    view : int32 or float32 (H, W), disparity indices of the one view
+    mirrored : int32 or float32 (H, W), those of the other view, columns from right to left; so the check of either
+        view against the other is the same
     min_disparity : the disparity of index 0, pixels
     threshold : pixels by which the two may differ; 0 is the total check (Table 2)
 
@@ -25,16 +27,22 @@ def consistent(
     confirmed : bool (H, W); False where the match lies outside the other image
     """
     confirmed = np.empty(view.shape, np.bool_)
-    _consistency_kernel(view, mirrored, min_disparity, threshold, confirmed)
+    _consistency_kernel(
+        view.astype(np.float32), mirrored.astype(np.float32), min_disparity, np.float32(threshold), confirmed
+    )
     return confirmed
 
 
 @njit(cache=True, nogil=True)
 def _consistency_kernel(
-    view: NDArray[np.int32], mirrored: NDArray[np.int32], min_disparity: int, threshold: int, out: NDArray[np.bool_]
+    view: NDArray[np.float32],
+    mirrored: NDArray[np.float32],
+    min_disparity: int,
+    threshold: float,
+    out: NDArray[np.bool_],
 ) -> None:
     height, width = view.shape
     for y in range(height):
         for x in range(width):
-            there = width - 1 - x + view[y, x] + min_disparity
+            there = width - 1 - x + np.int64(np.rint(view[y, x])) + min_disparity
             out[y, x] = 0 <= there < width and abs(view[y, x] - mirrored[y, there]) <= threshold

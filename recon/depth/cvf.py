@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numba
@@ -23,7 +24,17 @@ from recon.depth.consistency import consistent
 from recon.depth.hierarchy import halved, halved_mask, search_windows
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import MIN_SIDE, StereoPair
-from recon.depth.permeability import WORST, aggregate_and_choose, guide_image, noise_level, permeabilities
+from recon.depth.permeability import (
+    SURFACE_PAD,
+    SURFACE_STEP,
+    WORST,
+    aggregate_along_surface,
+    aggregate_and_choose,
+    guide_image,
+    noise_level,
+    permeabilities,
+)
+from recon.depth.refinement import filled, local_planes, without_specks
 
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 Result = TypeVar("Result")
@@ -66,6 +77,7 @@ class View:
     grey: NDArray[np.uint16]
     mask: NDArray[np.bool_] | None
     noise: float
+    sigma: float
     is_right: bool
 
     @property
@@ -80,8 +92,9 @@ class View:
     def halved(self) -> View:
         """The view at the next coarser level."""
         mask = None if self.mask is None else halved_mask(self.mask)
-        return View(halved(self.image), halved(self.grey), mask, self.noise / 2, self.is_right)
+        return View(halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.is_right)
 
+    @cached_property
     def codes(self) -> NDArray[np.uint32]:
         """Census codes (2, H, W), mirrored in the right view, flagged on the background."""
         codes = census_pair(self.grey)
@@ -89,10 +102,11 @@ class View:
             codes[:, ~self.mask] |= BEHIND
         return np.ascontiguousarray(codes[:, :, ::-1]) if self.is_right else codes
 
-    def permeabilities(self, sigma: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    @cached_property
+    def permeabilities(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Across and down (H, W), mirrored in the right view."""
         mask = None if self.mask is None else self.mirrored(self.mask)
-        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=sigma, mask=mask)
+        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
 
 
 @dataclass(frozen=True)
@@ -136,9 +150,83 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        left, _ = match_views(views_of(pair), Level(pair.n_disparities, pair.min_disparity), parameters)
+        left, _ = match_views(
+            views_of(pair, parameters.sigma), Level(pair.n_disparities, pair.min_disparity), parameters
+        )
         disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
     return disparity
+
+
+@dataclass(frozen=True)
+class DrParameters(IdParameters):
+    """Parameters of DR: those of ID, and of the refinement.
+
+    Parameters
+    ----------
+    fill_threshold : pixels by which a filled disparity may differ from the other view's to be kept
+    """
+
+    fill_threshold: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.fill_threshold < 0:
+            raise ValueError(f"the fill threshold is {self.fill_threshold}; expected 0 or more pixels")
+
+
+def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDArray[np.float32]:
+    """Refined disparities of the left image by cost-volume filtering.
+
+    As ID, then the parabola's vertex, holes filled, and the costs aggregated once more along the surface found. A
+    filled disparity is kept where the right view agrees; what only the left view sees stays unmatched.
+
+    Returns
+    -------
+    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
+
+    Warns
+    -----
+    UserWarning
+        If an image has no texture; the disparity is NaN everywhere.
+    """
+    disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
+    if has_texture(pair):
+        views, level = views_of(pair, parameters.sigma), Level(pair.n_disparities, pair.min_disparity)
+        left, right = match_views(views, level, parameters)
+        if left.valid.any():
+            surface, valid = refined(views, left, right, level, parameters)
+            disparity[pair.foreground()] = np.where(valid, surface + np.float32(pair.min_disparity), np.nan)
+    return disparity
+
+
+def refined(
+    views: tuple[View, View], left: Matches, right: Matches, level: Level, parameters: DrParameters
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
+    surface = filled(left.index + left.offset, left.valid)
+    surface = local_planes(without_specks(surface, 5), left.valid)
+    surface = np.clip(surface, 0, level.n_disparities - 1)
+    surface = aggregate_along_surface(
+        views[0].codes,
+        _candidates(views[1].codes, level, before=SURFACE_PAD, after=SURFACE_PAD + 2),
+        *views[0].permeabilities,
+        surface,
+        level.n_disparities,
+        in_bands,
+    )
+    surface = without_specks(surface, 3)
+    agrees = consistent(surface, right.index, min_disparity=level.min_disparity, threshold=parameters.fill_threshold)
+    matched = np.arange(surface.shape[1], dtype=np.float32) - (surface + np.float32(level.min_disparity))
+    inside = (matched >= -0.5) & (matched <= surface.shape[1] - 0.5)
+    valid = inside & (agrees | (left.valid & (np.abs(surface - left.index) <= SURFACE_STEP)))
+    return surface, valid if views[0].mask is None else valid & views[0].mask
+
+
+def in_bands(length: int, work: Callable[[int, int], None]) -> None:
+    """The work done for 0 to `length` in one band for each of numba's threads, at once."""
+    edges = np.linspace(0, length, numba.get_num_threads() + 1).astype(int)
+    with ThreadPoolExecutor(max_workers=len(edges) - 1) as pool:
+        list(pool.map(work, edges[:-1], edges[1:]))
 
 
 def has_texture(pair: StereoPair) -> bool:
@@ -151,20 +239,20 @@ def has_texture(pair: StereoPair) -> bool:
     return True
 
 
-def views_of(pair: StereoPair) -> tuple[View, View]:
+def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
     """The left and the right view of the part of a pair that is matched."""
     box = pair.foreground()
     return (
-        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], is_right=False),
-        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], is_right=True),
+        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, is_right=False),
+        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, is_right=True),
     )
 
 
-def _view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, *, is_right: bool) -> View:
-    noise = noise_level(grey_image(image), mask)
+def _view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, *, is_right: bool) -> View:
     if mask is not None:
         image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
-    return View(image, fine_grey_image(image), mask, noise, is_right)
+    noise = noise_level(grey_image(image), mask)
+    return View(image, fine_grey_image(image), mask, noise, sigma, is_right)
 
 
 def match_views(views: tuple[View, View], level: Level, parameters: IdParameters) -> tuple[Matches, Matches]:
@@ -173,11 +261,9 @@ def match_views(views: tuple[View, View], level: Level, parameters: IdParameters
     if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
         coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
         coarser = match_views((views[0].halved(), views[1].halved()), level.halved(), coarse)
-    codes = in_both(lambda side: views[side].codes())
-    found = in_both(
-        lambda side: _search(views[side], (codes[side], codes[1 - side]), coarser[side], level, parameters.sigma)
-    )
-    valid = in_both(lambda side: _confirmed(views[side], found[side][0], found[1 - side][0], level, parameters))
+    codes = in_both(lambda side: views[side].codes)
+    found = in_both(lambda side: _search(views[side], (codes[side], codes[1 - side]), coarser[side], level))
+    valid = [_confirmed(views[side], found[side][0], found[1 - side][0], level, parameters) for side in (0, 1)]
     return Matches(*found[0], valid[0]), Matches(*found[1], valid[1])
 
 
@@ -193,10 +279,9 @@ def _search(
     codes: tuple[NDArray[np.uint32], NDArray[np.uint32]],
     coarser: Matches | None,
     level: Level,
-    sigma: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """The cheapest disparity index of every pixel, int32 (H, W), and the offset to its parabola's vertex."""
-    across, down = view.permeabilities(sigma)
+    across, down = view.permeabilities
     candidates = _candidates(codes[1], level)
     windows = _full_search(level.n_disparities, view.shape) if coarser is None else _near_coarser(coarser, level, view)
     downward = np.empty((view.shape[0] + 1) * view.shape[1] * N_LANES, np.float32)
@@ -223,14 +308,14 @@ def _near_coarser(coarser: Matches, level: Level, view: View) -> list[NDArray[np
     return list(search_windows(coarser.index, coarser.valid, view.shape, level.n_disparities, shift=shift))
 
 
-def _candidates(codes: NDArray[np.uint32], level: Level) -> NDArray[np.uint32]:
+def _candidates(codes: NDArray[np.uint32], level: Level, *, before: int = 0, after: int = 0) -> NDArray[np.uint32]:
     """The other view's codes as the reference view faces them, (2, H, W - 1 + D): see `aggregate_and_choose`.
 
     Either view sees the other mirrored, so the codes stay in order. Beyond the image the outermost code is repeated:
     no disparity is favoured there, and ties remain ties.
     """
     width = codes.shape[2]
-    columns = np.arange(width - 1 + max(level.n_disparities, N_LANES)) + level.min_disparity
+    columns = np.arange(-before, width - 1 + max(level.n_disparities, N_LANES) + after) + level.min_disparity
     return np.ascontiguousarray(codes[:, :, np.clip(columns, 0, width - 1)])
 
 

@@ -8,6 +8,8 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numba import njit
@@ -15,12 +17,18 @@ from numpy.typing import NDArray
 
 from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, spread_lane, store, zeros
 
+Bands = Callable[[int, Callable[[int, int], None]], None]
+
 LANE_BITS = np.int32(N_LANES - 1)
 WORST = np.int32(0x7F800000)  # the bits of infinity
 GUIDE_WINDOW = 5  # pixels, of the bilateral filter
 GUIDE_REACH = 2.0  # pixels, its spatial deviation
 GUIDE_TOLERANCE = 3.0  # its deviation in grey levels, in units of the image's noise
 MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
+SURFACE_LANE = 7  # of sixteen, the one that stands for the surface itself
+SURFACE_REACH = 2  # pixels of disparity by which a surface may move
+SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
+SURFACE_PAD = 8  # places before disparity index 0
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
 
@@ -97,6 +105,17 @@ def _permeability_kernel(
                     to_below = max(to_below, abs(here - np.int32(guide[y + 1, x, channel])))
             across[y, x] = passage[to_right] if x + 1 < width else np.float32(0)
             down[y, x] = passage[to_below] if y + 1 < height else np.float32(0)
+
+
+@njit(inline="always")
+def _vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
+    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, within a half."""
+    before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
+    bend = before - np.float32(2) * here + after
+    if bend <= 0:
+        return np.float32(0)
+    vertex = np.float32(0.5) * (before - after) / bend
+    return min(max(vertex, np.float32(-0.5)), np.float32(0.5))
 
 
 @njit(inline="always")
@@ -201,12 +220,110 @@ def aggregate_and_choose(
                 offset[y, x] = _vertex(scratch, lane) if 0 < window + lane < n_disparities - 1 else np.float32(0)
 
 
-@njit(inline="always")
-def _vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
-    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, within a half."""
-    before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
-    bend = before - np.float32(2) * here + after
-    if bend <= 0:
-        return np.float32(0)
-    vertex = np.float32(0.5) * (before - after) / bend
-    return min(max(vertex, np.float32(-0.5)), np.float32(0.5))
+def aggregate_along_surface(
+    codes: NDArray[np.uint32],
+    candidates: NDArray[np.uint32],
+    across: NDArray[np.float32],
+    down: NDArray[np.float32],
+    surface: NDArray[np.float32],
+    n_disparities: int,
+    in_bands: Bands,
+) -> NDArray[np.float32]:
+    """Refine a surface: aggregate the costs around it along its slant and move it to the parabola's vertex.
+
+    Lane k of a pixel stands for its surface + k - 7, so costs flow from pixel to pixel of a slanted surface without
+    leaving their lane, and to no other surface. Costs between whole disparities are interpolated.
+
+    Parameters
+    ----------
+    codes, across, down : as in `aggregate_and_choose`
+    candidates : uint32 (2, H, W - 1 + D), the first 8 places and the last 10 beyond the range of disparities
+    surface : float32 (H, W), disparity indices
+    in_bands : does the work given for rows or columns first to last, in as many parts as there are threads
+
+    Returns
+    -------
+    refined : float32 (H, W), disparity indices
+    """
+    height, width = surface.shape
+    flows = np.empty(height * width * N_LANES, np.float32)
+    refined = np.empty((height, width), np.float32)
+    in_bands(height, lambda first, last: _surface_rows(codes, candidates, across, surface, first, last, flows))
+    in_bands(width, lambda first, last: _surface_columns(down, surface, n_disparities, first, last, flows, refined))
+    return refined
+
+
+@njit(cache=True, nogil=True)
+def _surface_rows(
+    codes: NDArray[np.uint32],
+    candidates: NDArray[np.uint32],
+    across: NDArray[np.float32],
+    surface: NDArray[np.float32],
+    first: int,
+    last: int,
+    flows: NDArray[np.float32],
+) -> None:
+    width = surface.shape[1]
+    pitch = candidates.shape[2]
+    sharp, blurred = candidates[0].reshape(-1), candidates[1].reshape(-1)
+    costs = np.empty(width * N_LANES, np.float32)
+    for y in range(first, last):
+        flow = zeros()
+        passage = np.float32(0)
+        for x in range(width):
+            whole = np.int64(np.floor(surface[y, x]))
+            part = surface[y, x] - np.float32(whole)
+            facing = y * pitch + width - 1 - x + whole + SURFACE_PAD - SURFACE_LANE
+            cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
+            next_cost = add(hamming(codes[0, y, x], sharp, facing + 1), hamming(codes[1, y, x], blurred, facing + 1))
+            cost = add_scaled(add_scaled(cost, part, next_cost), -part, cost)
+            store(costs, x * N_LANES, cost)
+            flow = add_scaled(cost, passage, flow)
+            store(flows, (y * width + x) * N_LANES, flow)
+            passage = across[y, x]
+            if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
+                passage = np.float32(0)
+        flow = zeros()
+        for x in range(width - 1, -1, -1):
+            passage = across[y, x]
+            if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
+                passage = np.float32(0)
+            place = (y * width + x) * N_LANES
+            store(flows, place, add_scaled(load(flows, place), passage, flow))
+            flow = add_scaled(load(costs, x * N_LANES), passage, flow)
+
+
+@njit(cache=True, nogil=True)
+def _surface_columns(
+    down: NDArray[np.float32],
+    surface: NDArray[np.float32],
+    n_disparities: int,
+    first: int,
+    last: int,
+    flows: NDArray[np.float32],
+    refined: NDArray[np.float32],
+) -> None:
+    height, width = surface.shape
+    upward = np.zeros((last - first) * N_LANES, np.float32)
+    scratch = np.empty(N_LANES, np.float32)
+    for y in range(1, height):
+        for x in range(first, last):
+            if abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                place = (y * width + x) * N_LANES
+                above = load(flows, place - width * N_LANES)
+                store(flows, place, add_scaled(load(flows, place), down[y - 1, x], above))
+    for y in range(height - 1, -1, -1):
+        for x in range(first, last):
+            place = (y * width + x) * N_LANES
+            total = load(flows, place)
+            if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
+                total = add_scaled(total, down[y, x], load(upward, (x - first) * N_LANES))
+            without_above = total
+            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                above = load(flows, place - width * N_LANES)
+                without_above = add_scaled(total, -down[y - 1, x], above)
+            store(upward, (x - first) * N_LANES, without_above)
+            lane = lowest(total, SURFACE_LANE - SURFACE_REACH, SURFACE_LANE + SURFACE_REACH, 0) & LANE_BITS
+            store(scratch, 0, total)
+            found = surface[y, x] + np.float32(lane - SURFACE_LANE) + _vertex(scratch, lane)
+            refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))

@@ -32,7 +32,7 @@ def test_a_shifted_picture_has_its_shift_as_disparity(matcher: Matcher, disparit
     assert found.dtype == np.float32
     assert found.shape == (40, 80)
     visible = found[:, max(disparity, 0) : 80 + min(disparity, 0)]
-    assert np.mean(np.abs(visible - disparity) <= 0.25) > 0.98
+    assert np.mean(np.abs(visible - disparity) <= 0.3) > 0.95
 
 
 @every_matcher
