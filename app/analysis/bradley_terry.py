@@ -13,7 +13,8 @@ from scipy.stats import chi2
 
 from app.analysis.counts import PairCounts, count_pairs, outcome_index
 from app.analysis.existence import Existence, ford, recession
-from app.analysis.newton import Design, Search, maximise, maximise_many_items
+from app.analysis.many_items import maximise_many_items
+from app.analysis.newton import Design, Search, maximise
 from app.analysis.penalised import maximise_firth
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
 from app.analysis.votes import VotesTable
@@ -21,7 +22,7 @@ from app.analysis.votes import VotesTable
 Array = NDArray[np.float64]
 
 LARGEST_COVARIANCE = 3000  # items; beyond, a matrix of all covariances takes minutes and a gigabyte
-MANY_ITEMS = 200  # above, Newton's steps are cheaper by conjugate gradients
+MANY_ITEMS = 100  # above, Newton's steps are cheaper by conjugate gradients
 RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper)
 
 

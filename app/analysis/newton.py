@@ -4,7 +4,7 @@ once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,8 @@ from app.analysis.ties import Derivatives, TieModel
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 100
-LARGEST_STEP = 3.0  # log-odds; keeps the exponentials finite while far from the maximum
+LARGEST_STEP = 3.0  # log-odds of any pair; keeps the exponentials finite while far from the maximum
 OVERSHOT = 0.9  # share of the old slope that may be left behind the maximum before a step is halved
-CG_TOLERANCE = 1e-5  # of the residual's norm; Newton's method then still gains five digits a step
-CG_STEPS = 2  # times the number of parameters; exact arithmetic would need one
 IN_CACHE = 100000  # pairs times tables that are worked on together: a few arrays of this size stay in the cache
 SMALL_MAP = 50_000  # entries up to which a matrix product beats scattering into matrices
 UNROLLED = 16  # parameters up to which systems are solved side by side, element by element
@@ -116,7 +114,7 @@ class Design:
 
     def information(self, by_pair: Derivatives) -> Array:
         """Return the negative Hessian in the parameters, (B, P, P)."""
-        q, n, in_t = self.n_effects, self.counts.n_items, self.model.order_in_t
+        q, in_t = self.n_effects, self.model.order_in_t
         n_tables = len(by_pair.dd)
         result = np.zeros((n_tables, self.n_parameters, self.n_parameters))
         scores = self._laplacian(by_pair.dd)
@@ -154,7 +152,7 @@ class Design:
         return result
 
     def _laplacian(self, by_pair: Array) -> Array:
-        """Return the matrices (B, n, n) with the pairs' weights off the diagonal, negative, and rows that sum to zero."""
+        """Return matrices (B, n, n) with the pairs' weights, negative, off the diagonal and rows that sum to zero."""
         n = self.counts.n_items
         if self._small_maps is not None:
             return np.asarray(by_pair @ self._small_maps[1]).reshape(-1, n, n)
@@ -240,84 +238,6 @@ class Maximum:
     iterations: int
 
 
-def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array) -> Maximum:
-    """Maximise the likelihood of one table of many items, by Newton steps that are solved by conjugate gradients.
-
-    Every pair costs a few operations per step, and nothing the square of the number of items: ten thousand items are no
-    trouble unless nearly all pairs of them were compared.
-
-    Parameters
-    ----------
-    design : Design
-        Without levels and without an order effect.
-    wins, losses, ties : float64 (C,)
-    """
-    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
-    theta = np.r_[_start_scores(design, wins, losses, ties), _start(design, wins, losses, ties)[n:]]
-    table = wins[None], losses[None], ties[None]
-    weights = csr_array((np.zeros(len(first)), (first, second)), shape=(n, n))
-    place = np.argsort(first * n + second)  # csr order
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        by_pair = design.model.derivatives(*design.predictors(theta[None]), *table)
-        by_pair = Derivatives(*(getattr(by_pair, part.name)[0] for part in fields(by_pair)))
-        weights.data[:] = by_pair.dd[place]
-        step = _conjugate_gradients(design, by_pair, weights)
-        step = _limit(design, theta[None], step[None])[0]
-        theta = theta + step
-        if np.abs(step).max() < Search.tolerance:
-            return Maximum(theta[None], np.array([True]), iteration)
-    return Maximum(theta[None], np.array([False]), MAX_ITERATIONS)
-
-
-def _start_scores(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-odds of each item's share of won votes, half a vote added to both sides."""
-    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
-    won = np.bincount(first, wins + ties / 2, n) + np.bincount(second, losses + ties / 2, n)
-    lost = np.bincount(first, losses + ties / 2, n) + np.bincount(second, wins + ties / 2, n)
-    scores: Array = np.log((won + 0.5) / (lost + 0.5))
-    return scores - scores.mean()
-
-
-def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_array) -> Array:
-    """Return information^-1 gradient (P,) for one table, by conjugate gradients with the diagonal as preconditioner.
-
-    Scores that all shift together are in the null space of both sides, so that the iteration never leaves sum zero.
-    """
-    n, first, second = design.counts.n_items, design.counts.first, design.counts.second
-    ties = design.has_tie
-
-    def by_item(values: Array) -> Array:
-        return np.bincount(first, values, n) - np.bincount(second, values, n)
-
-    degree = np.bincount(first, by_pair.dd, n) + np.bincount(second, by_pair.dd, n)
-    border = by_item(by_pair.dt) if ties else np.zeros(0)
-    corner = by_pair.tt.sum()
-    transposed = weights.T
-
-    def times(x: Array) -> Array:
-        product = degree * x[:n] - weights @ x[:n] - transposed @ x[:n]
-        return np.r_[product + border * x[n], border @ x[:n] + corner * x[n]] if ties else product
-
-    residual = np.r_[by_item(by_pair.d), by_pair.t.sum()] if ties else by_item(by_pair.d)
-    scale = np.r_[degree, corner] if ties else degree
-    x = np.zeros_like(residual)
-    ahead = residual / scale
-    direction, size = ahead.copy(), float(residual @ ahead)
-    enough = size * CG_TOLERANCE**2
-    for _ in range(CG_STEPS * len(x)):
-        if size <= enough:
-            break
-        image = times(direction)
-        factor = size / float(direction @ image)
-        x += factor * direction
-        residual -= factor * image
-        ahead = residual / scale
-        size, before = float(residual @ ahead), size
-        direction = ahead + size / before * direction
-    x[:n] -= x[:n].mean()
-    return x
-
-
 def maximise(
     design: Design,
     wins: Array,
@@ -343,14 +263,14 @@ def maximise(
         Tables that do not converge have no finite maximum, or none within `MAX_ITERATIONS`; they are marked, not
         dropped.
     """
-    start = _start(design, wins, losses, ties) if start is None else start
+    start = start_parameters(design, wins, losses, ties) if start is None else start
     size = max(1, IN_CACHE // max(1, wins.shape[1]))
-    parts = [
-        _maximise_together(
-            design, *(part[rows].astype(np.float64) for part in (wins, losses, ties)), start, search or Search()
+    parts = []
+    for first in range(0, len(wins), size):
+        some_wins, some_losses, some_ties = (
+            part[first : first + size].astype(np.float64) for part in (wins, losses, ties)
         )
-        for rows in (slice(first, first + size) for first in range(0, len(wins), size))
-    ]
+        parts.append(_maximise_together(design, some_wins, some_losses, some_ties, start, search or Search()))
     return Maximum(
         np.concatenate([part.theta for part in parts]),
         np.concatenate([part.converged for part in parts]),
@@ -374,7 +294,7 @@ def _maximise_together(
         by_pair = design.model.derivatives(*design.predictors(theta), wins, losses, ties)
         gradient = design.gradient(by_pair) - penalty * theta
         information = design.information(by_pair) + np.diag(penalty)
-        newton = _limit(design, theta, solve(design.regular(information), gradient))
+        newton = shorten(design, theta, solve(design.regular(information), gradient))
         overshot = np.einsum("bp,bp->b", gradient, step) < -OVERSHOT * slope
         newton_slope = np.einsum("bp,bp->b", gradient, newton)
         theta = theta + np.where(overshot[:, None], -step / 2, newton)
@@ -391,7 +311,8 @@ def _maximise_together(
     return Maximum(result, converged, iteration)
 
 
-def _start(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
+def start_parameters(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return equal scores and the tie parameter of the overall share of ties, (P,)."""
     theta = np.zeros(design.n_parameters)
     if design.has_tie:
         share = np.clip(ties.sum() / (wins + losses + ties).sum(), 0.01, 0.95)
@@ -401,9 +322,12 @@ def _start(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
     return theta
 
 
-def _limit(design: Design, theta: Array, newton: Array) -> Array:
-    """Shorten steps that are too long, and those that would make a threshold negative."""
+def shorten(design: Design, theta: Array, newton: Array) -> Array:
+    """Shorten steps (B, P) that change a pair too much, and those that would make a threshold negative."""
     longest = np.abs(newton).max(axis=1)
+    if (longest > LARGEST_STEP).any():
+        d, t = design.predictors(newton)
+        longest = np.maximum(np.abs(d).max(axis=1), np.abs(t).max(axis=1))
     factor = np.minimum(1.0, LARGEST_STEP / np.maximum(longest, LARGEST_STEP))
     if design.has_tie and design.model.parameter == "log_theta":
         down = np.minimum(newton[:, -1] * factor, 0)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared, participant_gradients
+from app.analysis.many_items import maximise_many_items
 from app.analysis.ties import TIE_MODELS
-from app.analysis.votes import VotesTable, read_votes, votes_from_rows
+from app.analysis.votes import VotesTable, read_votes, votes_from_indices, votes_from_rows
 
 SCORE, ERROR, LIKELIHOOD = 1e-6, 1e-5, 1e-5
 
@@ -91,7 +92,8 @@ def test_the_maximum_is_that_of_a_general_optimiser(ties: str, order_effect: boo
     assert fit.theta is not None
     start = np.zeros(fit.design.n_parameters)
     start[-1] = 0.3
-    found: Any = minimize(lambda theta: -loglik_at(fit, theta), start, method="BFGS", tol=1e-9)
+    optimise: Any = minimize
+    found = optimise(lambda theta: -loglik_at(fit, theta), start, method="BFGS", tol=1e-9)
     n = len(fit.items)
     expected = np.r_[found.x[:n] - found.x[:n].mean(), found.x[n:]]
     np.testing.assert_allclose(fit.theta, expected, atol=1e-5)
@@ -305,3 +307,42 @@ def test_a_published_study_gives_the_scores_of_pwcmp(real_data: Path) -> None:
     expected = {"irawan05": 1.187, "mantiuk08": 0.678, "tmo_camera": 0.425, "ronan12": 0.046}
     expected |= {"ferwerda96": -0.118, "pattanaik00": -0.628, "hateren06": -1.590}
     assert scores(fit) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("tie", [0.0, 0.2])
+@pytest.mark.parametrize("ties", ["davidson", "rao-kupper", "half"])
+def test_many_items_have_the_same_scores_by_conjugate_gradients(tie: float, ties: str) -> None:
+    votes = random_votes(4, n_items=30, n_participants=3, tie=tie)
+    fit = fit_scores(votes, ties=ties)
+    assert fit.theta is not None
+    table = fit.counts.wins, fit.counts.losses, fit.counts.ties
+    found = maximise_many_items(fit.design, *table)
+    assert found.converged[0]
+    np.testing.assert_allclose(found.theta[0], fit.theta, atol=1e-9)
+
+
+def test_a_chain_of_ten_thousand_items_is_solved() -> None:
+    first = np.repeat(np.arange(9_999), 3)
+    nobody = np.zeros(len(first), np.int64)
+    names = ("",), ("",), tuple(f"i{k}" for k in range(10_000))
+    votes = votes_from_indices(nobody, nobody, first, first + 1, np.tile([0, 0, 1], 9_999), names=names)
+    fit = fit_scores(votes)
+    assert fit.scores is not None
+    np.testing.assert_allclose(np.diff(fit.scores), -np.log(2), atol=1e-9)
+    assert fit.covariance is None
+
+
+def test_hundred_thousands_of_votes_between_ten_thousand_items_reach_the_maximum() -> None:
+    rng = np.random.default_rng(1)
+    first = rng.integers(0, 10_000, 300_000)
+    second = (first + rng.integers(1, 10_000, len(first))) % 10_000
+    nobody = np.zeros(len(first), np.int64)
+    names = ("",), ("",), tuple(f"i{k}" for k in range(10_000))
+    fit = fit_scores(votes_from_indices(nobody, nobody, first, second, rng.integers(0, 3, len(first)), names=names))
+    assert fit.status == "ok"
+    counts = fit.counts
+    assert fit.theta is not None
+    d, t = fit.design.predictors(fit.theta[None])
+    slopes = fit.design.model.derivatives(d, t, counts.wins[None], counts.losses[None], counts.ties[None])
+    by_item = np.bincount(counts.first, slopes.d[0], 10_000) - np.bincount(counts.second, slopes.d[0], 10_000)
+    np.testing.assert_allclose(by_item, 0, atol=1e-8)
