@@ -96,19 +96,6 @@ def describe_renderer(name: str) -> str:
     return f"pyrender ({', '.join(working_platform())})" if name == "pyrender" else name
 
 
-def model_frames(n_model: int, n_frames: int, *, model_fps: float, fps: float) -> tuple[int, ...]:
-    """Which frame of the model each frame of a video shows: as recorded, and again from the start when it ends.
-
-    Raises
-    ------
-    ValueError
-        If there is no frame or a rate is not positive.
-    """
-    if n_model < 1 or model_fps <= 0 or fps <= 0:
-        raise ValueError(f"{n_model} model frames at {model_fps}/s for a video at {fps}/s: all must be positive")
-    return tuple(int(frame * model_fps / fps + 1e-6) % n_model for frame in range(n_frames))
-
-
 def _shots(
     meshes: Iterable[Mesh] | Callable[[int], Mesh], cameras: Sequence[Camera], scene: Scene, threads: int
 ) -> Iterator[Shot]:

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import zip_longest
 from pathlib import Path
-from statistics import fmean
 from typing import IO
 
-import cv2
 import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.files import whole_file
+from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 
 GOP = 25  # frames from one entry point to the next, which a player can jump to
 DELIVERED_CRF = 18  # x264's scale; measured 49 dB on rendered people
 MASTER_CRF = 4  # beyond what an eye can tell from the rendered frames, yet a tenth of their size without loss
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
-# What a delivered video must keep of its frames, in luma: below, encoding could be taken for a fault of the model.
-MEAN_PSNR_DB, FRAME_PSNR_DB, MEAN_SSIM = 48.0, 44.0, 0.99
-LOSSLESS_DB = 100.0
 # Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
 SCALER = "bitexact+accurate_rnd+full_chroma_int"
 BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
@@ -45,34 +41,6 @@ class VideoFacts:
     fps: float
     n_frames: int
     codec: str
-
-
-@dataclass(frozen=True)
-class VideoCheck:
-    """How near each frame of a video is to the frame it was made from, in luma.
-
-    Parameters
-    ----------
-    psnr_db : one a frame
-    ssim : one a frame
-    """
-
-    psnr_db: tuple[float, ...]
-    ssim: tuple[float, ...]
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """What is below the bar for a delivered video; empty for a good one."""
-        worst = min(range(len(self.psnr_db)), key=self.psnr_db.__getitem__)
-        mean, ssim = fmean(self.psnr_db), fmean(self.ssim)
-        found = []
-        if mean < MEAN_PSNR_DB:
-            found.append(f"mean PSNR-Y is {mean:.2f} dB, expected {MEAN_PSNR_DB:g}")
-        if self.psnr_db[worst] < FRAME_PSNR_DB:
-            found.append(f"PSNR-Y of frame {worst} is {self.psnr_db[worst]:.2f} dB, expected {FRAME_PSNR_DB:g}")
-        if ssim < MEAN_SSIM:
-            found.append(f"mean SSIM-Y is {ssim:.4f}, expected {MEAN_SSIM:g}")
-        return tuple(found)
 
 
 def write_video(
@@ -95,27 +63,57 @@ def write_video(
     VideoError
         If the size is odd, a frame has another size or type, there is no frame, or ffmpeg fails.
     """
-    if size[0] % 2 or size[1] % 2 or min(size) < 2:
-        raise VideoError(f"{path}: a video of {size[0]}x{size[1]} pixels was asked for; width and height must be even")
-    if path.suffix.lower() != ".mp4":
-        raise VideoError(f"{path}: the name of a video must end in .mp4")
-    with whole_file(path) as temporary, tempfile.TemporaryFile() as complaints:
-        process = subprocess.Popen(
-            _encoder(temporary, size, fps, crf), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints
-        )
-        try:
-            n_frames = _feed(process, path, frames, size)
-        except BaseException:
-            process.kill()
-            raise
-        finally:
-            code = process.wait()
-        if code != 0:
-            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints)}")
-        facts = probe_video(temporary)
-    if facts.n_frames != n_frames:
-        raise VideoError(f"{path}: {n_frames} frames went in, {facts.n_frames} came out")
+    return write_videos({path: crf}, frames, size=size, fps=fps)
+
+
+def write_videos(
+    crfs: Mapping[Path, int], frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float
+) -> VideoFacts:
+    """Encode the same frames several times in one pass, say as a video and its master; otherwise as `write_video`.
+
+    Parameters
+    ----------
+    crfs : the constant rate factor of each video to write
+    """
+    for path in crfs:
+        _check_request(path, size)
+    with ExitStack() as files:
+        targets = {path: files.enter_context(whole_file(path)) for path in crfs}
+        with ExitStack() as encoders:
+            pipes = [
+                encoders.enter_context(_encoding(path, targets[path], size, fps, crf)) for path, crf in crfs.items()
+            ]
+            n_frames = _feed(pipes, next(iter(crfs)), frames, size)
+        for path, target in targets.items():
+            facts = probe_video(target)
+            if facts.n_frames != n_frames:
+                raise VideoError(f"{path}: {n_frames} frames went in, {facts.n_frames} came out")
     return facts
+
+
+def write_checked_video(
+    path: Path, frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float, master: Path | None = None
+) -> tuple[VideoFacts, VideoCheck]:
+    """Encode frames for participants, and a master of them, and compare every encoded frame with its original.
+
+    The frames are asked for once: their luma is kept in a temporary file beside the video until it is compared.
+
+    Parameters
+    ----------
+    path, frames, size, fps : as for `write_video`
+    master : where to write the near-lossless master; none if not given
+
+    Raises
+    ------
+    VideoError
+        As `write_video`. A video that is whole but below the bar is the caller's to judge: see `VideoCheck.faults`.
+    """
+    crfs = {path: DELIVERED_CRF} | ({master: MASTER_CRF} if master else {})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=path.parent) as kept:
+        facts = write_videos(crfs, _keeping_luma(frames, kept), size=size, fps=fps)
+        kept.seek(0)
+        return facts, _compared(path, _kept_luma(kept, size))
 
 
 def probe_video(path: Path) -> VideoFacts:
@@ -178,49 +176,36 @@ def check_video(path: Path, frames: Iterable[NDArray[np.uint8]]) -> VideoCheck:
     VideoError
         If the video cannot be decoded or does not have exactly these frames.
     """
+    return _compared(path, map(luma_of, frames))
+
+
+def _compared(path: Path, originals: Iterable[NDArray[np.uint8]]) -> VideoCheck:
     psnr, ssim = [], []
-    for number, (frame, stored) in enumerate(zip_longest(frames, read_luma(path))):
-        if frame is None or stored is None or frame.shape[:2] != stored.shape:
-            found = "no frame" if stored is None else f"a frame of {stored.shape}"
-            wanted = "none" if frame is None else f"one of {frame.shape[:2]}"
+    for number, (luma, stored) in enumerate(zip_longest(originals, read_luma(path))):
+        if luma is None or stored is None or luma.shape != stored.shape:
+            found, wanted = ("no frame" if image is None else f"a frame of {image.shape}" for image in (stored, luma))
             raise VideoError(f"{path}: has {found} at number {number}, expected {wanted}")
-        luma = luma_of(frame)
         psnr.append(psnr_of(luma, stored))
         ssim.append(ssim_of(luma, stored))
     return VideoCheck(tuple(psnr), tuple(ssim))
 
 
-def luma_of(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """BT.709 luma, uint8 (H, W), 16 to 235, of an RGB frame (H, W, 3)."""
-    weights = np.array([[0.2126, 0.7152, 0.0722]], dtype=np.float32) * np.float32(219 / 255)
-    return np.asarray(np.rint(cv2.transform(frame.astype(np.float32), weights) + 16), np.uint8)
+def _keeping_luma(frames: Iterable[NDArray[np.uint8]], file: IO[bytes]) -> Iterator[NDArray[np.uint8]]:
+    for frame in frames:
+        file.write(luma_of(frame).data)
+        yield frame
 
 
-def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Peak signal-to-noise ratio of two images, dB; `LOSSLESS_DB` where they are equal."""
-    squared = float(np.square(np.subtract(image, other, dtype=np.float32)).mean(dtype=np.float64))
-    return 10 * math.log10(255**2 / squared) if squared else LOSSLESS_DB
+def _kept_luma(file: IO[bytes], size: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+    while luma := file.read(size[0] * size[1]):
+        yield np.frombuffer(luma, dtype=np.uint8).reshape(size[1], size[0])
 
 
-def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
-
-    Source
-    ------
-    Wang, Bovik, Sheikh, Simoncelli 2004, equation 13
-    """
-    a, b = image.astype(np.float32), other.astype(np.float32)
-    mean_a, mean_b = _windowed(a), _windowed(b)
-    variances = _windowed(a * a) + _windowed(b * b) - mean_a**2 - mean_b**2
-    covariance = _windowed(a * b) - mean_a * mean_b
-    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
-    similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
-    similarity /= (mean_a**2 + mean_b**2 + c1) * (variances + c2)
-    return float(similarity[5:-5, 5:-5].mean(dtype=np.float64))
-
-
-def _windowed(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), np.float32)
+def _check_request(path: Path, size: tuple[int, int]) -> None:
+    if size[0] % 2 or size[1] % 2 or min(size) < 2:
+        raise VideoError(f"{path}: a video of {size[0]}x{size[1]} pixels was asked for; width and height must be even")
+    if path.suffix.lower() != ".mp4":
+        raise VideoError(f"{path}: the name of a video must end in .mp4")
 
 
 def _encoder(path: Path, size: tuple[int, int], fps: float, crf: int) -> list[str]:
@@ -235,22 +220,36 @@ def _encoder(path: Path, size: tuple[int, int], fps: float, crf: int) -> list[st
     ]
 
 
-def _feed(
-    process: subprocess.Popen[bytes], path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int]
-) -> int:
-    """Write frames to the encoder; how many there were."""
-    assert process.stdin is not None  # it was opened as a pipe
+@contextmanager
+def _encoding(path: Path, target: Path, size: tuple[int, int], fps: float, crf: int) -> Iterator[IO[bytes]]:
+    """A pipe into an encoder that writes `target`, whose final name is `path`."""
+    with tempfile.TemporaryFile() as complaints:
+        process = subprocess.Popen(
+            _encoder(target, size, fps, crf), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints
+        )
+        assert process.stdin is not None  # it was opened as a pipe
+        try:
+            with suppress(BrokenPipeError), process.stdin:  # ffmpeg has stopped; its exit code and words say why
+                yield process.stdin
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            code = process.wait()
+        if code != 0:
+            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints)}")
+
+
+def _feed(pipes: list[IO[bytes]], path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int]) -> int:
+    """Write frames to encoders; how many there were."""
     n_frames = 0
     shape = (size[1], size[0], 3)
-    with process.stdin as pipe:
-        for frame in frames:
-            if frame.shape != shape or frame.dtype != np.uint8:
-                raise VideoError(f"{path}: frame {n_frames} is {frame.dtype} {frame.shape}, expected uint8 {shape}")
-            try:
-                pipe.write(np.ascontiguousarray(frame).data)
-            except BrokenPipeError:
-                return n_frames  # ffmpeg has stopped; its exit code and words say why
-            n_frames += 1
+    for frame in frames:
+        if frame.shape != shape or frame.dtype != np.uint8:
+            raise VideoError(f"{path}: frame {n_frames} is {frame.dtype} {frame.shape}, expected uint8 {shape}")
+        for pipe in pipes:
+            pipe.write(np.ascontiguousarray(frame).data)
+        n_frames += 1
     if n_frames == 0:
         raise VideoError(f"{path}: there are no frames to write")
     return n_frames

@@ -17,7 +17,6 @@ from recon.render.frames import (
     RENDERERS,
     choose_renderer,
     describe_renderer,
-    model_frames,
     render_frames,
     software_frames,
 )
@@ -204,16 +203,6 @@ def test_meshes_may_come_in_turn_or_by_number() -> None:
     by_number = [frame.copy() for frame in render_frames(lambda k: models[k], path, scene, renderer="software")]
     assert np.array_equal(in_turn, by_number)
     assert not np.array_equal(in_turn[0], in_turn[2])
-
-
-def test_a_recording_is_shown_at_its_own_rate_and_again_from_its_start() -> None:
-    assert model_frames(10, 30, model_fps=25, fps=25) == tuple(range(10)) * 3
-    assert model_frames(3, 12, model_fps=12.5, fps=25) == (0, 0, 1, 1, 2, 2) * 2
-    assert model_frames(1, 4, model_fps=1, fps=25) == (0,) * 4
-    assert model_frames(60, 5, model_fps=50, fps=25) == (0, 2, 4, 6, 8)
-    assert model_frames(1000, 376, model_fps=30, fps=25)[375] == 450
-    with pytest.raises(ValueError, match="must be positive"):
-        model_frames(0, 5, model_fps=25, fps=25)
 
 
 def test_the_renderer_is_chosen_once_and_named() -> None:

@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
+from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 from recon.render.video import (
     MASTER_CRF,
-    VideoCheck,
     VideoError,
     check_video,
-    luma_of,
     probe_video,
-    psnr_of,
     read_luma,
     read_video,
-    ssim_of,
+    write_checked_video,
     write_video,
+    write_videos,
 )
 
 SIZE = (160, 96)
@@ -128,6 +127,24 @@ def test_a_damaged_frame_is_named_by_the_check(video: Path) -> None:
     assert any("frame 37" in fault for fault in check_video(video, frames).faults)
     assert VideoCheck((49.0, 47.5), (0.995, 0.995)).faults == ()
     assert len(VideoCheck((47.0, 43.0), (0.98, 0.98)).faults) == 3
+
+
+def test_a_video_and_its_master_are_written_and_checked_in_one_pass(video: Path, tmp_path: Path) -> None:
+    asked_for = iter(list(moving_frames(60)))
+    master = tmp_path / "master.mp4"
+    facts, check = write_checked_video(tmp_path / "one" / "clip.mp4", asked_for, size=SIZE, fps=25, master=master)
+    assert (tmp_path / "one" / "clip.mp4").read_bytes() == video.read_bytes()
+    assert facts == probe_video(video)
+    assert check == check_video(video, moving_frames(60))
+    assert min(check_video(master, moving_frames(60)).psnr_db) > 52
+    assert sorted(path.name for path in tmp_path.rglob("*.*")) == ["clip.mp4", "master.mp4"]
+
+
+def test_when_one_of_several_videos_fails_none_is_left(tmp_path: Path) -> None:
+    crfs = {tmp_path / "good.mp4": 18, tmp_path / "bad.mp4": -500}
+    with pytest.raises(VideoError, match=r"bad.mp4: could not be encoded"):
+        write_videos(crfs, moving_frames(300), size=SIZE, fps=25)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("n", [59, 61])

@@ -1,0 +1,76 @@
+"""How near an encoded picture is to the one it was made from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# What a delivered video must keep of its frames, in luma: below, encoding could be taken for a fault of the model.
+MEAN_PSNR_DB, FRAME_PSNR_DB, MEAN_SSIM = 48.0, 44.0, 0.99
+LOSSLESS_DB = 100.0
+
+
+@dataclass(frozen=True)
+class VideoCheck:
+    """How near each frame of a video is to the frame it was made from, in luma.
+
+    Parameters
+    ----------
+    psnr_db : one a frame
+    ssim : one a frame
+    """
+
+    psnr_db: tuple[float, ...]
+    ssim: tuple[float, ...]
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is below the bar for a delivered video; empty for a good one."""
+        worst = min(range(len(self.psnr_db)), key=self.psnr_db.__getitem__)
+        mean, ssim = fmean(self.psnr_db), fmean(self.ssim)
+        found = []
+        if mean < MEAN_PSNR_DB:
+            found.append(f"mean PSNR-Y is {mean:.2f} dB, expected {MEAN_PSNR_DB:g}")
+        if self.psnr_db[worst] < FRAME_PSNR_DB:
+            found.append(f"PSNR-Y of frame {worst} is {self.psnr_db[worst]:.2f} dB, expected {FRAME_PSNR_DB:g}")
+        if ssim < MEAN_SSIM:
+            found.append(f"mean SSIM-Y is {ssim:.4f}, expected {MEAN_SSIM:g}")
+        return tuple(found)
+
+
+def luma_of(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """BT.709 luma, uint8 (H, W), 16 to 235, of an RGB frame (H, W, 3)."""
+    weights = np.array([[0.2126, 0.7152, 0.0722]], dtype=np.float32) * np.float32(219 / 255)
+    return np.asarray(np.rint(cv2.transform(frame.astype(np.float32), weights) + 16), np.uint8)
+
+
+def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio of two images, dB; `LOSSLESS_DB` where they are equal."""
+    squared = float(np.square(np.subtract(image, other, dtype=np.float32)).mean(dtype=np.float64))
+    return 10 * math.log10(255**2 / squared) if squared else LOSSLESS_DB
+
+
+def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
+    """Structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
+
+    Source
+    ------
+    Wang, Bovik, Sheikh, Simoncelli 2004, equation 13
+    """
+    a, b = image.astype(np.float32), other.astype(np.float32)
+    mean_a, mean_b = _windowed(a), _windowed(b)
+    variances = _windowed(a * a) + _windowed(b * b) - mean_a**2 - mean_b**2
+    covariance = _windowed(a * b) - mean_a * mean_b
+    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+    similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
+    similarity /= (mean_a**2 + mean_b**2 + c1) * (variances + c2)
+    return float(similarity[5:-5, 5:-5].mean(dtype=np.float64))
+
+
+def _windowed(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), np.float32)
