@@ -83,11 +83,15 @@ def choose_renderer(wanted: str = "auto") -> str:
     ------
     ValueError
         If there is no such renderer.
+    NoRendererError
+        If pyrender was asked for and cannot draw here.
     """
     if wanted == "auto":
         return "pyrender" if _has_gpu() else "software"
     if wanted not in RENDERERS:
         raise ValueError(f"there is no renderer {wanted!r}; expected auto or one of {', '.join(RENDERERS)}")
+    if wanted == "pyrender":
+        working_platform()
     return wanted
 
 
