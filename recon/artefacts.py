@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,13 +51,19 @@ class Artefacts:
 
         Returns whether it had to be made.
         """
-        path, note = self.folder / name, self._note(name)
+        return self.make_together([name], key, lambda paths: write(paths[0]))
+
+    def make_together(self, names: Sequence[str], key: Mapping[str, Any], write: Callable[[list[Path]], None]) -> bool:
+        """As `make`, for artefacts that one pass writes: unless all are there, all are made."""
         wanted = key_of(key)
-        if self._finished(path, note, wanted):
+        if all(self._is_finished(name, wanted) for name in names):
             return False
-        note.unlink(missing_ok=True)
-        write(path)
-        write_json(note, {"key": wanted, "sha256": file_digest(path)})
+        for name in names:
+            self._note(name).unlink(missing_ok=True)
+        paths = [self.folder / name for name in names]
+        write(paths)
+        for name, path in zip(names, paths, strict=True):
+            write_json(self._note(name), {"key": wanted, "sha256": file_digest(path)})
         return True
 
     def digest(self, name: str) -> str:
@@ -71,8 +77,8 @@ class Artefacts:
     def _note(self, name: str) -> Path:
         return self.folder / ".finished" / f"{name}.json"
 
-    @staticmethod
-    def _finished(path: Path, note: Path, wanted: str) -> bool:
+    def _is_finished(self, name: str, wanted: str) -> bool:
+        path, note = self.folder / name, self._note(name)
         if not (path.is_file() and note.is_file()):
             return False
         written = read_json(note)

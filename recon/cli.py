@@ -172,6 +172,7 @@ def render(
     as_json: JsonOption = False,
 ) -> None:
     """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
+    from recon.files import read_json
     from recon.pipeline import RenderOptions
     from recon.pipeline import render as render_runs
 
@@ -188,7 +189,10 @@ def render(
     progress = ProgressLine()
     manifest = render_runs(runs, out, options, progress)
     progress.close()
-    print_result({"manifest": str(manifest)}, f"Rendered the stimulus set: {manifest}", as_json=as_json)
+    stimuli = read_json(manifest)["stimuli"]
+    faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
+    sentences = [f"Rendered {len(stimuli)} videos: {manifest}", *(f"below the bar for encoding: {f}" for f in faults)]
+    print_result({"manifest": str(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)
 
 
 def parse_size(text: str) -> tuple[int, int]:

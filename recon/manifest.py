@@ -16,7 +16,11 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Stimulus:
-    """One video of one scene made by one approach; paths relative to the manifest."""
+    """One video of one scene made by one approach; paths relative to the manifest.
+
+    `model_frames` is how many models it shows and `loop` how they fill its length; `quality` is how near the encoded
+    frames are to the rendered ones.
+    """
 
     dataset: str
     approach: str
@@ -31,6 +35,7 @@ class Stimulus:
     renderer: str
     model_frames: int
     loop: str
+    quality: dict[str, Any]
 
 
 def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:

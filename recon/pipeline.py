@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,15 @@ from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.execute import Progress, run_tasks, silent
+from recon.files import read_json, write_json
 from recon.fusion import FUSIONS
 from recon.manifest import Stimulus, write_manifest
 from recon.mesh import Mesh, read_cloud, read_mesh, write_cloud, write_mesh
 from recon.render.camera_path import camera_path
 from recon.render.frames import choose_renderer, describe_renderer, render_frames
+from recon.render.quality import VideoCheck
 from recon.render.scene import scene_around
-from recon.render.video import DELIVERED_CRF, MASTER_CRF, probe_video, write_video
+from recon.render.video import probe_video, write_checked_video
 from recon.rig import Camera
 from recon.run import Run, cloud_name, depth_name, log, mesh_name, read_run, versions, write_run
 from recon.surface import SurfaceParameters
@@ -280,22 +283,48 @@ def make_video(run: Run, out: Path, approach: str, options: RenderOptions) -> St
         models = (_mesh_once(run.folder / meshes[index]) for index in shown)
         return render_frames(models, cameras, scene, renderer=options.renderer, threads=threads)
 
-    video = f"{run.dataset}/{approach}.mp4"
-    master = f"{run.dataset}/{approach}.master.mp4" if options.master else None
+    stem = f"{run.dataset}/{approach}"
+    video, quality, master = f"{stem}.mp4", f"{stem}.quality.json", f"{stem}.master.mp4"
     key = {
         "meshes": Artefacts(run.folder).digests(meshes),
         "rig": [_camera_key(camera) for camera in cameras],
         "options": {name: value for name, value in asdict(options).items() if name != "workers"},
         "code": code_version("render", "pipeline.py"),
     }
-    for name, crf in ((video, DELIVERED_CRF), (master, MASTER_CRF)):
-        if name is not None:
-            Artefacts(out).make(name, key | {"crf": crf}, partial(_encode, frames, options, crf))
+
+    def write(paths: list[Path]) -> None:
+        masters = paths[2] if options.master else None
+        _, check = write_checked_video(paths[0], frames(), size=options.size, fps=options.fps, master=masters)
+        write_json(paths[1], _quality(check))
+
+    Artefacts(out).make_together([video, quality, *([master] if options.master else [])], key, write)
     facts = probe_video(out / video)
     return Stimulus(
-        run.dataset, approach, parse_approach(approach).levels, video, master, facts.width, facts.height, facts.fps,
-        facts.n_frames, facts.codec, describe_renderer(options.renderer), len(meshes), loop,
-    )  # fmt: skip
+        dataset=run.dataset,
+        approach=approach,
+        levels=parse_approach(approach).levels,
+        video=video,
+        master=master if options.master else None,
+        width=facts.width,
+        height=facts.height,
+        fps=facts.fps,
+        n_frames=facts.n_frames,
+        codec=facts.codec,
+        renderer=describe_renderer(options.renderer),
+        model_frames=len(meshes),
+        loop=loop,
+        quality=read_json(out / quality),
+    )
+
+
+def _quality(check: VideoCheck) -> dict[str, Any]:
+    """How near the encoded frames are to the rendered ones, in luma, for the manifest."""
+    return {
+        "psnr_y_mean_db": round(fmean(check.psnr_db), 2),
+        "psnr_y_worst_db": round(min(check.psnr_db), 2),
+        "ssim_y_mean": round(fmean(check.ssim), 5),
+        "faults": list(check.faults),
+    }
 
 
 def _matcher(method: str) -> Callable[[StereoPair], NDArray[np.float32]]:
@@ -330,10 +359,6 @@ def _stereo_pair(capture: Capture, rectification: Rectification, sensor_id: str,
 def _mesh_once(path: Path) -> Mesh:
     """A mesh that is shown for several frames in a row is read once, and the renderer sees the same object."""
     return read_mesh(path)
-
-
-def _encode(frames: Callable[[], Iterator[NDArray[np.uint8]]], options: RenderOptions, crf: int, path: Path) -> None:
-    write_video(path, frames(), size=options.size, fps=options.fps, crf=crf)
 
 
 def _camera_key(camera: Camera) -> list[Any]:

@@ -84,6 +84,7 @@ def stimuli(tmp_path: Path) -> Path:
                 "software",
                 1,
                 "static",
+                {},
             )
         )
     write_manifest(folder, "tiny", made, {})

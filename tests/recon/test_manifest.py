@@ -17,7 +17,7 @@ def stimulus(folder: Path, approach: str) -> Stimulus:
     depth, fusion = approach.split("_")
     levels = {"depth": depth, "fusion": fusion}
     return Stimulus(
-        "ball", approach, levels, f"{approach}.mp4", None, 64, 48, 25.0, 10, "h264", "software", 3, "bounce"
+        "ball", approach, levels, f"{approach}.mp4", None, 64, 48, 25.0, 10, "h264", "software", 3, "bounce", {}
     )
 
 
