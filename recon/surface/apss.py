@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from recon.surface.band import Band, Cells, neighbours_of
 
+SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
+
 
 def signed_field(
     cells: Cells, band: Band, *, overhang: float, agreement: float, min_weight: float
@@ -29,8 +31,8 @@ def signed_field(
 
     Returns
     -------
-    field (B, 8, 8, 8), voxels, negative inside, NaN where points do not support it; gradient (B, 8, 8, 8, 3), unit;
-    colour (B, 8, 8, 8, 3), 0 to 255; all float32
+    field (B, 8, 8, 8), voxels, negative inside, NaN where points do not support it; gradient (B, 3, 8, 8, 8), unit;
+    colour (B, 3, 8, 8, 8), 0 to 255; all float32, the latter two without meaning where the field is NaN
     """
     field, gradient, colour = fit_spheres(
         cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_weight
@@ -39,75 +41,121 @@ def signed_field(
 
 
 @njit(cache=True)
-def spread_cell(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
-    """Add a cell's weighted moments about each sample it reaches to `sums` (14, 8, 8, 8).
+def moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
+    """The sums (14,) of a cell with weight 1 whose mean point lies at `x, y, z`, in the order of `spread_cell`."""
+    weight, nx, ny, nz = moment[3], moment[4], moment[5], moment[6]
+    sums[0] = weight
+    sums[1], sums[2], sums[3] = weight * x, weight * y, weight * z
+    sums[4], sums[5], sums[6] = weight * nx, weight * ny, weight * nz
+    sums[7] = weight * (x * nx + y * ny + z * nz + moment[7])
+    sums[8] = weight * (x * x + y * y + z * z + moment[8])
+    sums[9] = weight * moment[12]
+    sums[10] = weight
+    sums[11], sums[12], sums[13] = weight * moment[9], weight * moment[10], weight * moment[11]
+
+
+@njit(cache=True)
+def spread_cell(
+    cell: NDArray[np.float32], x: float, y: float, z: float, radius: float, sums: NDArray[np.float32]
+) -> None:
+    """Add a cell's weighted sums (14,) to those of each sample it reaches, flat from (8, 8, 14, 8): x, y, sum, z.
 
     `x, y, z` is the cell's mean point from the corner of the block of samples. The weight is (1 - r^2 / h^2)^4
     (Guennebaud and Gross 2007, equation 1); colours take its fourth power, half as wide, because a picture bears less
     smoothing than a shape.
+
+    The sums are written out and indexed without a sign because only then are eight samples added at once: four
+    times faster, measured in bench/surface.py.
     """
-    weight, nx, ny, nz = moment[3], moment[4], moment[5], moment[6]
-    along, spread = moment[7], moment[8]
-    red, green, blue = moment[9], moment[10], moment[11]
-    radius = moment[12]
+    c0, c1, c2, c3, c4, c5, c6 = cell[0], cell[1], cell[2], cell[3], cell[4], cell[5], cell[6]
+    c7, c8, c9, c10, c11, c12, c13 = cell[7], cell[8], cell[9], cell[10], cell[11], cell[12], cell[13]
     one, zero = np.float32(1), np.float32(0)
     inverse = one / (radius * radius)
     for i in range(max(int(np.ceil(x - radius)), 0), min(int(np.floor(x + radius)) + 1, 8)):
-        dx = np.float32(x - i)
+        dx = np.float32(x - np.float32(i))
         for j in range(max(int(np.ceil(y - radius)), 0), min(int(np.floor(y + radius)) + 1, 8)):
-            dy = np.float32(y - j)
-            square = dx * dx + dy * dy
-            if square * inverse >= one:
+            dy = np.float32(y - np.float32(j))
+            left = one - (dx * dx + dy * dy) * inverse
+            if left <= zero:
                 continue
-            for k in range(8):
-                dz = np.float32(z - k)
-                r2 = square + dz * dz
-                t = max(one - r2 * inverse, zero)
+            line = np.uint64((i * 8 + j) * 112)
+            for k in range(np.uint64(8)):
+                dz = np.float32(z - np.float32(k))
+                t = max(left - dz * dz * inverse, zero)
                 t = t * t
                 t = t * t
-                w = weight * t
-                sums[0, i, j, k] += w
-                sums[1, i, j, k] += w * dx
-                sums[2, i, j, k] += w * dy
-                sums[3, i, j, k] += w * dz
-                sums[4, i, j, k] += w * nx
-                sums[5, i, j, k] += w * ny
-                sums[6, i, j, k] += w * nz
-                sums[7, i, j, k] += w * (dx * nx + dy * ny + dz * nz + along)
-                sums[8, i, j, k] += w * (r2 + spread)
-                sums[9, i, j, k] += w * radius
+                at = line + k
+                sums[at] += t * c0
+                sums[at + np.uint64(8)] += t * c1
+                sums[at + np.uint64(16)] += t * c2
+                sums[at + np.uint64(24)] += t * c3
+                sums[at + np.uint64(32)] += t * c4
+                sums[at + np.uint64(40)] += t * c5
+                sums[at + np.uint64(48)] += t * c6
+                sums[at + np.uint64(56)] += t * c7
+                sums[at + np.uint64(64)] += t * c8
+                sums[at + np.uint64(72)] += t * c9
                 t = t * t
-                w = weight * t * t
-                sums[10, i, j, k] += w
-                sums[11, i, j, k] += w * red
-                sums[12, i, j, k] += w * green
-                sums[13, i, j, k] += w * blue
+                t = t * t
+                sums[at + np.uint64(80)] += t * c10
+                sums[at + np.uint64(88)] += t * c11
+                sums[at + np.uint64(96)] += t * c12
+                sums[at + np.uint64(104)] += t * c13
 
 
-@njit(cache=True)
-def sphere_distance(sums: NDArray[np.float32], i: int, j: int, k: int) -> tuple[float, float, float, float, float]:
-    """Signed distance of a sample to its algebraic sphere, its gradient there, and the mean normal's length.
+@njit(cache=True, error_model="numpy")
+def solve_line(
+    s: NDArray[np.float32],
+    x: float,
+    y: float,
+    overhang: float,
+    agreement: float,
+    min_weight: float,
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+) -> None:
+    """Fit the spheres of eight samples at `x, y, 0 .. 7` to their sums `s` (14, 8).
 
-    With the sample as origin the sphere is u0 + u . p + u4 |p|^2 = 0.
+    Writes the signed distances `field` (8,), `gradient` (3, 8) and `colour` (3, 8). With the sample as origin the
+    sphere is u0 + u . p + u4 |p|^2 = 0, and 2 u0 / (|u| + sqrt(|u|^2 - 4 u0 u4)) its signed distance without
+    cancellation, for a plane too. Without branches, so that all eight are solved at once.
     """
-    inverse = 1 / sums[0, i, j, k]
-    px, py, pz = sums[1, i, j, k] * inverse, sums[2, i, j, k] * inverse, sums[3, i, j, k] * inverse
-    nx, ny, nz = sums[4, i, j, k] * inverse, sums[5, i, j, k] * inverse, sums[6, i, j, k] * inverse
-    along, square = sums[7, i, j, k] * inverse, sums[8, i, j, k] * inverse
-    spread = square - (px * px + py * py + pz * pz)
-    u4 = 0.0
-    if spread > 1e-3:  # voxels squared; points in one place have no curvature
-        u4 = 0.5 * (along - (px * nx + py * ny + pz * nz)) / spread
-    ux, uy, uz = nx - 2 * u4 * px, ny - 2 * u4 * py, nz - 2 * u4 * pz
-    u0 = -(ux * px + uy * py + uz * pz) - u4 * square
-    length2 = ux * ux + uy * uy + uz * uz
-    length = np.sqrt(length2)
-    agreement = np.sqrt(nx * nx + ny * ny + nz * nz)
-    if length < 1e-6:  # the sample is the sphere's centre
-        return np.nan, 0.0, 0.0, 0.0, agreement
-    # 2 u0 / (|u| + sqrt(|u|^2 - 4 u0 u4)) is the distance to the sphere without cancellation, also for a plane.
-    distance = 2 * u0 / (length + np.sqrt(max(length2 - 4 * u0 * u4, 0.0)))
-    return distance, ux / length, uy / length, uz / length, agreement
+    zero, half, two, four = np.float32(0), np.float32(0.5), np.float32(2), np.float32(4)
+    smallest_spread, nan = np.float32(SMALLEST_SPREAD), np.float32(np.nan)
+    for k in range(8):
+        z = np.float32(k)
+        total = s[0, k]
+        inverse = np.float32(1) / total
+        px, py, pz = s[1, k] * inverse - x, s[2, k] * inverse - y, s[3, k] * inverse - z
+        nx, ny, nz = s[4, k] * inverse, s[5, k] * inverse, s[6, k] * inverse
+        # About the samples instead of the block's corner, and less the product of the means.
+        mean2 = px * px + py * py + pz * pz
+        qx, qy, qz = px + x, py + y, pz + z
+        spread = s[8, k] * inverse - (qx * qx + qy * qy + qz * qz)
+        along = s[7, k] * inverse - (qx * nx + qy * ny + qz * nz)
+        u4 = half * along / spread if spread > smallest_spread else zero
+        ux, uy, uz = nx - two * u4 * px, ny - two * u4 * py, nz - two * u4 * pz
+        u0 = -(ux * px + uy * py + uz * pz) - u4 * (spread + mean2)
+        length2 = ux * ux + uy * uy + uz * uz
+        length = np.sqrt(length2)
+        distance = two * u0 / (length + np.sqrt(max(length2 - four * u0 * u4, zero)))
+        gx, gy, gz = ux / length, uy / length, uz / length
+        across = px * gx + py * gy + pz * gz
+        reach = overhang * s[9, k] * inverse
+        supported = (
+            (total >= min_weight)
+            & (nx * nx + ny * ny + nz * nz >= agreement * agreement)
+            & (mean2 - across * across <= reach * reach)
+        )
+        field[k] = distance if supported else nan
+        gradient[0, k] = gx
+        gradient[1, k] = gy
+        gradient[2, k] = gz
+        inverse = np.float32(1) / s[10, k]
+        colour[0, k] = s[11, k] * inverse
+        colour[1, k] = s[12, k] * inverse
+        colour[2, k] = s[13, k] * inverse
 
 
 @njit(parallel=True, cache=True)
@@ -124,38 +172,35 @@ def fit_spheres(
     A block is one thread's work and takes its cells in a fixed order: the result does not depend on the threads.
     """
     n_blocks = len(neighbours)
-    field = np.full((n_blocks, 8, 8, 8), np.float32(np.nan))
-    gradient = np.zeros((n_blocks, 8, 8, 8, 3), np.float32)
-    colour = np.zeros((n_blocks, 8, 8, 8, 3), np.float32)
+    field = np.empty((n_blocks, 8, 8, 8), np.float32)
+    gradient = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
+    colour = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
+    limits = np.float32(overhang), np.float32(agreement), np.float32(min_weight)
     for block in prange(n_blocks):
-        sums = np.zeros((14, 8, 8, 8), np.float32)
+        flat = np.zeros(14 * 512, np.float32)
+        cell_sums = np.empty(14, np.float32)
         for side in range(27):
             other = neighbours[block, side]
             if other < 0:
                 continue
-            di, dj, dk = 8.0 * (side // 9 - 1), 8.0 * (side // 3 % 3 - 1), 8.0 * (side % 3 - 1)
+            di, dj, dk = side // 9 - 1, side // 3 % 3 - 1, side % 3 - 1
             for cell in range(starts[other], starts[other + 1]):
                 moment = moments[cell]
-                x, y, z = moment[0] + di, moment[1] + dj, moment[2] + dk
-                if z > -moment[12] and z < 7 + moment[12]:
-                    spread_cell(moment, x, y, z, sums)
+                radius = moment[12]
+                x, y, z = (
+                    np.float32(moment[0] + np.float32(8 * di)),
+                    np.float32(moment[1] + np.float32(8 * dj)),
+                    np.float32(moment[2] + np.float32(8 * dk)),
+                )
+                outermost = np.float32(7) + radius
+                if min(x, y, z) > -radius and max(x, y, z) < outermost:
+                    moments_about(moment, x, y, z, cell_sums)
+                    spread_cell(cell_sums, x, y, z, radius, flat)
+        sums = flat.reshape((8, 8, 14, 8))
         for i in range(8):
             for j in range(8):
-                for k in range(8):
-                    total = sums[0, i, j, k]
-                    if total < min_weight:
-                        continue
-                    distance, nx, ny, nz, mean = sphere_distance(sums, i, j, k)
-                    if np.isnan(distance) or mean < agreement:
-                        continue
-                    px, py, pz = sums[1, i, j, k] / total, sums[2, i, j, k] / total, sums[3, i, j, k] / total
-                    beside = px * px + py * py + pz * pz - (px * nx + py * ny + pz * nz) ** 2
-                    if beside > (overhang * sums[9, i, j, k] / total) ** 2:
-                        continue
-                    field[block, i, j, k] = distance
-                    gradient[block, i, j, k, 0] = nx
-                    gradient[block, i, j, k, 1] = ny
-                    gradient[block, i, j, k, 2] = nz
-                    for c in range(3):
-                        colour[block, i, j, k, c] = sums[11 + c, i, j, k] / sums[10, i, j, k]
+                solve_line(
+                    sums[i, j], np.float32(i), np.float32(j), *limits,
+                    field[block, i, j], gradient[block, :, i, j], colour[block, :, i, j],
+                )  # fmt: skip
     return field, gradient, colour

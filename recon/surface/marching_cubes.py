@@ -82,8 +82,8 @@ def march(
     Parameters
     ----------
     field : float32 (B, 8, 8, 8), voxels, negative inside, NaN where there is no value
-    gradient : float32 (B, 8, 8, 8, 3), unit vectors outwards
-    colour : float32 (B, 8, 8, 8, 3), 0 to 255
+    gradient : float32 (B, 3, 8, 8, 8), unit vectors outwards
+    colour : float32 (B, 3, 8, 8, 8), 0 to 255
     blocks : int64 (B, 3)
     neighbours : int32 (B, 27), as in `Band`
 
@@ -202,13 +202,13 @@ def place_vertices(
                         u, v, w = u & 7, v & 7, w & 7
                         length = 0.0
                         for c in range(3):
-                            mixed = (1 - t) * gradient[block, x, y, z, c] + t * gradient[other, u, v, w, c]
+                            mixed = (1 - t) * gradient[block, c, x, y, z] + t * gradient[other, c, u, v, w]
                             normals[number, c] = mixed
                             length += mixed * mixed
-                            shade = (1 - t) * colour[block, x, y, z, c] + t * colour[other, u, v, w, c]
+                            shade = (1 - t) * colour[block, c, x, y, z] + t * colour[other, c, u, v, w]
                             colours[number, c] = np.uint8(min(max(shade + 0.5, 0.0), 255.0))
                         for c in range(3):  # opposite gradients leave no direction between them
-                            normal = normals[number, c] / np.sqrt(length) if length > 0 else gradient[block, x, y, z, c]
+                            normal = normals[number, c] / np.sqrt(length) if length > 0 else gradient[block, c, x, y, z]
                             normals[number, c] = normal
                         vertices[number, 0] = 8 * blocks[block, 0] + x + (t if axis == 0 else 0.0)
                         vertices[number, 1] = 8 * blocks[block, 1] + y + (t if axis == 1 else 0.0)

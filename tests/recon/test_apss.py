@@ -239,8 +239,8 @@ def test_the_field_is_that_of_the_papers(seed: int) -> None:
         where = (8 * band.blocks[block] + (i, j, k)) * voxel
         distance, direction, shade = plain_field(cloud, where, voxel, radius)
         assert field[block, i, j, k] == pytest.approx(distance, abs=5e-3)  # sums in float32
-        assert np.allclose(gradient[block, i, j, k], direction, atol=5e-3)
-        assert np.allclose(colour[block, i, j, k], shade, atol=0.01)
+        assert np.allclose(gradient[block, :, i, j, k], direction, atol=5e-3)
+        assert np.allclose(colour[block, :, i, j, k], shade, atol=0.01)
 
 
 def test_moments_are_those_of_each_cells_points() -> None:

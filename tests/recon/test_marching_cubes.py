@@ -32,7 +32,10 @@ def marched(dense: np.ndarray, gradient: np.ndarray | None = None, colour: np.nd
     keys = ((blocks - lowest) @ [2**36, 2**18, 1]).astype(np.int64)
     order = np.argsort(keys)
     return march(
-        field[order], directions[order], shades[order], blocks[order], neighbours_in(blocks[order], keys[order], lowest)
+        field[order],
+        *(np.ascontiguousarray(np.moveaxis(part[order], -1, 1)) for part in (directions, shades)),
+        blocks[order],
+        neighbours_in(blocks[order], keys[order], lowest),
     )
 
 
