@@ -69,8 +69,8 @@ class Band:
 
 def extent_in_blocks(cloud: Cloud, voxel: float) -> int:
     """Blocks along the longest side of the cloud's bounding box."""
-    size = float((cloud.points.max(axis=0) - cloud.points.min(axis=0)).max())
-    return int(size / (voxel * BLOCK)) + 1
+    lowest, highest = bounding_box(cloud.points)
+    return int((highest - lowest).max() / (voxel * BLOCK)) + 1
 
 
 def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
@@ -83,7 +83,7 @@ def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     """
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
-    lowest = np.floor(cloud.points.min(axis=0).astype(np.float64) / voxel).astype(np.int64) // BLOCK - 1
+    lowest = np.floor(bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
     found, keys = number_blocks(cloud.points, voxel, lowest)
     rank = np.empty(len(keys), np.int64)
     rank[np.argsort(keys)] = np.arange(len(keys))
@@ -154,6 +154,18 @@ def _weights(cloud: Cloud) -> NDArray[np.float64]:
         return np.ones(len(cloud))
     relative = (float(np.median(cloud.sigma)) / cloud.sigma.astype(np.float64)) ** 2
     return np.asarray(np.clip(relative, *WEIGHT_RANGE))
+
+
+@njit(cache=True)
+def bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Lowest and highest corner (2, 3); numpy takes ten times as long along the short axis."""
+    box = np.empty((2, 3))
+    box[0], box[1] = np.inf, -np.inf
+    for index in range(len(points)):
+        for axis in range(3):
+            box[0, axis] = min(box[0, axis], points[index, axis])
+            box[1, axis] = max(box[1, axis], points[index, axis])
+    return box
 
 
 @njit(cache=True)
