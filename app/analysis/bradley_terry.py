@@ -248,7 +248,7 @@ def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
 
 def _is_identified(design: Design) -> bool:
     contrasts = design.effects[:, : design.n_effects].toarray()
-    return bool(np.linalg.matrix_rank(contrasts) == design.n_effects)
+    return not contrasts.size or bool(np.linalg.matrix_rank(contrasts) == design.n_effects)
 
 
 def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
@@ -259,6 +259,8 @@ def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
 def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
     counts, design = fit.counts, fit.design
     table = counts.wins, counts.losses, counts.ties
+    if not design.n_parameters:
+        return _described(fit, np.zeros(0), 0)
     if len(fit.items) > MANY_ITEMS and design.levels is None and not design.has_order:
         found = maximise_many_items(design, *table)
     else:
@@ -285,7 +287,7 @@ def _penalised(fit: Fit) -> Fit:
 def _described(fit: Fit, theta: Array, iterations: int) -> Fit:
     """Add the parameters, with scores that sum to zero exactly."""
     n = fit.design.n_effects
-    shift = theta[:n].mean() if fit.design.levels is None else 0.0
+    shift = theta[:n].mean() if fit.design.levels is None else 0.0  # of effects that are no scores, nothing
     return replace(fit, theta=np.r_[theta[:n] - shift, theta[n:]], iterations=iterations)
 
 

@@ -6,12 +6,15 @@ pair and needs half to a third of the votes for the same precision; the interact
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
+from app.analysis.bradley_terry import Fit, fit_scores
 from app.analysis.votes import VotesError, VotesTable
 
 Array = NDArray[np.float64]
@@ -58,3 +61,172 @@ def votes_on_factor(votes: VotesTable, factors: Factors, factor: str) -> VotesTa
 def _codes(votes: VotesTable, factors: Factors, factor: str) -> NDArray[np.int32]:
     names = level_names(factors, factor, votes.items)
     return np.array([names.index(factors[factor][item]) for item in votes.items], np.int32)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one level of a factor adds to the score, in the additive model; the levels of a factor sum to zero."""
+
+    dataset: str
+    factor: str
+    level: str
+    effect: float
+    se: float
+    se_participant: float | None
+    n_participants: int | None
+
+
+@dataclass(frozen=True)
+class ModelTest:
+    """A likelihood-ratio test, and the same hypothesis by a Wald test with errors clustered by participant.
+
+    Parameters
+    ----------
+    name : str
+        `factor <name>`, `interaction`, `order effect` or `datasets differ`.
+    model : str
+        What the hypothesis is about: `items` (a score for each), `additive`, or a factor alone.
+    g2, p_value : float
+    df : int
+    p_participant : float or None
+        From F(df, J - df), Hotelling's; None without enough participants.
+    """
+
+    name: str
+    model: str
+    dataset: str
+    g2: float
+    df: int
+    p_value: float
+    p_participant: float | None
+
+
+def coding(factors: Factors, items: tuple[str, ...]) -> tuple[Array, list[tuple[str, tuple[str, ...]]]]:
+    """Return the effect coding of items by factors.
+
+    Returns
+    -------
+    levels : float64 (n, q)
+        +1 for the level of a column, -1 for the last level of its factor, 0 else.
+    columns : list of (factor, levels)
+        A factor with L levels has L - 1 columns; factors with a single level have none and are left out.
+    """
+    parts, columns = [], []
+    for factor in factors:
+        names = level_names(factors, factor, items)
+        if len(names) > 1:
+            of_level = np.array([[float(factors[factor][item] == name) for name in names] for item in items])
+            parts.append(of_level[:, :-1] - of_level[:, -1:])
+            columns.append((factor, names))
+    return np.concatenate(parts, axis=1) if parts else np.zeros((len(items), 0)), columns
+
+
+def fit_additive(votes: VotesTable, factors: Factors, *, ties: str, order_effect: bool) -> Fit | None:
+    """Fit the sum of the factors' effects as the items' scores; None if the factors do not tell the items apart at
+    all.
+    """
+    levels, columns = coding(factors, votes.items)
+    return fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels) if columns else None
+
+
+def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
+    """Return the effect of every level with its errors."""
+    if fit.theta is None or fit.covariance is None:
+        return []
+    found, column = [], 0
+    for factor, names in coding(factors, fit.items)[1]:
+        size = len(names) - 1
+        to_levels = np.zeros((len(names), len(fit.theta)))
+        to_levels[:size, column : column + size] = np.eye(size)
+        to_levels[size, column : column + size] = -1
+        values = to_levels @ fit.theta
+        se = np.sqrt(np.diag(to_levels @ fit.covariance @ to_levels.T))
+        clustered: list[float | None] = [None] * len(names)
+        if fit.participant_covariance is not None:
+            clustered = np.sqrt(np.diag(to_levels @ fit.participant_covariance @ to_levels.T)).tolist()
+        numbers = zip(names, values.tolist(), se.tolist(), clustered, strict=True)
+        found += [Effect(dataset, factor, *row, n_participants=fit.n_participants) for row in numbers]
+        column += size
+    return found
+
+
+def model_tests(votes: VotesTable, factors: Factors, dataset: str, *, ties: str, order_effect: bool) -> list[ModelTest]:
+    """Test each factor within the additive model, and the interaction: whether the additive model explains the items'
+    scores.
+    """
+    full = fit_additive(votes, factors, ties=ties, order_effect=order_effect)
+    if full is None or full.status != "ok":
+        return []
+    found, column = [], 0
+    for factor, names in coding(factors, votes.items)[1]:
+        size = len(names) - 1
+        others = {name: levels for name, levels in factors.items() if name != factor}
+        levels = coding(others, votes.items)[0]
+        restricted = fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels)
+        picked = np.eye(len(full.theta if full.theta is not None else ()))[column : column + size]
+        found.append(likelihood_ratio(f"factor {factor}", "additive", dataset, full, restricted, picked))
+        column += size
+    items = fit_scores(votes, ties=ties, order_effect=order_effect)
+    if items.status == "ok" and items.design.n_free > full.design.n_free:
+        found.append(likelihood_ratio("interaction", "items", dataset, items, full, _beyond(items, full)))
+    return [test for test in found if test is not None]
+
+
+def _beyond(items: Fit, additive: Fit) -> Array:
+    """Return directions of the items' scores (r, P) that no sum of the factors' effects reaches."""
+    assert additive.design.levels is not None
+    n = len(items.items)
+    reached = np.c_[additive.design.levels, np.ones(n)]
+    rank = np.linalg.matrix_rank(reached)
+    left = np.linalg.svd(reached)[0][:, rank:]
+    return np.concatenate([left.T, np.zeros((left.shape[1], items.design.n_parameters - n))], axis=1)
+
+
+def likelihood_ratio(
+    name: str, model: str, dataset: str, full: Fit, restricted: Fit, directions: Array
+) -> ModelTest | None:
+    """Compare two nested fits; `directions` (r, P) of the full fit's parameters are zero in the restricted one."""
+    if full.loglik is None or restricted.loglik is None or restricted.status != "ok" or full.theta is None:
+        return None
+    g2 = max(2 * (full.loglik - restricted.loglik), 0.0)
+    df = full.design.n_free - restricted.design.n_free
+    p_participant = wald_p_value(directions @ full.theta, directions, full.participant_covariance, full.n_participants)
+    return ModelTest(name, model, dataset, g2, df, float(chi2.sf(g2, df)), p_participant)
+
+
+def wald_p_value(
+    values: Array, directions: Array, covariance: Array | None, n_participants: int | None
+) -> float | None:
+    """Return the p-value of all `values` (r,) being zero, by Hotelling's T2 with participants as the sample.
+
+    Returns
+    -------
+    float or None
+        None without participants, or with no more of them than directions.
+    """
+    r = len(values)
+    if covariance is None or n_participants is None or n_participants <= r:
+        return None
+    t2 = float(values @ np.linalg.solve(directions @ covariance @ directions.T, values))
+    return float(f_distribution.sf(t2 * (n_participants - r) / (r * (n_participants - 1)), r, n_participants - r))
+
+
+def datasets_differ(model: str, pooled: Fit, separate: Sequence[Fit]) -> ModelTest | None:
+    """Test whether the datasets share one set of parameters; None unless every fit has a maximum on the same items.
+
+    Without a version by participants: the same people judged all datasets, and the pooled model has no term for that.
+    """
+    fits = [pooled, *separate]
+    if len(separate) < 2 or any(fit.status != "ok" or fit.design.n_free != pooled.design.n_free for fit in fits):
+        return None
+    g2 = max(2 * (sum(fit.loglik or 0.0 for fit in separate) - (pooled.loglik or 0.0)), 0.0)
+    df = pooled.design.n_free * (len(separate) - 1)
+    return ModelTest("datasets differ", model, "all", g2, df, float(chi2.sf(g2, df)), None)
+
+
+def order_test(fit: Fit, without: Fit, model: str, dataset: str) -> ModelTest | None:
+    """Test whether being shown first matters."""
+    if fit.status != "ok":
+        return None
+    picked = np.eye(fit.design.n_parameters)[fit.design.n_effects : fit.design.n_effects + 1]
+    return likelihood_ratio("order effect", model, dataset, fit, without, picked)

@@ -1,5 +1,7 @@
-"""Screening of participants: what is unusual about somebody's votes. Flags inform a decision of the experimenter;
-they exclude nobody.
+"""Screening of participants: what is unusual about somebody's votes.
+
+Flags inform a decision of the experimenter; they exclude nobody. Circular triads alone are a bad reason: where
+stimuli look alike, honest judges contradict themselves.
 """
 
 from __future__ import annotations
@@ -9,50 +11,176 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
+from app.analysis.bradley_terry import ConvergenceError, Fit, fit_scores, only_compared
+from app.analysis.contrasts import holm
+from app.analysis.counts import PairCounts, outcome_index
+from app.analysis.newton import Design
 from app.analysis.triads import Triads, pooled_p_value
 from app.analysis.votes import NONE, A, B, VotesTable
 
-CHANCE = 0.05  # a pooled p-value above it means no more consistent than random votes
+Array = NDArray[np.float64]
+
+CHANCE = 0.05  # a pooled p-value of the triads above it: no more consistent than random votes
+BIASED = 0.05  # corrected p-value of a side or order bias below which it is flagged
+FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likelihood outliers
+FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
+MOST_REFITS = 500  # participants that are left out one at a time
+FASTEST_MS = 500.0  # a choice between two videos in less than half a second was not looked at
 
 
-def observer_rows(votes: VotesTable, screened: Sequence[Triads]) -> list[dict[str, Any]]:
-    """Return one row per participant, with numbers and flags."""
-    if not votes.has_participants:
+def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -> list[dict[str, Any]]:
+    """Return one row per participant, with numbers and flags.
+
+    Parameters
+    ----------
+    votes : VotesTable
+        The votes analysed.
+    screened : sequence of Triads
+        Of the same votes.
+    ties : str
+        Key of `TIE_MODELS`, for the likelihood of each participant's votes under the others' scores.
+    """
+    if not votes.has_participants or not len(votes):
         return []
-    by_participant: dict[str, list[Triads]] = {}
-    for row in screened:
-        by_participant.setdefault(row.participant, []).append(row)
-    rows = []
-    for index, participant in enumerate(votes.participants):
-        own = votes.where(votes.participant == index)
-        if len(own):
-            rows.append(_observer_row(participant, own, by_participant.get(participant, [])))
+    present = np.unique(votes.participant)
+    own = {int(index): votes.where(votes.participant == index) for index in present}
+    by_name: dict[str, list[Triads]] = {}
+    for triad in screened:
+        by_name.setdefault(triad.participant, []).append(triad)
+    rows = [_measures(votes.participants[index], part, by_name) for index, part in own.items()]
+    for row, value in zip(rows, _left_out_likelihoods(votes, own, ties), strict=True):
+        row["loglik_per_vote_left_out"] = value
+    _flag(rows)
     return rows
 
 
-def _observer_row(participant: str, votes: VotesTable, own: list[Triads]) -> dict[str, Any]:
-    n = votes.n_votes
-    pooled = pooled_p_value(own)
-    row: dict[str, Any] = {
+def _measures(participant: str, votes: VotesTable, by_name: dict[str, list[Triads]]) -> dict[str, Any]:
+    own = by_name.get(participant, [])
+    n, decided = votes.n_votes, int(votes.count[votes.choice <= B].sum())
+    chose_a = int(votes.count[votes.choice == A].sum())
+    first = (votes.first_shown == votes.choice) & (votes.choice <= B)
+    told = (votes.first_shown >= 0) & (votes.choice <= B)
+    chose_first, n_told = int(votes.count[first].sum()), int(votes.count[told].sum())
+    consistent, repeated = _repeats(votes)
+    return {
         "participant": participant,
-        "n_votes": n,
-        "tie_rate": _share(votes, votes.choice == NONE, n),
-        "side_a_rate": _share(votes, votes.choice == A, int(votes.count[votes.choice <= B].sum())),
-        "circular": sum(triad.circular for triad in own),
-        "circular_p_value": pooled,
-        "median_response_ms": _median(votes.response_ms),
         "flags": [],
+        "n_votes": n,
+        "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
+        "side_a_rate": chose_a / decided if decided else None,
+        "side_a_p_value": _fair(chose_a, decided),
+        "first_shown_rate": chose_first / n_told if n_told else None,
+        "first_shown_p_value": _fair(chose_first, n_told),
+        "repeated_pairs": repeated,
+        "repeats_consistent": consistent,
+        "median_response_ms": _quantile(votes.response_ms, 0.5),
+        "fastest_decile_ms": _quantile(votes.response_ms, 0.1),
+        "circular": sum(triad.circular for triad in own),
+        "circular_p_value": pooled_p_value(own),
     }
-    if pooled is not None and pooled > CHANCE:
-        row["flags"].append("no more consistent than chance")
-    return row
 
 
-def _share(votes: VotesTable, chosen: NDArray[np.bool_], n: int) -> float | None:
-    return float(votes.count[chosen].sum() / n) if n else None
+def _fair(successes: int, trials: int) -> float | None:
+    return float(binomtest(successes, trials).pvalue) if trials else None
 
 
-def _median(values: NDArray[np.float64]) -> float | None:
+def _quantile(values: Array, share: float) -> float | None:
     known = values[~np.isnan(values)]
-    return float(np.median(known)) if len(known) else None
+    return float(np.quantile(known, share)) if len(known) else None
+
+
+def _repeats(votes: VotesTable) -> tuple[int, int]:
+    """Return how many pairs were judged the same way every time, and how many were judged more than once."""
+    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
+    turned = np.where(votes.choice == NONE, 2, (votes.choice == A) == (votes.item_a == low))
+    key = (votes.dataset.astype(np.int64) * len(votes.items) + low) * len(votes.items) + high
+    _, pair, times = np.unique(key, return_inverse=True, return_counts=True)
+    kinds = np.zeros((len(times), 3), bool)
+    kinds[pair, turned.astype(int)] = True
+    repeated = times > 1
+    return int((kinds.sum(axis=1)[repeated] == 1).sum()), int(repeated.sum())
+
+
+def _left_out_likelihoods(votes: VotesTable, own: dict[int, VotesTable], ties: str) -> list[float | None]:
+    """Return each participant's mean log-likelihood per vote under the scores of all others.
+
+    Datasets are fitted one by one; where the others' votes have no maximum, the penalised estimate is taken.
+    """
+    if len(own) < 2 or len(own) > MOST_REFITS:
+        return [None] * len(own)
+    total = dict.fromkeys(own, 0.0)
+    known = dict.fromkeys(own, 0)
+    for dataset in range(len(votes.datasets)):
+        of_dataset = votes.where(votes.dataset == dataset)
+        for index in own:
+            mine = of_dataset.where(of_dataset.participant == index)
+            others = of_dataset.where(of_dataset.participant != index)
+            if len(mine) and len(others):
+                loglik, n = _loglik_under(others, mine, ties)
+                total[index] += loglik
+                known[index] += n
+    return [total[index] / known[index] if known[index] else None for index in own]
+
+
+def _loglik_under(others: VotesTable, mine: VotesTable, ties: str) -> tuple[float, int]:
+    """Return the log-likelihood of `mine` under the scores of `others`, and the votes that could be judged."""
+    compared = only_compared(others)
+    try:
+        fit = fit_scores(VotesTable(**{**vars(compared), "participants": ("",)}), ties=ties)
+    except (ConvergenceError, RuntimeError):
+        return 0.0, 0
+    if fit.theta is None:
+        return 0.0, 0
+    there = np.array([item in set(compared.items) for item in mine.items])
+    kept = mine.where(there[mine.item_a] & there[mine.item_b] & (fit.design.has_tie | (mine.choice != NONE)))
+    place = np.cumsum(there) - 1
+    first, second, outcome = outcome_index(kept, is_ordered=False)
+    parts = [(outcome == index) * kept.count.astype(float) for index in range(3)]
+    rows = PairCounts(fit.counts.n_items, place[first], place[second], parts[0], parts[1], parts[2])
+    return _loglik(fit, rows), kept.n_votes
+
+
+def _loglik(fit: Fit, rows: PairCounts) -> float:
+    assert fit.theta is not None
+    d, t = Design(rows, fit.design.model, fit.design.has_tie).predictors(fit.theta[None])
+    return float(fit.design.model.loglik(d, t, rows.wins[None], rows.losses[None], rows.ties[None]).sum())
+
+
+def _flag(rows: list[dict[str, Any]]) -> None:
+    for row in rows:
+        if row["circular_p_value"] is not None and row["circular_p_value"] > CHANCE:
+            row["flags"].append("no more consistent than chance")
+        if row["fastest_decile_ms"] is not None and row["fastest_decile_ms"] < FASTEST_MS:
+            row["flags"].append("answers faster than looking")
+    for name, flag in (("side_a_p_value", "prefers one side"), ("first_shown_p_value", "prefers by order of showing")):
+        _flag_small(rows, name, flag)
+    _flag_outside(rows, "loglik_per_vote_left_out", low="disagrees with the others", high=None)
+    _flag_outside(rows, "tie_rate", low=None, high="unusually many ties")
+    _flag_outside(rows, "median_response_ms", low="unusually fast", high="unusually slow")
+
+
+def _flag_small(rows: list[dict[str, Any]], name: str, flag: str) -> None:
+    """Flag p-values that are small after correction for the number of participants."""
+    known = [row for row in rows if row[name] is not None]
+    if known:
+        for row, corrected in zip(known, holm(np.array([row[name] for row in known])), strict=True):
+            if corrected < BIASED:
+                row["flags"].append(flag)
+
+
+def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, high: str | None) -> None:
+    """Flag values beyond the quartiles by more than one and a half times their distance."""
+    values = np.array([row[name] for row in rows if row[name] is not None], float)
+    if len(values) < FEWEST_FOR_FENCES:
+        return
+    first, third = np.quantile(values, [0.25, 0.75])
+    reach = FENCE * (third - first)
+    for row in rows:
+        if row[name] is None:
+            continue
+        if low is not None and row[name] < first - reach:
+            row["flags"].append(low)
+        if high is not None and row[name] > third + reach:
+            row["flags"].append(high)

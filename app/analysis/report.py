@@ -24,13 +24,13 @@ from app.analysis.charts import (
     triads_chart,
 )
 from app.analysis.results import analyse
+from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes import read_items, read_votes
 from app.files import write_bytes, write_json, write_text
 
 TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"
 ITEMS_IN_A_TABLE = 60
-PARTICIPANTS_IN_A_TABLE = 60
 
 TIES_IN_WORDS = {
     "davidson": "the model of Davidson (1970)",
@@ -192,7 +192,7 @@ def _content(analysis: Mapping[str, Any], figures: Sequence[dict[str, str] | Non
         "figures": {"scores": [figure for name, figure in by_name.items() if name.startswith("scores")]},
         "score_tables": _score_tables(analysis),
         "scores_note": _scores_note(analysis),
-        "sections": list(_sections(analysis, by_name)),
+        "sections": list(sections(analysis, by_name)),
         "methods": _methods(analysis),
     }
 
@@ -213,7 +213,8 @@ def _scores_note(analysis: Mapping[str, Any]) -> str:
     return (
         "Scores are log-odds with sum zero in each panel: a difference of 1.1 (one JOD) means that one item is "
         f"preferred three times as often as the other. Intervals: 95 %, {' or '.join(methods) or 'none'}. "
-        "Overlapping intervals are no test of a difference."
+        "Overlapping intervals are no test of a difference: items of one panel that share a letter in the column group "
+        "do not differ significantly (5 %, all pairs, Holm)."
     )
 
 
@@ -234,65 +235,6 @@ def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
         title = f"{what}, {where}{rest}"
         tables.append({"title": title, "rows": rows[:ITEMS_IN_A_TABLE], "has_letters": has_letters})
     return tables
-
-
-def _sections(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> Iterator[dict[str, Any]]:
-    yield _models_section(analysis, figures)
-    if analysis["triads"]:
-        yield _triads_section(analysis, figures)
-
-
-def _models_section(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> dict[str, Any]:
-    parameter = "log_theta" if analysis["settings"]["ties"] == "rao-kupper" else "log_nu"
-    columns = (
-        "comparison",
-        "dataset",
-        "votes",
-        parameter,
-        "order effect",
-        "log-likelihood",
-        "Pearson X2",
-        "df",
-        "p",
-        "status",
-    )
-    rows = [
-        (
-            *(row["comparison"], row["dataset"], row["n_votes"], row.get(parameter), row["order_effect"]),
-            *(row["loglik"], row["pearson_x2"], row["df"], row["p_value"], row["status"]),
-        )
-        for row in analysis["models"]
-    ]
-    text = (
-        "A small p-value of Pearson's X2 says that one score per item does not explain the votes; with several votes "
-        "of the same people it also reacts to their being alike."
-    )
-    shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
-    return {
-        "title": "Model",
-        "paragraphs": [text],
-        "figures": shown,
-        "tables": [{"title": "", "columns": columns, "rows": rows}],
-    }
-
-
-def _triads_section(analysis: Mapping[str, Any], figures: Mapping[str, dict[str, str]]) -> dict[str, Any]:
-    total = sum(row["circular"] for row in analysis["triads"])
-    with_cycles = sum(row["circular"] > 0 for row in analysis["triads_pooled"])
-    complete = sum(row["complete"] for row in analysis["triads"])
-    text = (
-        f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
-        f"by {with_cycles} of {len(analysis['triads_pooled'])} participants. They inform a decision and exclude "
-        "nobody: where stimuli look alike, honest votes contradict each other."
-    )
-    rows = [
-        (row["participant"], row["n_datasets"], row["circular"], row["circular_expected_ties"], row["p_value"])
-        for row in analysis["triads_pooled"][:PARTICIPANTS_IN_A_TABLE]
-    ]
-    columns = ("participant", "datasets", "circular", "expected with ties broken", "p")
-    shown = [figures["triads"]] if "triads" in figures else []
-    tables = [{"title": "", "columns": columns, "rows": rows}]
-    return {"title": "Circular triads", "paragraphs": [text], "figures": shown, "tables": tables}
 
 
 def _methods(analysis: Mapping[str, Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,12 +14,23 @@ from scipy.stats import t as student
 from app.analysis.agreement import agreement_rows
 from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
-from app.analysis.factors import check_factors, votes_on_factor
+from app.analysis.contrasts import contrasts, holm, letters
+from app.analysis.factors import (
+    Effect,
+    ModelTest,
+    check_factors,
+    datasets_differ,
+    effects_of,
+    fit_additive,
+    model_tests,
+    order_test,
+    votes_on_factor,
+)
 from app.analysis.observers import observer_rows
 from app.analysis.settings import LEVEL, AnalysisSettings
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value, triads
-from app.analysis.votes import A, B, VotesTable
+from app.analysis.votes import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
@@ -59,16 +70,22 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     check_factors(used, settings.factors)
     compared = list(compare(used, settings))
     screened = triads(used)
+    effects, tests = _factor_results(used, settings, compared)
     return {
         "schema_version": 1,
         "settings": settings.as_dict(),
         "votes": _tally(votes, used),
         "scores": [row for one in compared for row in _score_rows(one)],
+        "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [_model_row(one) for one in compared],
+        "tie_models": [row for one in compared for row in _tie_model_rows(one, settings)],
+        "contrasts": [row for one in compared for row in _contrast_rows(one)],
+        "effects": effects,
+        "tests": tests,
         "triads": [_triads_row(row) for row in screened],
         "triads_pooled": _pooled_triads(screened),
         "agreement": agreement_rows(used),
-        "observers": observer_rows(used, screened),
+        "observers": observer_rows(used, screened, ties=settings.ties),
         "pairs": [row for one in compared for row in _pair_rows(one)],
         "warnings": _warnings(votes, used, compared),
     }
@@ -88,9 +105,78 @@ def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Compariso
     for comparison in (ALL, *settings.comparisons):
         chosen = votes if comparison == ALL else votes_on_factor(votes, settings.factors, comparison)
         for dataset in _datasets(votes, settings):
-            part = chosen if dataset == ALL else chosen.where(chosen.dataset == votes.datasets.index(dataset))
+            part = _of_dataset(chosen, dataset)
             if len(part):
                 yield _compare(comparison, dataset, only_compared(part), settings, weights)
+
+
+def _factor_results(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the additive model's effects, and all tests between models."""
+    effects: list[Effect] = []
+    tests: list[ModelTest | None] = []
+    additive: dict[str, Fit] = {}
+    for dataset in _datasets(votes, settings) if settings.factors else ():
+        part = only_compared(_of_dataset(votes, dataset))
+        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=settings.order_effect)
+        if fit is not None and fit.status == "ok":
+            additive[dataset] = fit
+            if settings.order_effect:
+                without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
+                tests.append(None if without is None else order_test(fit, without, "additive", dataset))
+            effects += effects_of(fit, settings.factors, dataset)
+            tests += model_tests(
+                part, settings.factors, dataset, ties=settings.ties, order_effect=settings.order_effect
+            )
+    for one in compared if settings.order_effect else ():
+        without = fit_scores(one.votes, ties=settings.ties)
+        tests.append(order_test(one.fit, without, one.comparison, one.dataset))
+    for model in dict.fromkeys(one.comparison for one in compared):
+        tests.append(_datasets_test(model, {one.dataset: one.fit for one in compared if one.comparison == model}))
+    tests.append(_datasets_test("additive", additive))
+    return [_effect_row(effect) for effect in effects], _test_rows([test for test in tests if test is not None])
+
+
+def _datasets_test(model: str, fits: dict[str, Fit]) -> ModelTest | None:
+    separate = [fit for dataset, fit in fits.items() if dataset != ALL]
+    return datasets_differ(model, fits[ALL], separate) if ALL in fits else None
+
+
+def _effect_row(effect: Effect) -> dict[str, Any]:
+    if effect.se_participant is None or effect.n_participants is None:
+        half = float(norm.ppf((1 + LEVEL) / 2)) * effect.se
+    else:
+        half = float(student.ppf((1 + LEVEL) / 2, effect.n_participants - 1)) * effect.se_participant
+    return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
+
+
+def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
+    """Return the tests with Holm's correction over each family: one kind of test, on the single datasets or on all
+    together.
+    """
+    families: dict[tuple[str, bool], list[ModelTest]] = {}
+    for test in tests:
+        families.setdefault((test.name.split()[0], test.dataset == ALL), []).append(test)
+    rows = []
+    for family in families.values():
+        own = [test.p_value if test.p_participant is None else test.p_participant for test in family]
+        for test, corrected in zip(family, holm(np.array(own)).tolist(), strict=True):
+            rows.append(asdict(test) | {"p_holm": corrected})
+    return rows
+
+
+def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
+    """Return the scores as they would be without any exclusion; empty if nothing was excluded."""
+    everybody = replace(votes, excluded=np.zeros(len(votes), bool)).used()
+    if len(everybody) == len(used):
+        return []
+    plain = replace(settings, bootstrap=0)
+    return [row for one in compare(everybody, plain) for row in _score_rows(one)]
+
+
+def _of_dataset(votes: VotesTable, dataset: str) -> VotesTable:
+    return votes if dataset == ALL else votes.where(votes.dataset == votes.datasets.index(dataset))
 
 
 def _datasets(votes: VotesTable, settings: AnalysisSettings) -> tuple[str, ...]:
@@ -137,6 +223,7 @@ def _score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
     fit, n = one.fit, len(one.fit.items)
     wins, losses, ties = _outcomes(one.votes)
     low, high, method = intervals(fit, one.bootstrap)
+    shown = _letters(fit)
     for index, item in enumerate(fit.items):
         score = None if fit.scores is None else float(fit.scores[index])
         yield {
@@ -157,6 +244,38 @@ def _score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
             "ties": ties[index],
             "status": fit.status,
             "penalty": fit.penalty,
+            "letters": shown.get(item),
+        }
+
+
+def _letters(fit: Fit) -> dict[str, str]:
+    found = contrasts(fit)
+    if not found or fit.scores is None:
+        return {}
+    best_first = [fit.items[index] for index in np.argsort(-fit.scores)]
+    return letters(best_first, found)
+
+
+def _contrast_rows(one: Comparison) -> Iterator[dict[str, Any]]:
+    for contrast in contrasts(one.fit):
+        yield {"comparison": one.comparison, "dataset": one.dataset} | asdict(contrast)
+
+
+def _tie_model_rows(one: Comparison, settings: AnalysisSettings) -> Iterator[dict[str, Any]]:
+    """The log-likelihoods of all ways of treating ties, side by side; only Davidson's and Rao and Kupper's compare."""
+    if one.comparison != ALL or not (one.votes.choice == NONE).any():
+        return
+    for ties, model in TIE_MODELS.items():
+        fit = one.fit if ties == one.fit.ties else fit_scores(one.votes, ties=ties, order_effect=settings.order_effect)
+        yield {
+            "dataset": one.dataset,
+            "ties": ties,
+            "parameter": model.parameter,
+            "value": fit.tie_parameter,
+            "loglik": fit.loglik,
+            "deviance": fit.deviance,
+            "df": fit.df,
+            "status": fit.status,
         }
 
 

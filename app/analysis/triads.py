@@ -43,6 +43,9 @@ class Triads:
         Coefficient of consistence 1 - expected_ties / maximum.
     p_value : float or None
         Probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties.
+    broken : tuple of float
+        Share of the ways of breaking the ties that give 0, 1, 2, … cycles; empty if the design is incomplete, or there
+        are too many ties.
     """
 
     participant: str
@@ -54,6 +57,7 @@ class Triads:
     maximum: int | None
     zeta: float | None
     p_value: float | None
+    broken: tuple[float, ...] = ()
 
 
 def triads(votes: VotesTable) -> list[Triads]:
@@ -104,6 +108,7 @@ def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -
     circular = count_circular(preferred)
     expected = expected_circular(preferred)
     maximum = max_circular(n) if complete else None
+    broken = broken_ties(preferred) if complete else None
     return Triads(
         participant,
         dataset,
@@ -113,7 +118,8 @@ def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -
         expected_ties=expected,
         maximum=maximum,
         zeta=1 - expected / maximum if maximum else None,
-        p_value=p_value(preferred) if complete else None,
+        p_value=None if broken is None else p_value(n, broken),
+        broken=() if broken is None else tuple(broken.tolist()),
     )
 
 
@@ -147,21 +153,34 @@ def max_circular(n: int) -> int:
     return (n**3 - (n if n % 2 else 4 * n)) // 24
 
 
-def p_value(preferred: NDArray[np.float64]) -> float | None:
-    """Return P(T <= observed) under random votes: exact up to ten items, by the chi-square approximation beyond.
+def p_value(n: int, broken: NDArray[np.float64]) -> float:
+    """Return P(T <= observed) under random votes, averaged over the ways of breaking ties.
+
+    Exact up to ten items, by the chi-square approximation beyond.
+
+    Parameters
+    ----------
+    broken : float64 (T + 1,)
+        As from `broken_ties`.
+    """
+    different = np.flatnonzero(broken)
+    return float(sum(broken[circular] * cumulative_probability(n, int(circular)) for circular in different))
+
+
+def broken_ties(preferred: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the share of the ways of breaking the ties of a complete design that give 0, 1, 2, … circular triads.
 
     Returns
     -------
-    float or None
+    float64 (Tmax + 1,) or None
         None for fewer than three items, and with more ties than can be broken in all ways.
     """
     n = len(preferred)
-    is_tie = np.argwhere(np.triu(preferred == 0.5))
-    if n < 3 or len(is_tie) > MAX_BROKEN_TIES:
+    ties = np.argwhere(np.triu(preferred == 0.5))
+    if n < 3 or len(ties) > MAX_BROKEN_TIES:
         return None
-    counts = _broken_counts(preferred, is_tie)
-    different, ways = np.unique(counts, return_counts=True)
-    return float(np.average([cumulative_probability(n, int(count)) for count in different], weights=ways))
+    counts = _broken_counts(preferred, ties)
+    return np.bincount(counts, minlength=max_circular(n) + 1) / len(counts)
 
 
 def _broken_counts(preferred: NDArray[np.float64], ties: NDArray[np.intp]) -> NDArray[np.int64]:
@@ -246,11 +265,12 @@ def pooled_p_value(rows: Sequence[Triads]) -> float | None:
     Returns
     -------
     float or None
-        None if a row is incomplete, has ties, or has more than ten items.
+        None if a row is incomplete, has too many ties to break, or has more than ten items.
     """
-    if not rows or any(not r.complete or r.expected_ties != r.circular or r.n_items > EXACT_UP_TO for r in rows):
+    if not rows or any(not row.broken or row.n_items > EXACT_UP_TO for row in rows):
         return None
-    distribution = np.ones(1)
+    random = observed = np.ones(1)
     for row in rows:
-        distribution = np.convolve(distribution, circular_distribution(row.n_items))
-    return float(np.sum(distribution[: sum(row.circular for row in rows) + 1]))
+        random = np.convolve(random, circular_distribution(row.n_items))
+        observed = np.convolve(observed, np.array(row.broken))
+    return float(np.sum(observed * np.cumsum(random)))

@@ -1,0 +1,161 @@
+"""The parts of the report after the scores: each a title, a paragraph that says how to read it, figures and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+Analysis = Mapping[str, Any]
+Figures = Mapping[str, dict[str, str]]
+
+ROWS = 80  # of a table; the rest is in the CSV files
+
+
+def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
+    """Return the parts that this analysis has something to say in.
+
+    Parameters
+    ----------
+    figures : mapping
+        Name -> figure, of those that were drawn.
+    """
+    yield _model(analysis, figures)
+    if analysis["effects"]:
+        yield _factors(analysis)
+    if analysis["tests"]:
+        yield _tests(analysis)
+    if analysis["scores_with_excluded"]:
+        yield _excluded(analysis)
+    if any(row["u"] is not None or row["transitivity"] for row in analysis["agreement"]):
+        yield _agreement(analysis)
+    if analysis["triads"]:
+        yield _triads(analysis, figures)
+    if analysis["observers"]:
+        yield _observers(analysis)
+
+
+def _section(
+    title: str, text: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], figures: Sequence[dict[str, str]] = ()
+) -> dict[str, Any]:
+    table = {"title": "", "columns": columns, "rows": rows[:ROWS]}
+    rest = f" The first {ROWS} of {len(rows)} rows." if len(rows) > ROWS else ""
+    return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [table]}
+
+
+def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
+    parameter = "log_theta" if analysis["settings"]["ties"] == "rao-kupper" else "log_nu"
+    rows = [
+        (
+            *(row["comparison"], row["dataset"], row["n_votes"], row.get(parameter), row["order_effect"]),
+            *(row["loglik"], row["pearson_x2"], row["df"], row["p_value"], row["status"]),
+        )
+        for row in analysis["models"]
+    ]
+    text = (
+        "A small p-value of Pearson's X2 says that one score per item does not explain the votes; with several votes "
+        "of the same people it also reacts to their being alike."
+    )
+    shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
+    columns = [
+        "comparison",
+        "dataset",
+        "votes",
+        "tie parameter",
+        "order effect",
+        "log-likelihood",
+        "Pearson X2",
+        "df",
+        "p",
+        "status",
+    ]
+    return _section("Model", text, columns, rows, shown)
+
+
+def _factors(analysis: Analysis) -> dict[str, Any]:
+    rows = [
+        (
+            *(row["factor"], row["level"], row["dataset"], row["effect"]),
+            *(row["se"] if row["se_participant"] is None else row["se_participant"], row["ci_low"], row["ci_high"]),
+        )
+        for row in analysis["effects"]
+    ]
+    text = (
+        "What each level of a factor adds to the score when all pairs are used (additive model); the levels of a "
+        "factor sum to zero. The scores of single factors above use only the pairs that differ in nothing else."
+    )
+    return _section("Factors together", text, ["factor", "level", "dataset", "effect", "error", "from", "to"], rows)
+
+
+def _tests(analysis: Analysis) -> dict[str, Any]:
+    rows = [
+        (
+            *(row["name"], row["model"], row["dataset"], row["g2"], row["df"]),
+            *(row["p_value"], row["p_participant"], row["p_holm"]),
+        )
+        for row in analysis["tests"]
+    ]
+    text = (
+        "G2 is the likelihood-ratio statistic, which takes votes for independent; p (participants) is the Wald test "
+        "with participants as the sample. Holm's correction is over the tests of one kind on the single datasets, or on all "
+        "together, and uses p (participants) where there is one."
+    )
+    columns = ["test", "in the model of", "dataset", "G2", "df", "p (votes)", "p (participants)", "p (Holm)"]
+    return _section("Tests", text, columns, rows)
+
+
+def _excluded(analysis: Analysis) -> dict[str, Any]:
+    everybody = {(r["comparison"], r["dataset"], r["item"]): r["score"] for r in analysis["scores_with_excluded"]}
+    keys = [(row["comparison"], row["dataset"], row["item"]) for row in analysis["scores"]]
+    rows = [(*key, row["score"], everybody.get(key)) for key, row in zip(keys, analysis["scores"], strict=True)]
+    text = f"{analysis['votes']['excluded']} votes were excluded; the last column is what they would have changed."
+    return _section("Exclusions", text, ["comparison", "dataset", "item", "score", "score with all votes"], rows)
+
+
+def _agreement(analysis: Analysis) -> dict[str, Any]:
+    rows = [
+        (
+            *(row["dataset"], row["u"], row["p_value"]),
+            *((row["transitivity"] or {}).get(name) for name in ("weak", "moderate", "strong", "n_triples")),
+        )
+        for row in analysis["agreement"]
+    ]
+    text = (
+        "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
+        "complete designs without ties. Beside it, how many triples of items violate weak, moderate and strong stochastic "
+        "transitivity; without weak transitivity no scores fit the preferences."
+    )
+    columns = ["dataset", "u", "p", "weak violated", "moderate violated", "strong violated", "triples"]
+    return _section("Agreement", text, columns, rows)
+
+
+def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
+    total = sum(row["circular"] for row in analysis["triads"])
+    pooled = analysis["triads_pooled"]
+    with_cycles = sum(row["circular"] > 0 for row in pooled)
+    complete = sum(row["complete"] for row in analysis["triads"])
+    text = (
+        f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
+        f"by {with_cycles} of {len(pooled)} participants. They inform a decision and exclude nobody: where stimuli "
+        "look alike, honest votes contradict each other."
+    )
+    rows = [
+        (row["participant"], row["n_datasets"], row["circular"], row["circular_expected_ties"], row["p_value"])
+        for row in pooled
+    ]
+    shown = [figures["triads"]] if "triads" in figures else []
+    columns = ["participant", "datasets", "circular", "expected with ties broken", "p"]
+    return _section("Circular triads", text, columns, rows, shown)
+
+
+def _observers(analysis: Analysis) -> dict[str, Any]:
+    flagged = [row for row in analysis["observers"] if row["flags"]]
+    text = (
+        f"{len(flagged)} of {len(analysis['observers'])} participants have something unusual about their votes; all "
+        "numbers are in observers.csv. A flag is a reason to look, not to exclude."
+    )
+    rows = [
+        (row["participant"], row["n_votes"], row["tie_rate"], row["loglik_per_vote_left_out"], "; ".join(row["flags"]))
+        for row in flagged
+    ]
+    columns = ["participant", "votes", "tie rate", "log-likelihood per vote", "unusual"]
+    return _section("Participants", text, columns, rows)
