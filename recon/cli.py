@@ -51,23 +51,55 @@ def capture_synth(
 
 @capture_app.command("import")
 def capture_import(
-    kind: Annotated[str, typer.Argument(help="Format of the source: middlebury.")],
-    source: Annotated[Path, typer.Argument(help="Folder with the photographs and their *_par.txt.")],
+    kind: Annotated[str, typer.Argument(help="Format of the source: middlebury, opencv, colmap or json.")],
+    source: Annotated[Path, typer.Argument(help="Folder of the recording, or its calibration or JSON file.")],
     out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
-    pairs: Annotated[str, typer.Option(help="LEFT-RIGHT view numbers of every sensor, comma between.")] = TEMPLE_PAIRS,
-    frames: Annotated[int, typer.Option(min=1, help="Frames; frame k takes the views k further along the ring.")] = 3,
+    pairs: Annotated[
+        str | None,
+        typer.Option(
+            help=f"LEFT-RIGHT view numbers of every sensor, comma between; middlebury's default: {TEMPLE_PAIRS}."
+        ),
+    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Frames to take; default: all (middlebury: 3).")] = None,
     bounds: Annotated[
         str | None, typer.Option(help="x0,y0,z0,x1,y1,z1 in mm; default: the source's own bounding box.")
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or its length in mm.")
+    ] = None,
+    up: Annotated[
+        str, typer.Option(help="Axis of the source's world that points upwards: x, -x, y, -y, z or -z.")
+    ] = "y",
+    fps: Annotated[float | None, typer.Option(min=0.01, help="Frames a second; default: the videos', else 25.")] = None,
+    name: Annotated[str | None, typer.Option(help="The scene's name; default: the source's.")] = None,
+    shots: Annotated[
+        str | None, typer.Option(help="json: names of the shots to take as frames, comma between.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Bring a real recording into the capture format."""
-    if kind != "middlebury":
-        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected middlebury")
     from recon.capture.check import check_capture
-    from recon.capture.middlebury import import_middlebury
+    from recon.capture.colmap import import_colmap
+    from recon.capture.described import import_json
+    from recon.capture.middlebury import FPS, import_middlebury
+    from recon.capture.opencv import import_opencv
+    from recon.capture.sources import ImportOptions, parse_unit
 
-    import_middlebury(source, out, pairs=parse_pairs(pairs), n_frames=frames, bounds=parse_bounds(bounds))
+    box, unit = parse_bounds(bounds), parse_unit(units) if units else None
+    options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)
+    if kind == "middlebury":
+        views = parse_pairs(pairs or TEMPLE_PAIRS)
+        import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
+    elif kind == "opencv":
+        import_opencv(source, out, options)
+    elif kind == "colmap":
+        import_colmap(source, out, parse_pairs(pairs) if pairs else None, options)
+    elif kind == "json":
+        names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
+        import_json(source, out, options, shots=names)
+    else:
+        expected = "middlebury, opencv, colmap or json"
+        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
     report = check_capture(out)
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
 

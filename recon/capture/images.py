@@ -59,6 +59,33 @@ def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
     return _open_video(path, facts.st_mtime_ns, facts.st_size, os.getpid()).read(frame)
 
 
+def video_times(path: Path) -> NDArray[np.float64]:
+    """When each frame of a video is shown, float64 (N,), s; every frame is counted, whatever its header says.
+
+    Raises
+    ------
+    CaptureError
+        If the file is missing or holds no frame that can be decoded.
+    """
+    if not path.is_file():
+        raise CaptureError(f"{path}: there is no such video")
+    facts = path.stat()
+    times = np.array(_times(path, facts.st_mtime_ns, facts.st_size))
+    if len(times) == 0:
+        raise CaptureError(f"{path}: is not a video that can be decoded")
+    return times
+
+
+@lru_cache(maxsize=MAX_OPEN_VIDEOS)
+def _times(path: Path, _changed_ns: int, _n_bytes: int) -> tuple[float, ...]:
+    decoder = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    times = []
+    while decoder.grab():
+        times.append(decoder.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
+    decoder.release()
+    return tuple(times)
+
+
 class _Video:
     """An open decoder that knows which frame comes next."""
 

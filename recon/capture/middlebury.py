@@ -10,7 +10,6 @@ reconstruction algorithms", CVPR 2006; README of the data sets.
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from recon.capture.folder import new_folder
 from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.images import read_image
 from recon.capture.recording import check_bounds
+from recon.capture.sources import copy_file
 from recon.rig import Camera, bounds_corners, rigid
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
@@ -217,13 +217,8 @@ def _copy_images(capture: Capture, views: Mapping[int, _View], pairs: Sequence[t
     for stream, pair in zip(capture.sensors, pairs, strict=True):
         for camera, view in zip((stream.left, stream.right), pair, strict=True):
             for frame in range(capture.n_frames):
-                _copy(views[view + frame].path, image_path(capture.folder, camera.image, frame))
+                copy_file(views[view + frame].path, image_path(capture.folder, camera.image, frame))
     paths = {view.path.name: view.path for view in views.values()}
     for photograph in capture.held_out:
         target = capture.folder / photograph.image
-        _copy(paths[target.name], target)
-
-
-def _copy(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+        copy_file(paths[target.name], target)
