@@ -11,6 +11,7 @@ from recon.mesh import Cloud, Mesh
 from recon.surface.apss import signed_field
 from recon.surface.band import LARGEST_AXIS, SAMPLES, Band, Cells, Reach, band_around, extent_in_blocks, gather
 from recon.surface.components import drop_small_components
+from recon.surface.holes import close_holes
 from recon.surface.marching_cubes import march
 
 BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
@@ -37,6 +38,7 @@ class SurfaceParameters:
     agreement : shortest mean normal that counts as one surface, 0 to 1
     min_weight : least sum of weights, in points, that supports the surface
     min_component : smallest connected component that is kept, as a share of the largest one's faces
+    longest_rim_mm : holes with a rim up to this long are closed; 0 leaves all of them open
     memory_gb : the surface is refused where it would need more
     """
 
@@ -48,6 +50,7 @@ class SurfaceParameters:
     agreement: float = 0.5
     min_weight: float = 0.5
     min_component: float = 0.02
+    longest_rim_mm: float = 0.0
     memory_gb: float = 4.0
 
     def __post_init__(self) -> None:
@@ -59,6 +62,8 @@ class SurfaceParameters:
             raise ValueError(
                 f"radius_spacings {self.radius_spacings} and radius_sigmas {self.radius_sigmas} must be >= 0"
             )
+        if not (np.isfinite(self.longest_rim_mm) and self.longest_rim_mm >= 0):
+            raise ValueError(f"longest_rim_mm is {self.longest_rim_mm}, expected a length of at least 0")
         if not 0 <= self.min_component <= 1 or not self.memory_gb > 0:
             raise ValueError(f"min_component {self.min_component} must be 0 to 1, memory_gb {self.memory_gb} above 0")
 
@@ -66,7 +71,7 @@ class SurfaceParameters:
 def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
     """Fit the algebraic point set surface to a cloud and triangulate it.
 
-    Holes stay open where no points support a surface.
+    Holes stay open where no points support a surface, unless they are asked to be closed.
 
     Raises
     ------
@@ -89,7 +94,8 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
             "take more points or a larger voxel"
         )
     mesh = Mesh((vertices * voxel).astype(np.float32), faces, normals, colours)
-    return drop_small_components(mesh, parameters.min_component)
+    mesh = drop_small_components(mesh, parameters.min_component)
+    return close_holes(mesh, parameters.longest_rim_mm) if parameters.longest_rim_mm else mesh
 
 
 def with_voxel(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:

@@ -1,0 +1,64 @@
+"""Closing small holes of a mesh, for those who prefer an invented patch to a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.mesh import Mesh
+
+
+def close_holes(mesh: Mesh, longest_rim: float) -> Mesh:
+    """Close every hole whose rim is at most `longest_rim` mm long by a fan around the rim's mean.
+
+    Raises
+    ------
+    ValueError
+        If the length is not positive.
+    """
+    if not longest_rim > 0:
+        raise ValueError(f"longest_rim is {longest_rim} mm, expected a length above 0")
+    vertices = mesh.vertices.astype(np.float64)
+    patches = [rim for rim in rims(mesh.faces) if _length(vertices[rim]) <= longest_rim]
+    if not patches:
+        return mesh
+    centres = np.arange(len(patches)) + len(mesh.vertices)
+    fans = [
+        np.column_stack([rim, np.roll(rim, -1), np.full(len(rim), centre)])
+        for rim, centre in zip(patches, centres, strict=True)
+    ]
+    normals = np.stack([_mean_direction(mesh.normals[rim]) for rim in patches])
+    colours = np.stack([np.rint(mesh.colours[rim].mean(axis=0)) for rim in patches])
+    return Mesh(
+        np.concatenate([mesh.vertices, np.stack([vertices[rim].mean(axis=0) for rim in patches])]),
+        np.concatenate([mesh.faces, *fans]),
+        np.concatenate([mesh.normals, normals]),
+        np.concatenate([mesh.colours, colours.astype(np.uint8)]),
+    )
+
+
+def rims(faces: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    """The closed chains of vertices around each hole, walked as the triangles that would fill it walk them."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    keys, opposite = edges[:, 0] << 32 | edges[:, 1], edges[:, 1] << 32 | edges[:, 0]
+    following: dict[int, list[int]] = {}
+    for start, end in edges[~np.isin(opposite, keys)][:, ::-1].tolist():
+        following.setdefault(start, []).append(end)
+    loops = []
+    for first in sorted(following):
+        while following[first]:
+            loop = [first]
+            while (vertex := following[loop[-1]].pop()) != first:
+                loop.append(vertex)
+            loops.append(np.array(loop))
+    return loops
+
+
+def _length(corners: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1).sum())
+
+
+def _mean_direction(normals: NDArray[np.float32]) -> NDArray[np.float64]:
+    total: NDArray[np.float64] = normals.sum(axis=0, dtype=np.float64)
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length if length > 0 else normals[0])
