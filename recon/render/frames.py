@@ -14,7 +14,7 @@ from recon.render.backdrop import backdrop, floor_shade
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
-from recon.render.scene import Scene, Shot
+from recon.render.scene import Scene, Shot, transformed
 from recon.rig import Camera
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
@@ -25,11 +25,9 @@ Renderer = Callable[[Iterable[Shot]], Iterator[NDArray[np.uint8]]]
 def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     """Draw shots by the rasteriser of this package, four samples a pixel."""
     for shot in shots:
-        pixels = shot.camera.project(shot.mesh.vertices)
-        depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2:]
         draw_model(
             shot.picture,
-            np.concatenate([pixels, depth], axis=1).astype(np.float32),
+            _projected(shot.mesh.vertices, shot.camera),
             shot.mesh.faces,
             shot.mesh.front,
             shot.mesh.back,
@@ -116,6 +114,14 @@ def _shots(
                 raise ValueError(f"frame {frame}: {error}") from error
             shade, last = floor_shade(model, scene), mesh
         yield Shot(model, camera, backdrop(scene, camera, shade, threads=threads), threads)
+
+
+def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
+    """Column, row and depth, float32 (N, 3), of vertices (N, 3)."""
+    homogeneous = transformed(vertices.astype(np.float64), camera.K @ camera.cam_from_world[:3])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
+        homogeneous[:, :2] /= homogeneous[:, 2:]
+        return homogeneous.astype(np.float32)
 
 
 def _has_gpu() -> bool:

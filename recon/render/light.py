@@ -37,10 +37,16 @@ def lit(mesh: Mesh, scene: Scene) -> LitMesh:
     radius = np.float32(scene.radius * SHADOW_BIAS)
     # A point is tested where it lies a little off the surface, so that a surface does not shade itself.
     lifted = grid.project(vertices + mesh.normals * radius), grid.project(vertices - mesh.normals * radius)
-    visible = _visibility(shadow, *lifted, (mesh.normals @ scene.to_light.astype(np.float32)), radius)
+    visible = _visibility(shadow, *lifted, _towards_light(mesh.normals, scene), radius)
     gains = _gains(mesh.normals, scene, visible)
     front, back = (np.rint(mesh.colours * gain[:, None]).astype(np.uint8) for gain in gains)
     return LitMesh(vertices, faces, front, back)
+
+
+def _towards_light(normals: NDArray[np.float32], scene: Scene) -> NDArray[np.float32]:
+    """The cosine (N,) between normals and the direction to the key light."""
+    x, y, z = scene.to_light.astype(np.float32)
+    return np.asarray(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
 
 
 def _gains(
@@ -48,7 +54,7 @@ def _gains(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What the encoded colours of the front and of the back are multiplied by, (N,) each, at most 1."""
     background = scene.background
-    towards = normals @ scene.to_light.astype(np.float32)
+    towards = _towards_light(normals, scene)
     gains = []
     for side in (np.float32(1), np.float32(-1)):
         from_sky = 1 - background.sky * (1 - side * normals[:, 1]) / 2

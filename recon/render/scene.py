@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in 
 KEY_ELEVATION_DEG = 55.0
 SHADOW_TEXELS = 1024  # of the shadow map's longer side
 FLOOR_TEXELS = 256  # of the map of shadows on the floor
+
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 
 @dataclass(frozen=True)
@@ -97,8 +101,7 @@ class TexelGrid:
 
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """float32 (N, 3): column, row and depth of points (N, 3)."""
-        transform = self.texels_from_world.astype(np.float32)
-        return np.asarray(points.astype(np.float32, copy=False) @ transform[:, :3].T + transform[:, 3])
+        return transformed(points.astype(np.float32, copy=False), self.texels_from_world.astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +153,15 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
         raise ValueError("a scene needs the cameras that look at it, found none")
     bounds = checked_bounds(bounds)
     return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras))
+
+
+def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real]:
+    """Points (N, 3) moved by an affine transform (3, 4).
+
+    Written out, because the linear algebra library may round differently with its number of threads.
+    """
+    x, y, z = points.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in transform], axis=1)
 
 
 def light_grid(scene: Scene) -> TexelGrid:

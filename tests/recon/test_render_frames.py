@@ -267,6 +267,16 @@ def test_memory_does_not_grow_with_frames(renderer: str) -> None:
     assert used_mib(60) - before < 20  # keeping every mesh would take 40 MiB
 
 
+def test_a_mesh_around_the_camera_is_drawn_as_far_as_it_lies_before_it() -> None:
+    path = cameras(1)
+    body = trimesh.creation.icosphere(5, 400)
+    body.apply_translation(path[0].centre)
+    body.vertices[0] = path[0].centre + path[0].rotation[0] * 50  # beside the camera, at no depth at all
+    scene = scene_around(BOUNDS, path, "plain")
+    shown = next(render_frames([uniform(coloured(body), (200, 20, 20))], path, scene, renderer="software"))
+    assert (shown == (200, 20, 20)).all()
+
+
 def test_a_shot_is_drawn_over_its_picture() -> None:
     path = cameras(1)
     scene: Scene = scene_around(BOUNDS, path, "plain")
