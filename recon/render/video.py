@@ -237,7 +237,7 @@ def _encoding(path: Path, target: Path, size: tuple[int, int], fps: float, crf: 
         finally:
             code = process.wait()
         if code != 0:
-            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints)}")
+            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints, code)}")
 
 
 def _feed(pipes: list[IO[bytes]], path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int]) -> int:
@@ -273,7 +273,7 @@ def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterat
             process.stdout.close()
             process.wait()
         if code != 0 or n_frames != facts.n_frames:
-            words = _last_words(complaints)
+            words = _last_words(complaints, code)
             raise VideoError(f"{path}: {n_frames} of {facts.n_frames} frames could be decoded: {words}")
 
 
@@ -294,7 +294,7 @@ def _reader(path: Path) -> list[str]:
     return [exe, "-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode", "-i", str(path)]
 
 
-def _last_words(complaints: IO[bytes]) -> str:
+def _last_words(complaints: IO[bytes], code: int) -> str:
     complaints.seek(0)
     lines = complaints.read().decode("utf-8", "replace").strip().splitlines()
-    return lines[-1] if lines else "ffmpeg gave no reason"
+    return lines[-1] if lines else f"ffmpeg stopped with code {code} and gave no reason"
