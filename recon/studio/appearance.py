@@ -45,16 +45,20 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
     if cell < 0.5 * footprint:
         return 0.0
     inverse = 1.0 / cell
-    return float(
-        _step(cell / footprint, 0.5, 1.5) * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse)
-    )
+    fade = 1.0 if cell > 1.5 * footprint else cell / footprint - 0.5
+    return float(fade * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _wave(u: float, period: float, footprint: float) -> float:
     """A soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
-    fade = _step(period / footprint, 1.5, 4.0)
-    return float(fade * min(1.0, max(-1.0, 3.0 * np.sin(6.283185307 * u / period))))
+    return float(_step(period / footprint, 1.5, 4.0) * min(1.0, max(-1.0, 3.0 * _zigzag(u / period))))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _zigzag(u: float) -> float:
+    """A triangle wave of period 1, -1 to 1: a sine's cheap stand-in."""
+    return float(4.0 * abs(u - np.floor(u + 0.5)) - 1.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -84,6 +88,9 @@ def _skin(
         r, g, b = r * (1.0 - 0.80 * gap), g * (1.0 - 0.86 * gap), b * (1.0 - 0.86 * gap)
     # Brows.
     brow = 1686.0 - 0.012 * (ax - 30.0) ** 2 + 0.08 * (ax - 30.0)
+    if abs(y - brow) > 6.0 or ax < 11.0 or ax > 52.0:
+        r, g, b = _eye(look, ax, x, y, z, fp, r, g, b)
+        return r, g, b
     hairs = _step(4.2 - abs(y - brow), -1.5, 1.5) * _step(ax, 11.0, 17.0) * _step(52.0 - ax, 0.0, 9.0)
     hairs *= 0.75 + 0.5 * _layer(volume, x * 3.0, y, z, 2.0, fp)
     hairs = min(1.0, max(0.0, hairs))
@@ -150,7 +157,8 @@ def _shirt(
     mix = min(1.0, max(0.0, mix))
     tone = 1.0 + 0.10 * _layer(volume, x, y + s, z, 45.0, fp) + 0.14 * _layer(volume, x + s, y, z, 6.0, fp)
     tone += 0.18 * _layer(volume, x, y, z + s, 2.3, fp) + 0.18 * _layer(volume, x, y + s, z, 1.1, fp)
-    tone += 0.10 * _step(2.6 / fp, 1.5, 4.0) * np.sin(2.4166 * u) * np.sin(2.4166 * v)
+    if fp < 1.73:
+        tone += 0.10 * _step(2.6 / fp, 1.5, 4.0) * _zigzag(u / 2.6) * _zigzag(v / 2.6)
     return (
         (look[4] + mix * (look[7] - look[4])) * tone,
         (look[5] + mix * (look[8] - look[5])) * tone,
@@ -166,10 +174,10 @@ def _trousers(
     side = abs(x) - 108.0
     worn = 0.35 * np.exp(-((z - 70.0) ** 2) / 2500.0) * np.exp(-((y - 620.0) ** 2) / 40000.0)
     tone = (
-        1.0 + worn + 0.16 * _layer(volume, x + s, 0.6 * y, z, 52.0, fp) + 0.14 * _layer(volume, x, y + s, z, 14.0, fp)
+        1.0 + worn + 0.22 * _layer(volume, x + s, 0.6 * y, z, 52.0, fp) + 0.22 * _layer(volume, x, y + s, z, 14.0, fp)
     )
-    tone += 0.20 * _layer(volume, x * 1.6, 0.35 * y, z * 1.6 + s, 3.6, fp) + 0.22 * _layer(volume, x + s, y, z, 1.5, fp)
-    tone += 0.14 * _step(3.0 / fp, 1.5, 4.0) * np.sin(2.0944 * (side + z + y))
+    tone += 0.28 * _layer(volume, x * 1.6, 0.35 * y, z * 1.6 + s, 3.6, fp) + 0.26 * _layer(volume, x + s, y, z, 1.5, fp)
+    tone += 0.14 * _step(3.0 / fp, 1.5, 4.0) * _zigzag((side + z + y) / 3.0)
     seam = _step(3.0 - abs(z + 6.0), -1.0 - fp, 1.0 + fp) * _step(abs(side), 30.0, 40.0)
     tone *= 1.0 - 0.28 * seam
     return look[10] * tone, look[11] * tone, look[12] * tone
@@ -179,8 +187,8 @@ def _trousers(
 def _hair(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
-    tone = 1.0 + 0.35 * _layer(volume, x, 0.25 * y, z, 5.0, fp) + 0.35 * _layer(volume, x + 7.0, 0.2 * y, z, 2.0, fp)
-    tone += 0.25 * _layer(volume, x, 0.5 * y + 3.0, z, 12.0, fp) + 0.2 * _layer(volume, x, 0.2 * y, z + 5.0, 1.0, fp)
+    tone = 1.0 + 0.5 * _layer(volume, x, 0.25 * y, z, 4.0, fp) + 0.5 * _layer(volume, x + 7.0, 0.2 * y, z, 1.8, fp)
+    tone += 0.25 * _layer(volume, x, 0.5 * y + 3.0, z, 12.0, fp) + 0.4 * _layer(volume, x, 0.2 * y, z + 5.0, 0.9, fp)
     tone = max(0.25, tone)
     return look[13] * tone, look[14] * tone, look[15] * tone
 
@@ -196,18 +204,20 @@ def _person(
     cover = 0.0
     gloss = 0.10
     r, g, b = 0.0, 0.0, 0.0
-    if y > 1496.0:
+    if y > 1508.0:
         line = 1731.0 - 0.004 * x * x - 1.15 * max(0.0, 42.0 - z) - 0.35 * max(0.0, -10.0 - z)
         line = max(line, 1588.0)
         if z > -34.0 and ax > 60.0:
             line = max(line, 1664.0)
         if look[18] > 0.0:
             line = min(line, 1830.0 - 322.0 * _step(max(1.6 * (ax - 62.0) - max(0.0, z - 4.0), -58.0 - z), -3.0, 6.0))
-        edge = 4.0 * _noise(volume, x / 4.0, y / 9.0, z / 4.0) + 2.5 * _noise(volume, x / 1.3, y / 4.0, z / 1.3)
-        cover = _step(y - line + edge, -3.0 - soft, 5.0 + soft) if ax < 125.0 else 0.0
+        above = y - line
+        if abs(above) < 15.0 + soft:
+            above += 4.0 * _noise(volume, x / 4.0, y / 9.0, z / 4.0) + 2.5 * _noise(volume, x / 1.3, y / 4.0, z / 1.3)
+        cover = _step(above, -3.0 - soft, 5.0 + soft) if ax < 125.0 else 0.0
         if cover > 0.0:
             r, g, b = _hair(look, volume, x, y, z, fp)
-            gloss = 0.16
+            gloss = 0.11
         if cover < 1.0:
             sr, sg, sb = _skin(look, volume, x, y, z, fp)
             r, g, b = sr + cover * (r - sr), sg + cover * (g - sg), sb + cover * (b - sb)

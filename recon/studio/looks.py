@@ -56,9 +56,9 @@ class Light:
     """
 
     directions: tuple[Colour, ...] = ((-0.55, 0.72, 0.62), (0.75, 0.35, 0.60), (0.15, 0.65, -0.80))
-    powers: tuple[Colour, ...] = ((0.62, 0.60, 0.57), (0.26, 0.27, 0.29), (0.22, 0.22, 0.24))
-    above: Colour = (0.40, 0.41, 0.43)
-    below: Colour = (0.17, 0.16, 0.15)
+    powers: tuple[Colour, ...] = ((0.92, 0.89, 0.84), (0.36, 0.37, 0.40), (0.34, 0.34, 0.37))
+    above: Colour = (0.52, 0.53, 0.55)
+    below: Colour = (0.22, 0.20, 0.19)
     softness: float = 0.25
 
     def table(self) -> NDArray[np.float64]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+LONGEST_ARC = 1.33  # of the unit icosahedron's pieces: its middle triangles grow when they are pushed outwards
+
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 def ball(radius: float, edge: float) -> Mesh:
     """A sphere from a subdivided icosahedron with edges of at most `edge` mm."""
     vertices, faces = _icosahedron()
-    while radius * 1.11 > edge:  # 1.05 is the icosahedron's edge on the unit sphere, 1.11 the arc
+    while radius * LONGEST_ARC > edge:
         vertices, faces = _subdivided(vertices, faces)
         edge *= 2
     return radius * vertices, faces

@@ -126,12 +126,10 @@ def _rasterise(
                 if u_middle < u_low or v_middle < v_low or 1.0 - u_middle - v_middle < t_low:
                     continue
                 for s in range(5):
-                    sx, sy = x + offset_x[s], y + offset_y[s]
-                    u = u0 + ux * sx + uy * sy
-                    v = v0 + vx * sx + vy * sy
-                    t = 1.0 - u - v
-                    if u >= -1e-9 and v >= -1e-9 and t >= -1e-9:
-                        near = np.float32(u * na + v * nb + t * nc)
+                    u = u_middle + ux * offset_x[s] + uy * offset_y[s]
+                    v = v_middle + vx * offset_x[s] + vy * offset_y[s]
+                    if u >= -1e-9 and v >= -1e-9 and u + v <= 1.0 + 1e-9:
+                        near = np.float32(nc + u * (na - nc) + v * (nb - nc))
                         if near > nearness[y, x, s]:
                             nearness[y, x, s] = near
                             seen[y, x, s] = f

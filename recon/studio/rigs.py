@@ -12,7 +12,7 @@ from recon.studio.skeleton import axis_rotation, rotation
 
 NEAREST_SENSOR_MM, FARTHEST_SENSOR_MM = 2300.0, 2900.0  # section 4.2 of the paper
 APART_DEG = 42.0  # between neighbours, so that their views overlap
-BASELINES_MM = (165.0, 215.0)
+BASELINES_MM = (205.0, 250.0)
 CONVERGENCE = 1.6  # the two axes of a sensor meet this many times as far away as the subject
 MISALIGNED_DEG = 0.25  # standard deviation of a mounted camera's direction
 

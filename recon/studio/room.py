@@ -60,9 +60,8 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
     if cell < 0.5 * footprint:
         return 0.0
     inverse = 1.0 / cell
-    return float(
-        _step(cell / footprint, 0.5, 1.5) * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse)
-    )
+    fade = 1.0 if cell > 1.5 * footprint else cell / footprint - 0.5
+    return float(fade * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -109,7 +108,7 @@ def room_plate(
                 )
                 tone += 0.14 * _layer(volume, x, 7.0, z, 14.0, fp) + 0.18 * _layer(volume, x, 11.0, z, 5.0, fp)
                 tone += 0.20 * _layer(volume, x, 15.0, z, 2.3, fp)
-                pool = 0.35 + 0.75 * np.exp(-(x * x + z * z) / 5.0e6)
+                pool = 0.42 + 0.95 * np.exp(-(x * x + z * z) / 5.0e6)
                 near_wall = _step(radius - np.sqrt(x * x + z * z), -50.0, 500.0)
                 light = pool * (0.55 + 0.45 * near_wall)
                 r, g, bl = floor[0] * tone * light, floor[1] * tone * light, floor[2] * tone * light

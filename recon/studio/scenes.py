@@ -140,7 +140,7 @@ def _ball_moment(phase: float) -> Moment:
     thrown = 4 * flight * (1 - flight)
     swing = _wave(phase / 0.55) if phase < 0.55 else 0.0
     dip = -50.0 * np.exp(-(((phase - 0.54) / 0.05) ** 2)) - 40.0 * np.exp(-((((phase + 0.5) % 1.0 - 0.52) / 0.05) ** 2))
-    centre = np.array([190.0 * swing, 1160.0 + 50.0 * abs(swing) + dip, 390.0])
+    centre = np.array([165.0 * swing, 1160.0 + 50.0 * abs(swing) + dip, 390.0])
     ball = centre + np.array([0.0, 330.0 * thrown, 0.0])
     hold = centre + np.array([0.0, min(40.0, 99.0 * thrown) - 25.0, -75.0])
     aside = np.array([BALL_RADIUS_MM + 8.0 + 45.0 * thrown, 0.0, 0.0])
@@ -209,7 +209,6 @@ def _people_moment(phase: float) -> Moment:
         spine_turn=(2.0, -9.0 + 4.0 * _wave(phase, shift=0.3), -2.0 * _wave(phase)),
         head_turn=(4.0 + 7.0 * _wave(phase, 3), -20.0 + 6.0 * _wave(phase, shift=0.4), 4.0),
         hands={"l": (330.0 + 70.0 * raised * _wave(phase, 3), 960.0 + 470.0 * raised, 60.0 + 230.0 * raised)},
-        palms={"l": (250.0, 1500.0, 1500.0)} if raised > 0.02 else {},
         feet={"l": (10.0, 0.0, -15.0), "r": (-30.0, 0.0, 25.0)},
     )
     return Moment((talker, listener), (), (_blink(phase, 0.42), _blink(phase, 0.77)))

@@ -41,6 +41,8 @@ JOINTS: dict[str, tuple[float, float, float]] = {
 BONES = tuple(JOINTS)
 REST = {bone: np.array(joint) for bone, joint in JOINTS.items()}
 PALM = {"l": np.array([-0.73, -0.68, 0.0]), "r": np.array([0.73, -0.68, 0.0])}  # the palm's outward normal at rest
+MAX_TWIST = 1.75  # radians, of a hand about the forearm
+FULL_TWIST_SINE = 0.5  # of the angle between forearm and target; nearer to the axis the hand turns less
 FULL_REACH = 0.985  # of the limb's length: a knee or elbow never locks
 
 
@@ -171,11 +173,18 @@ def _two_bones(start: Vector, end: Vector, first: Vector, second: Vector, pole: 
 
 
 def _twist(palm: Vector, towards: Vector, axis: Vector) -> float:
-    """Angle about `axis` that brings `palm` closest to `towards`, at most 110 degrees, radians."""
-    axis = axis / np.linalg.norm(axis)
+    """Angle about `axis` that brings `palm` to `towards`, radians; relaxed where no forearm turns so far.
+
+    It is continuous everywhere: it fades out where the target lies along the axis, and beyond MAX_TWIST it returns to
+    zero at half a turn.
+    """
+    axis, towards = axis / np.linalg.norm(axis), towards / np.linalg.norm(towards)
     a, b = palm - (palm @ axis) * axis, towards - (towards @ axis) * axis
-    angle = np.arctan2(axis @ np.cross(a, b), a @ b)
-    return float(np.clip(angle, -1.9, 1.9))
+    angle = float(np.arctan2(axis @ np.cross(a, b), a @ b))
+    share = min(1.0, float(np.linalg.norm(b)) / FULL_TWIST_SINE)
+    if abs(angle) > MAX_TWIST:
+        angle = np.sign(angle) * MAX_TWIST * (np.pi - abs(angle)) / (np.pi - MAX_TWIST)
+    return share * angle
 
 
 @numba.njit(cache=True, nogil=True)
