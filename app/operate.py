@@ -21,6 +21,7 @@ from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
 from app.store.tokens import SCOPES, insert_token
+from app.study.options import StudyOptions
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -59,6 +60,7 @@ def create_study(
     *,
     exposure_s: float | None = None,
     seed: int | None = None,
+    options: StudyOptions | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Create a study of a stimulus set: check it, prepare the pair videos, store the design and an open invitation.
@@ -69,6 +71,7 @@ def create_study(
     name : what participants and experimenters read
     exposure_s : how long a pair is shown; None: as long as the shortest video
     seed : of everybody's order; None: drawn
+    options : what is asked besides votes; None: nothing, which is the quickest study
 
     Raises
     ------
@@ -95,6 +98,7 @@ def create_study(
             "exposure_s": float(exposure_s),
             "seed": secrets.randbits(63) if seed is None else seed,
             "factors": stimulus_set.factors,
+            "options": (options or StudyOptions()).as_json(),
             "manifest_sha256": stimulus_set.sha256,
             "created_at": created_at,
         }

@@ -25,6 +25,11 @@ def new_code() -> str:
     return "".join(secrets.choice(CODE_ALPHABET) for _ in range(CODE_LENGTH))
 
 
+def token_of_key(key: str) -> str:
+    """The session's token that follows from a key that the client made; as secret as the key is."""
+    return hashlib.sha256(f"session {key}".encode()).hexdigest()
+
+
 def resume_code(token: str) -> str:
     """The code to go on elsewhere; it follows from the session's token, which only its participant has."""
     number = int.from_bytes(hashlib.sha256(f"resume {token}".encode()).digest())

@@ -9,15 +9,16 @@ from typing import Any
 
 from sqlalchemy import Connection, func, insert, select, update
 
-from app.errors import ForbiddenError, GoneError
+from app.errors import ConflictError, ForbiddenError, GoneError
 from app.store.designs import planned_pairs
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code
-from app.store.keys import digest, new_opaque_id, new_secret, resume_code
+from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
-from app.study.stages import FINISHED, INTRODUCTION, after_completing
+from app.study.options import StudyOptions, parse_options
+from app.study.stages import FINISHED, INTRODUCTION, TRIAL, WITHDRAWN, after_completing, next_stage
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,25 @@ class Session:
     slug: str
     name: str
     exposure_s: float
+    study_options: Mapping[str, Any]
     stage: str
+    started_at: datetime
+
+    @property
+    def options(self) -> StudyOptions:
+        return parse_options(self.study_options)
+
+    @property
+    def has_withdrawn(self) -> bool:
+        return self.stage == WITHDRAWN
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """A session that was opened; `is_new` unless the same request had come before."""
+
+    token: str
+    is_new: bool
 
 
 @dataclass(frozen=True)
@@ -60,14 +79,46 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
     """
     token = new_secret()
     with database.writing() as connection:
-        of = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
-        current = invitation_by_code(connection, invitation.code)
-        if of.state == "closed":
-            raise ForbiddenError("This study is closed. Thank you for your interest.")
-        if current is None or current.is_used:
-            raise GoneError("This invitation has been used. Please ask for a new one.")
-        _insert_session(connection, Study(**of._mapping), invitation.id, token, now)
+        _admit(connection, invitation, token, None, now)
     return token
+
+
+def begin_session_once(database: Database, invitation: Invitation, key: str, now: datetime) -> Admitted:
+    """Let a new participant in, once for a key: who asks again because the answer was lost gets the same session.
+
+    Parameters
+    ----------
+    key : random, made by the client; the session's token follows from it, so that the same answer can be given again
+
+    Raises
+    ------
+    ConflictError
+        If the key belongs to a session of another invitation, or of one that goes on in another browser.
+    GoneError, ForbiddenError
+        As `begin_session`.
+    """
+    token = token_of_key(key)
+    with database.writing() as connection:
+        known = connection.execute(
+            select(session.c.token_hash, participant.c.invitation_id)
+            .select_from(session.join(participant))
+            .where(session.c.begin_hash == digest(key))
+        ).one_or_none()
+        if known is None:
+            _admit(connection, invitation, token, key, now)
+        elif known.invitation_id != invitation.id or known.token_hash != digest(token):
+            raise ConflictError("This session goes on in another browser. Its resume code leads back to it.")
+    return Admitted(token, is_new=known is None)
+
+
+def _admit(connection: Connection, invitation: Invitation, token: str, key: str | None, now: datetime) -> None:
+    of = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
+    current = invitation_by_code(connection, invitation.code)
+    if of.state == "closed":
+        raise ForbiddenError("This study is closed. Thank you for your interest.")
+    if current is None or current.is_used:
+        raise GoneError("This invitation has been used. Please ask for a new one.")
+    _insert_session(connection, Study(**of._mapping), invitation.id, token, key, now)
 
 
 def session_by_token(connection: Connection, token: str) -> Session | None:
@@ -87,9 +138,17 @@ def resume_session(database: Database, code: str) -> str | None:
 
 
 def done_of(connection: Connection, session_id: int) -> Done:
-    total = select(func.count()).where(trial.c.session_id == session_id).scalar_subquery()
+    counting = (trial.c.session_id == session_id, trial.c.voided_at.is_(None))
+    total = select(func.count()).where(*counting).scalar_subquery()
     done = select(func.count()).where(vote.c.session_id == session_id).scalar_subquery()
     return Done(*connection.execute(select(done, total)).one())
+
+
+def last_answer_at(connection: Connection, session_id: int) -> datetime | None:
+    """When the last vote came; None before the first."""
+    return connection.scalar(
+        select(vote.c.received_at).where(vote.c.session_id == session_id).order_by(vote.c.received_at.desc()).limit(1)
+    )
 
 
 def complete_stage(database: Database, of: Session, stage: str, data: Mapping[str, Any], now: datetime) -> str:
@@ -100,11 +159,12 @@ def complete_stage(database: Database, of: Session, stage: str, data: Mapping[st
     IllegalMoveError
         If the stage cannot be completed now.
     """
+    way = of.options.way
     with database.writing() as connection:
         current = connection.execute(
             select(session.c.stage).where(session.c.id == of.id).with_for_update()
         ).scalar_one()
-        after = after_completing(stage, current)
+        after = after_completing(stage, current, way)
         if after != current:
             record = {"session_id": of.id, "stage": stage, "data": dict(data), "completed_at": now}
             connection.execute(insert(stage_record).values(**record))
@@ -112,19 +172,40 @@ def complete_stage(database: Database, of: Session, stage: str, data: Mapping[st
     return str(after)
 
 
+def end_trials(connection: Connection, of: Session, now: datetime) -> None:
+    """Enter the stage that follows the trials."""
+    enter_stage(connection, of.id, next_stage(TRIAL, of.options.way), now)
+
+
+def withdraw(database: Database, of: Session, now: datetime) -> None:
+    """End a session because its participant wants so; what was given stays, marked as withdrawn. Again: no change."""
+    with database.writing() as connection:
+        connection.execute(
+            update(session)
+            .where(session.c.id == of.id, session.c.withdrawn_at.is_(None))
+            .values(stage=WITHDRAWN, withdrawn_at=now)
+        )
+
+
 def enter_stage(connection: Connection, session_id: int, stage: str, now: datetime) -> None:
     changes: dict[str, Any] = {"stage": stage, "finished_at": now} if stage == FINISHED else {"stage": stage}
     connection.execute(update(session).where(session.c.id == session_id).values(**changes))
 
 
-def _insert_session(connection: Connection, of: Study, invitation_id: int, token: str, now: datetime) -> None:
+def _insert_session(
+    connection: Connection, of: Study, invitation_id: int, token: str, key: str | None, now: datetime
+) -> None:
     slots = select(func.coalesce(func.max(participant.c.slot), -1) + 1).where(participant.c.study_id == of.id)
     slot = int(connection.execute(slots).scalar_one())
     person = {"study_id": of.id, "invitation_id": invitation_id, "slot": slot, "label": f"P{slot + 1:03d}"}
     participant_id = connection.execute(
         insert(participant).values(**person, created_at=now).returning(participant.c.id)
     ).scalar_one()
-    secrets = {"token_hash": digest(token), "resume_hash": digest(resume_code(token))}
+    secrets = {
+        "token_hash": digest(token),
+        "resume_hash": digest(resume_code(token)),
+        "begin_hash": digest(key) if key else None,
+    }
     session_id = connection.execute(
         insert(session)
         .values(public_id=new_opaque_id(), participant_id=participant_id, **secrets, stage=INTRODUCTION, started_at=now)
@@ -166,7 +247,9 @@ def _session(connection: Connection, condition: Any) -> Session | None:
             study.c.slug,
             study.c.name,
             study.c.exposure_s,
+            study.c.options.label("study_options"),
             session.c.stage,
+            session.c.started_at,
         )
         .select_from(session.join(participant).join(study))
         .where(condition)

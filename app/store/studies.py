@@ -26,6 +26,7 @@ class Study:
     exposure_s: float
     seed: int
     factors: Mapping[str, Sequence[str]]
+    options: Mapping[str, Any]
     manifest_sha256: str
     created_at: datetime
 

@@ -78,6 +78,7 @@ study = Table(
     _required("exposure_s", Float),
     _required("seed", BigInteger),
     _required("factors", JSON),
+    _required("options", JSON, server_default="{}"),
     _digest("manifest_sha256"),
     _required("created_at", UtcDateTime),
     CheckConstraint("state in ('open', 'closed')", name="state"),
@@ -170,9 +171,11 @@ session = Table(
     _reference("participant"),
     _digest("token_hash", unique=True),
     _digest("resume_hash", unique=True),
+    Column("begin_hash", String(64), unique=True, index=True),  # of the key that the client made; NULL: it made none
     _required("stage", String(40)),
     _required("started_at", UtcDateTime),
     Column("finished_at", UtcDateTime),
+    Column("withdrawn_at", UtcDateTime),
 )
 
 stage_record = Table(
@@ -210,6 +213,9 @@ trial = Table(
     _reference("assignment"),
     _required("attempt", Integer),
     Column("served_at", UtcDateTime),  # NULL: not yet reached
+    Column("voided_at", UtcDateTime),  # NULL: it counts
+    Column("void_reason", String(20)),
+    Column("void_viewing", JSON(none_as_null=True)),
     UniqueConstraint("session_id", "assignment_id", "attempt"),
 )
 

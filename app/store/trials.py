@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, exists, select, update
+from sqlalchemy import Connection, Row, Select, exists, insert, select, update
 
+from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
+from app.store.keys import new_opaque_id
 from app.store.tables import (
     assignment,
     condition,
@@ -23,14 +25,17 @@ from app.store.tables import (
 )
 from app.study.trial import reveal
 
+MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
+
 
 @dataclass(frozen=True)
 class NextTrial:
-    """A trial as its participant may know it; `position` counts from 0."""
+    """A trial as its participant may know it; `position` counts from 0, `attempt` from 1."""
 
     id: int
     public_id: str
     position: int
+    attempt: int
     a_half: str
     first_shown: str
     served_at: datetime | None
@@ -43,12 +48,16 @@ class NextTrial:
 
 
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
-    """The first trials of a session without a vote, in order: the one to show, and the one to fetch meanwhile."""
+    """The first trials of a session without a vote, in order: the one to show, and the one to fetch meanwhile.
+
+    A trial that was interrupted comes again after all others.
+    """
     rows = connection.execute(
         select(
             trial.c.id,
             trial.c.public_id,
             assignment.c.position,
+            trial.c.attempt,
             assignment.c.a_half,
             assignment.c.first_shown,
             trial.c.served_at,
@@ -60,19 +69,62 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
             pair.c.n_frames,
         )
         .select_from(trial.join(assignment).join(pair))
-        .where(trial.c.session_id == session_id, ~exists().where(vote.c.trial_id == trial.c.id))
-        .order_by(assignment.c.position)
+        .where(
+            trial.c.session_id == session_id,
+            trial.c.voided_at.is_(None),
+            ~exists().where(vote.c.trial_id == trial.c.id),
+        )
+        .order_by(trial.c.attempt, assignment.c.position)
         .limit(limit)
     )
     return [NextTrial(**row._mapping) for row in rows]
 
 
-def mark_served(database: Database, trial_id: int, now: datetime) -> None:
-    """Remember when a trial was first given out."""
+def mark_served(database: Database, trial_ids: Sequence[int], now: datetime) -> None:
+    """Remember when trials were first given out."""
     with database.writing() as connection:
         connection.execute(
-            update(trial).where(trial.c.id == trial_id, trial.c.served_at.is_(None)).values(served_at=now)
+            update(trial).where(trial.c.id.in_(trial_ids), trial.c.served_at.is_(None)).values(served_at=now)
         )
+
+
+def void_trial(
+    database: Database, session_id: int, trial_id: str, reason: str, viewing: Mapping[str, Any], now: datetime
+) -> bool:
+    """Note that an attempt was interrupted and plan the trial once more at the end; whether that was new.
+
+    Raises
+    ------
+    NotFoundError
+        If the session has no such trial.
+    ConflictError
+        If it has a vote, has not been given out, or is itself a repetition: one is enough.
+    """
+    with database.writing() as connection:
+        row = connection.execute(
+            select(trial, exists().where(vote.c.trial_id == trial.c.id).label("has_vote")).where(
+                trial.c.session_id == session_id, trial.c.public_id == trial_id
+            )
+        ).one_or_none()
+        if row is None:
+            raise NotFoundError("This session has no such trial.")
+        if row.voided_at is not None:
+            return False
+        _check_voidable(row)
+        changes = {"voided_at": now, "void_reason": reason, "void_viewing": dict(viewing)}
+        connection.execute(update(trial).where(trial.c.id == row.id).values(**changes))
+        again = {"session_id": session_id, "assignment_id": row.assignment_id, "attempt": row.attempt + 1}
+        connection.execute(insert(trial).values(public_id=new_opaque_id(), **again))
+    return True
+
+
+def _check_voidable(row: Row[Any]) -> None:
+    if row.has_vote:
+        raise ConflictError("This trial has a vote already.")
+    if row.served_at is None:
+        raise ConflictError("This trial has not been given out yet.")
+    if row.attempt >= MOST_ATTEMPTS:
+        raise ConflictError("This trial was repeated already.")
 
 
 def trial_records(connection: Connection, study_id: int, session_id: str | None = None) -> Iterator[dict[str, Any]]:
@@ -85,7 +137,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     query = _records().where(participant.c.study_id == study_id)
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
-    for row in connection.execute(query.order_by(participant.c.slot, assignment.c.position)):
+    for row in connection.execute(query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)):
         items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
         yield {
             "trial": row.public_id,
@@ -98,12 +150,15 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
             "item_b": items.item_b,
             "first_shown": items.first_shown,
             "served_at": row.served_at,
+            "voided_at": row.voided_at,
+            "void_reason": row.void_reason,
             "voted_at": row.received_at,
             "choice": row.choice,
             "shown_ms": row.shown_ms,
             "response_ms": row.response_ms,
             "n_switches": row.n_switches,
-            "viewing": row.viewing,
+            "viewing": row.viewing if row.voided_at is None else row.void_viewing,
+            "withdrawn": row.withdrawn_at is not None,
         }
 
 
@@ -123,6 +178,10 @@ def _records() -> Select[Any]:
             assignment.c.a_half,
             assignment.c.first_shown,
             trial.c.served_at,
+            trial.c.voided_at,
+            trial.c.void_reason,
+            trial.c.void_viewing,
+            session.c.withdrawn_at,
             vote.c.received_at,
             vote.c.choice,
             vote.c.shown_ms,

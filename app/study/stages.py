@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 INTRODUCTION = "introduction"
+SCREENING = "screening"
+PRACTICE = "practice"
 TRIAL = "trial"
+INTERVIEW = "interview"
 FINISHED = "finished"
-STAGES = (INTRODUCTION, TRIAL, FINISHED)
+WITHDRAWN = "withdrawn"  # stands beside the way: it is reached from any stage and leads nowhere
+ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
+OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
+SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)
 
 
 class IllegalMoveError(ValueError):
     """A stage that cannot be completed now."""
 
 
-def after_completing(stage: str, current: str) -> str:
+def way_through(optional: Sequence[str]) -> tuple[str, ...]:
+    """The stages of a study that has these optional ones, in order.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not an optional stage.
+    """
+    if unknown := [stage for stage in optional if stage not in OPTIONAL_STAGES]:
+        raise ValueError(f"stage {unknown[0]!r}: expected one of {', '.join(OPTIONAL_STAGES)}")
+    return tuple(stage for stage in ALL_STAGES if stage not in OPTIONAL_STAGES or stage in optional)
+
+
+def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> str:
     """The stage a session is in once a participant has completed one by hand.
 
     Completing a stage that is already behind changes nothing, so that a request can be sent twice.
@@ -21,13 +42,16 @@ def after_completing(stage: str, current: str) -> str:
     ----------
     stage : the stage reported as completed
     current : the stage the session is in
+    way : the study's stages in order
 
     Raises
     ------
     IllegalMoveError
-        If the stage is still ahead, or ends otherwise than by hand.
+        If the stage is still ahead, ends otherwise than by hand, or the participant has withdrawn.
     """
-    if STAGES.index(stage) < STAGES.index(current):
+    if current == WITHDRAWN:
+        raise IllegalMoveError("you have withdrawn from the study")
+    if way.index(stage) < way.index(current):
         return current
     if stage == FINISHED:
         raise IllegalMoveError("the session's end is not a stage to complete")
@@ -35,9 +59,14 @@ def after_completing(stage: str, current: str) -> str:
         raise IllegalMoveError("the trials end with the last vote")
     if stage != current:
         raise IllegalMoveError(f"the session is in the stage {current}; {stage} comes later")
-    return next_stage(stage)
+    return next_stage(stage, way)
 
 
-def next_stage(stage: str) -> str:
+def is_past(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> bool:
+    """Whether a stage lies behind who is in the current one."""
+    return current != WITHDRAWN and way.index(current) > way.index(stage)
+
+
+def next_stage(stage: str, way: Sequence[str] = SHORTEST_WAY) -> str:
     """The stage that follows; FINISHED is the last."""
-    return STAGES[STAGES.index(stage) + 1]
+    return way[way.index(stage) + 1]

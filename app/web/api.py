@@ -42,6 +42,8 @@ TRIALS = (
     "item_b",
     "first_shown",
     "served_at",
+    "voided_at",
+    "void_reason",
     "voted_at",
     "choice",
     "shown_ms",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import logging
+from datetime import datetime, timedelta
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
@@ -11,13 +13,26 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.keys import resume_code
-from app.store.sessions import Session, begin_session, complete_stage, done_of, resume_session, session_by_token
-from app.study.stages import STAGES, IllegalMoveError
+from app.store.sessions import (
+    Session,
+    begin_session,
+    begin_session_once,
+    complete_stage,
+    done_of,
+    last_answer_at,
+    resume_session,
+    session_by_token,
+    withdraw,
+)
+from app.study.stages import TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, is_secure
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
+LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
+UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LARGEST_STAGE_DATA = 16 * 1024  # characters as JSON
 
+log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])
 
 Slug = Annotated[str, Path(max_length=64, pattern=r"^[a-z0-9-]+$", examples=["temple"])]
@@ -38,6 +53,9 @@ def _plain_json(value: dict[str, Any]) -> dict[str, Any]:
 
 class Admission(Strict):
     invitation: Code
+    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+        default=None, description="random, made by the client: the same key again opens the same session"
+    )
 
 
 class Resumption(Strict):
@@ -67,6 +85,7 @@ class SessionView(BaseModel):
     stage: str
     stages: list[str]
     progress: ProgressView
+    was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
 
 
@@ -78,24 +97,41 @@ class OpenedSessionView(SessionView):
 def begin(
     slug: Slug, admission: Admission, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
-    """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: the study is closed."""
-    token = begin_session(database, invitation_to(database, slug, admission.invitation), now)
-    return _opened(request, response, database, token)
+    """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: the study is closed.
+
+    With a key, a request whose answer was lost may be sent again: 200 with the same session.
+    """
+    invitation = invitation_to(database, slug, admission.invitation)
+    if admission.key is None:
+        return _opened(request, response, database, begin_session(database, invitation, now), now)
+    admitted = begin_session_once(database, invitation, admission.key, now)
+    response.status_code = 201 if admitted.is_new else 200
+    return _opened(request, response, database, admitted.token, now)
 
 
 @router.post("/session/resume")
-def resume(resumption: Resumption, request: Request, response: Response, database: Store) -> OpenedSessionView:
+def resume(
+    resumption: Resumption, request: Request, response: Response, database: Store, now: Now
+) -> OpenedSessionView:
     """Go on with a session in another browser; the session's older token and resume code end."""
     token = resume_session(database, resumption.resume_code)
     if token is None:
         raise NotFoundError("There is no session with this code. Please check it.")
-    return _opened(request, response, database, token)
+    return _opened(request, response, database, token, now)
 
 
 @router.get("/session")
-def look(signed_in: Participant, database: Store) -> SessionView:
+def look(signed_in: Participant, database: Store, now: Now) -> SessionView:
     """The stage of the session and how far it is."""
-    return SessionView(**_view(database, signed_in.session, signed_in.token))
+    return SessionView(**_view(database, signed_in.session, signed_in.token, now))
+
+
+@router.put("/session/withdrawal")
+def leave(signed_in: Participant, database: Store, now: Now) -> SessionView:
+    """Withdraw from the study, at any time and for good. What was given is kept apart and counts no more."""
+    withdraw(database, signed_in.session, now)
+    log.info("session %s: withdrawn", signed_in.session.public_id)
+    return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))
 
 
 @router.put("/session/stages/{stage}")
@@ -103,20 +139,25 @@ def complete(
     stage: Annotated[str, Path(max_length=40)], body: StageData, signed_in: Participant, database: Store, now: Now
 ) -> SessionView:
     """Complete a stage; one that is already behind stays as it was. 409: not the current one, or it ends by itself."""
-    if stage not in STAGES:
+    if stage not in signed_in.session.options.way:
         raise NotFoundError("There is no such stage.")
     try:
         complete_stage(database, signed_in.session, stage, body.data, now)
     except IllegalMoveError as error:
         raise ConflictError(f"This stage cannot be completed now: {error}.") from error
-    return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token))
+    return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))
 
 
-def _opened(request: Request, response: Response, database: Database, token: str) -> OpenedSessionView:
+def remember(request: Request, response: Response, token: str) -> None:
+    """Let a browser hold a session's token where no script can read it."""
     response.set_cookie(
         PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure(request)
     )
-    return OpenedSessionView(**_view(database, _reread(database, token), token), token=token)
+
+
+def _opened(request: Request, response: Response, database: Database, token: str, now: datetime) -> OpenedSessionView:
+    remember(request, response, token)
+    return OpenedSessionView(**_view(database, _reread(database, token), token, now), token=token)
 
 
 def _reread(database: Database, token: str) -> Session:
@@ -126,14 +167,16 @@ def _reread(database: Database, token: str) -> Session:
     return session
 
 
-def _view(database: Database, session: Session, token: str) -> dict[str, Any]:
+def _view(database: Database, session: Session, token: str, now: datetime) -> dict[str, Any]:
     with database.reading() as connection:
         done = done_of(connection, session.id)
+        answered_at = last_answer_at(connection, session.id)
     return {
         "session": session.public_id,
         "study": StudyView(slug=session.slug, title=session.name, exposure_s=session.exposure_s),
         "stage": session.stage,
-        "stages": list(STAGES),
+        "stages": list(session.options.way),
         "progress": ProgressView(done=done.n_done, total=done.n_total),
+        "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
     }

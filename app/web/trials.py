@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from datetime import datetime
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Response
 from pydantic import BaseModel, Field
 
-from app.errors import ConflictError
-from app.store.sessions import Session, done_of
-from app.store.trials import NextTrial, mark_served, next_trials
+from app.errors import ConflictError, GoneError
+from app.store.sessions import Done, Session, done_of
+from app.store.trials import NextTrial, mark_served, next_trials, void_trial
 from app.store.votes import keep_vote
-from app.study.stages import FINISHED, TRIAL
+from app.study.stages import TRIAL, is_past
 from app.study.votes import Vote
 from app.web.gates import Now, Participant, Store
-from app.web.participant import Strict
+from app.web.participant import UUID, Strict
+
+log = logging.getLogger(__name__)
 
 router = APIRouter(prefix="/api/v1/session/trials", tags=["participants"])
 
@@ -25,7 +28,8 @@ MOST_SWITCHES = 2000
 Label = Literal["a", "b"]
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
-UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
+Count = Annotated[int, Field(ge=0, le=10_000_000)]
+Reason = Literal["full screen", "hidden"]
 
 
 class MediaView(BaseModel):
@@ -39,29 +43,65 @@ class MediaView(BaseModel):
     n_frames: int
 
 
-class TrialView(BaseModel):
+class OneTrialView(BaseModel):
     """What a participant's player needs, and no name of what is compared."""
 
     trial: str
+    attempt: int = Field(description="2 when it is repeated because it was interrupted")
     number: int
     total: int
     exposure_s: float
     first_shown: Label
     media: MediaView
+
+
+class TrialView(OneTrialView):
+    """The trial to show, and the one after it, so that the study goes on while the connection is gone."""
+
     next_media: str | None = Field(description="to fetch meanwhile; null at the last trial")
+    following: OneTrialView | None = Field(description="the trial of `next_media`; it may be voted on as well")
 
 
 class SwitchBody(Strict):
     to: Label
     at_ms: Milliseconds
     media_time_s: Seconds
+    frame: Count | None = Field(default=None, description="number of the frame on screen, from 0")
+
+
+class DwellBody(Strict):
+    a: Milliseconds
+    b: Milliseconds
+
+
+class DisplayBody(Strict):
+    window_width: Count
+    window_height: Count
+    device_pixel_ratio: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
+    full_screen: bool
 
 
 class ViewingBody(Strict):
+    """How a trial was looked at; what a client does not know it leaves out."""
+
     first_shown: Label
     shown_ms: Milliseconds
     response_ms: Milliseconds
     switches: Annotated[list[SwitchBody], Field(max_length=MOST_SWITCHES)]
+    dwell_ms: DwellBody | None = Field(default=None, description="how long each was on screen")
+    n_changes: Count | None = Field(default=None, description="how often the choice was changed before Next")
+    n_frames: Count | None = Field(default=None, description="frames that the browser decoded")
+    n_dropped: Count | None = Field(default=None, description="of these, not shown")
+    n_stalls: Count | None = Field(default=None, description="how often the film waited for data")
+    interruption: Reason | None = Field(default=None, description="of a repetition, which is not repeated again")
+    display: DisplayBody | None = None
+
+
+class VoidBody(Strict):
+    """An attempt that was interrupted, and what was seen until then."""
+
+    reason: Reason
+    viewing: ViewingBody
 
 
 class VoteBody(Strict):
@@ -84,19 +124,22 @@ class VoteView(BaseModel):
 def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView | Response:
     """The trial to show now; the same one until its vote is in. 409: the trials have not begun."""
     session = signed_in.session
-    if session.stage == FINISHED:
+    if session.has_withdrawn:
+        raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
+    if is_past(TRIAL, session.stage, session.options.way):
         return Response(status_code=204)
     if session.stage != TRIAL:
         raise ConflictError(f"The trials have not begun: the session is in the stage {session.stage}.")
     with database.reading() as connection:
         upcoming = next_trials(connection, session.id)
-        total = done_of(connection, session.id).n_total
+        done = done_of(connection, session.id)
     if not upcoming:  # the last vote came in between
         return Response(status_code=204)
-    current, *following = upcoming
-    if current.served_at is None:
-        mark_served(database, current.id, now)
-    return _trial_view(session, current, total, following[0] if following else None)
+    if any(trial.served_at is None for trial in upcoming):
+        mark_served(database, [trial.id for trial in upcoming], now)
+    views = [_trial_view(session, one, done, ahead) for ahead, one in enumerate(upcoming)]
+    following = views[1] if len(views) > 1 else None
+    return TrialView(**dict(views[0]), next_media=following.media.url if following else None, following=following)
 
 
 @router.put("/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}})
@@ -109,7 +152,7 @@ def vote(
     now: Now,
 ) -> VoteView:
     """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote."""
-    sent = Vote(body.id, body.choice, body.viewing.model_dump())
+    sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
     kept = keep_vote(database, signed_in.session, trial, sent, now)
     response.status_code = 201 if kept.is_new else 200
     return VoteView(
@@ -121,7 +164,19 @@ def vote(
     )
 
 
-def _trial_view(session: Session, current: NextTrial, total: int, following: NextTrial | None) -> TrialView:
+@router.put("/{trial}/void", status_code=204)
+def void(
+    trial: Annotated[str, Path(max_length=32)], body: VoidBody, signed_in: Participant, database: Store, now: Now
+) -> None:
+    """Say that a trial was interrupted: it comes once more at the end. 409: it has a vote, or came again already."""
+    if signed_in.session.has_withdrawn:
+        raise GoneError("You have withdrawn from the study.")
+    viewing = body.viewing.model_dump(exclude_none=True)
+    if void_trial(database, signed_in.session.id, trial, body.reason, viewing, now):
+        log.info("session %s: trial %s interrupted (%s)", signed_in.session.public_id, trial, body.reason)
+
+
+def _trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> OneTrialView:
     media = {
         "url": media_url(current.media),
         "layout": "stacked",
@@ -132,14 +187,14 @@ def _trial_view(session: Session, current: NextTrial, total: int, following: Nex
         "fps": current.fps,
         "n_frames": current.n_frames,
     }
-    return TrialView(
+    return OneTrialView(
         trial=current.public_id,
-        number=current.position + 1,
-        total=total,
+        attempt=current.attempt,
+        number=done.n_done + 1 + ahead,
+        total=done.n_total,
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         media=MediaView.model_validate(media),
-        next_media=media_url(following.media) if following else None,
     )
 
 

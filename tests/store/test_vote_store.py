@@ -38,7 +38,7 @@ def of(database: Database, invite: MakeInvitation, now: datetime) -> Session:
 def serve_next(database: Database, of: Session, now: datetime) -> NextTrial:
     with database.reading() as connection:
         trial = next_trials(connection, of.id)[0]
-    mark_served(database, trial.id, now)
+    mark_served(database, [trial.id], now)
     return trial
 
 

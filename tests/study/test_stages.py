@@ -2,7 +2,20 @@ from __future__ import annotations
 
 import pytest
 
-from app.study.stages import FINISHED, INTRODUCTION, STAGES, TRIAL, IllegalMoveError, after_completing, next_stage
+from app.study.stages import (
+    ALL_STAGES,
+    FINISHED,
+    INTRODUCTION,
+    OPTIONAL_STAGES,
+    SHORTEST_WAY,
+    TRIAL,
+    WITHDRAWN,
+    IllegalMoveError,
+    after_completing,
+    is_past,
+    next_stage,
+    way_through,
+)
 
 
 def test_completing_the_current_stage_moves_to_the_next() -> None:
@@ -23,7 +36,25 @@ def test_stages_that_end_by_themselves_or_lie_ahead_cannot_be_completed(stage: s
 
 
 def test_the_stages_lead_from_the_introduction_to_the_end() -> None:
-    walked = [STAGES[0]]
+    walked = [SHORTEST_WAY[0]]
     while walked[-1] != FINISHED:
         walked.append(next_stage(walked[-1]))
-    assert walked == list(STAGES)
+    assert walked == list(SHORTEST_WAY)
+
+
+@pytest.mark.parametrize("optional", [(), ("interview",), ("practice", "screening"), OPTIONAL_STAGES])
+def test_optional_stages_stand_in_their_order(optional: tuple[str, ...]) -> None:
+    way = way_through(optional)
+    assert [stage for stage in ALL_STAGES if stage in way] == list(way)
+    assert set(way) == {*SHORTEST_WAY, *optional}
+    stage = way[0]
+    while stage != TRIAL:
+        stage = after_completing(stage, stage, way)
+    assert next_stage(TRIAL, way) == ("interview" if "interview" in optional else FINISHED)
+
+
+def test_who_has_withdrawn_completes_nothing() -> None:
+    with pytest.raises(IllegalMoveError, match="withdrawn"):
+        after_completing(INTRODUCTION, WITHDRAWN)
+    assert not is_past(TRIAL, WITHDRAWN)
+    assert is_past(TRIAL, FINISHED)

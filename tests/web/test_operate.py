@@ -14,6 +14,7 @@ import pytest
 from app import operate
 from app.errors import StimuliError
 from app.settings import Settings
+from app.store.migrate import newest_version
 
 
 def test_a_study_is_as_long_as_its_shortest_video_unless_told(
@@ -88,7 +89,7 @@ def test_another_database_must_be_upgraded_by_hand(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=f"sqlite:///{tmp_path / 'other.sqlite'}")
     with pytest.raises(ValueError, match="reconstudy db upgrade"):
         operate.list_studies(settings)
-    assert operate.upgrade_database(settings) == {"version": "0001"}
+    assert operate.upgrade_database(settings) == {"version": newest_version()}
     assert operate.list_studies(settings) == []
 
 

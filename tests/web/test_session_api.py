@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+from uuid import uuid4
 
 import httpx
 import pytest
@@ -11,6 +12,7 @@ from http_checks import is_problem
 
 from app import operate
 from app.settings import Settings
+from app.simulate import begin
 
 VoteBody = Callable[..., dict[str, Any]]
 
@@ -22,7 +24,16 @@ def sessions(study: dict[str, Any]) -> str:
 def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, Any]) -> None:
     answer = client.post(sessions(study), json={"invitation": study["invitation"]})
     assert answer.status_code == 201
-    assert answer.json().keys() == {"session", "token", "resume_code", "study", "stage", "stages", "progress"}
+    assert answer.json().keys() == {
+        "session",
+        "token",
+        "resume_code",
+        "study",
+        "stage",
+        "stages",
+        "progress",
+        "was_away_long",
+    }
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=lax" in cookie
@@ -105,7 +116,10 @@ def test_what_comes_with_a_stage_is_bounded(client: httpx.Client, study: dict[st
 
 def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     trial = participant.get("/api/v1/session/trials/next").json()
-    assert trial.keys() == {"trial", "number", "total", "exposure_s", "first_shown", "media", "next_media"}
+    one = {"trial", "attempt", "number", "total", "exposure_s", "first_shown", "media"}
+    assert trial.keys() == one | {"next_media", "following"}
+    assert trial["following"].keys() == one
+    assert trial["following"]["media"]["url"] == trial["next_media"]
     assert (trial["number"], trial["total"], trial["exposure_s"]) == (1, 6, 0.4)
     assert trial["first_shown"] in ("a", "b")
     media = trial["media"]
@@ -151,3 +165,95 @@ def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: 
     assert len(seen) == 6
     assert participant.get("/api/v1/session/trials/next").status_code == 204
     assert participant.get("/api/v1/session").json()["stage"] == "finished"
+
+
+def test_a_begin_whose_answer_was_lost_is_repeated_by_its_key(
+    client: httpx.Client, study: dict[str, Any], settings: Settings
+) -> None:
+    code = operate.add_invitation(settings, study["slug"], places=1)["invitation"]
+    admission = {"invitation": code, "key": str(uuid4())}
+    first, second = (client.post(sessions(study), json=admission) for _ in range(2))
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert first.json() == second.json()
+    assert is_problem(client.post(sessions(study), json=admission | {"key": str(uuid4())}), 410)
+
+
+def test_a_key_does_not_bring_a_session_back_that_goes_on_elsewhere(
+    client: httpx.Client, study: dict[str, Any], server: str
+) -> None:
+    admission = {"invitation": study["invitation"], "key": str(uuid4())}
+    code = client.post(sessions(study), json=admission).json()["resume_code"]
+    assert httpx.post(f"{server}/api/v1/session/resume", json={"resume_code": code}).status_code == 200
+    assert is_problem(client.post(sessions(study), json=admission), 409)
+
+
+def test_a_key_belongs_to_one_invitation(
+    client: httpx.Client, study: dict[str, Any], new_study: Callable[[], dict[str, Any]]
+) -> None:
+    key, other = str(uuid4()), new_study()
+    client.post(sessions(study), json={"invitation": study["invitation"], "key": key})
+    assert is_problem(client.post(sessions(other), json={"invitation": other["invitation"], "key": key}), 409)
+
+
+def test_a_withdrawal_ends_the_session_and_marks_its_votes(
+    client: httpx.Client, new_study: Callable[[], dict[str, Any]], vote_body: VoteBody, analyst: httpx.Client
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    kept, late = (client.get("/api/v1/session/trials/next").json()[name] for name in ("trial", "following"))
+    trial = client.get("/api/v1/session/trials/next").json()
+    path, body = f"/api/v1/session/trials/{kept}/vote", vote_body(trial)
+    assert client.put(path, json=body).status_code == 201
+    first, second = (client.put("/api/v1/session/withdrawal") for _ in range(2))
+    assert first.json()["stage"] == second.json()["stage"] == "withdrawn"
+    assert client.put(path, json=body).status_code == 200  # what was kept may be sent again
+    too_late = client.put(f"/api/v1/session/trials/{late['trial']}/vote", json=vote_body(late))
+    assert is_problem(too_late, 410)
+    assert is_problem(client.get("/api/v1/session/trials/next"), 410)
+    assert is_problem(client.put("/api/v1/session/stages/introduction", json={"data": {}}), 409)
+    (vote,) = analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()
+    assert (vote["excluded"], vote["reason"]) == (True, "withdrawn")
+
+
+def test_an_interrupted_trial_comes_once_more_at_the_end(
+    participant: httpx.Client, vote_body: VoteBody, analyst: httpx.Client, study: dict[str, Any]
+) -> None:
+    first = participant.get("/api/v1/session/trials/next").json()
+    path = f"/api/v1/session/trials/{first['trial']}"
+    record = {"reason": "hidden", "viewing": vote_body(first)["viewing"]}
+    assert [participant.put(f"{path}/void", json=record).status_code for _ in range(2)] == [204, 204]
+    assert is_problem(participant.put(f"{path}/vote", json=vote_body(first)), 409)
+    for number in range(1, 7):
+        trial = participant.get("/api/v1/session/trials/next").json()
+        assert (trial["number"], trial["total"], trial["attempt"]) == (number, 6, 1 if number < 6 else 2)
+        if number < 6:
+            participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+    assert trial["media"] == first["media"]
+    again = f"/api/v1/session/trials/{trial['trial']}"
+    assert is_problem(participant.put(f"{again}/void", json=record), 409)
+    assert participant.put(f"{again}/vote", json=vote_body(trial)).status_code == 201
+    assert participant.get("/api/v1/session").json()["stage"] == "finished"
+    session = participant.get("/api/v1/session").json()["session"]
+    rows = analyst.get(f"/api/v1/studies/{study['slug']}/trials", params={"session": session}).json()
+    (void,) = [row for row in rows if row["voided_at"]]
+    assert (void["trial"], void["void_reason"], void["viewing"]) == (first["trial"], "hidden", record["viewing"])
+    assert len([row for row in rows if row["choice"]]) == 6
+
+
+@pytest.mark.parametrize("change", [{"reason": "bored"}, {"viewing": None}, {"more": 1}])
+def test_an_interruption_is_told_as_described_or_not_at_all(
+    participant: httpx.Client, vote_body: VoteBody, change: dict[str, Any]
+) -> None:
+    trial = participant.get("/api/v1/session/trials/next").json()
+    record = {"reason": "hidden", "viewing": vote_body(trial)["viewing"]} | change
+    assert is_problem(participant.put(f"/api/v1/session/trials/{trial['trial']}/void", json=record), 422)
+
+
+def test_the_following_trial_may_be_voted_on_before_it_is_asked_for(
+    participant: httpx.Client, vote_body: VoteBody
+) -> None:
+    trial = participant.get("/api/v1/session/trials/next").json()
+    for one in (trial, trial["following"]):
+        answer = participant.put(f"/api/v1/session/trials/{one['trial']}/vote", json=vote_body(one))
+        assert answer.status_code == 201
+    assert participant.get("/api/v1/session/trials/next").json()["number"] == 3

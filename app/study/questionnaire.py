@@ -1,0 +1,147 @@
+"""The interview's questionnaire: questions as a study defines them, and answers that fit them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+Kind = Literal["choice", "scale", "number", "text"]
+KINDS: tuple[Kind, ...] = ("choice", "scale", "number", "text")
+
+MOST_QUESTIONS = 50
+MOST_STEPS = 11  # of a scale
+LONGEST_ANSWER = 2000  # characters
+
+
+class InvalidAnswerError(ValueError):
+    """An answer that does not fit its question."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question; it may be left unanswered unless it is required.
+
+    Parameters
+    ----------
+    name : under which its answer is kept
+    kind : choice of options, step of a scale (1, 2, …), number within bounds, free text
+    text : what is asked; empty: a text of the page's language is known under the name
+    options : of a choice, the answers as they are kept
+    labels : of a choice, as they are read (empty: known under the name); of a scale, its two ends
+    minimum, maximum : of a number; a scale goes from 1 to `maximum`
+    """
+
+    name: str
+    kind: Kind
+    text: str = ""
+    options: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    required: bool = False
+
+
+DEFAULT_QUESTIONS = (
+    Question("age", "number", minimum=16, maximum=120),
+    Question("sex", "choice", options=("female", "male", "other", "unsaid")),
+    Question("experience", "scale", maximum=5),
+    Question("glasses", "choice", options=("none", "glasses", "lenses")),
+    Question("criteria", "text"),
+)
+
+
+def parse_questions(content: Any) -> tuple[Question, ...]:
+    """Questions from a study file.
+
+    Raises
+    ------
+    ValueError
+        If one is not as described: names it and what is wrong.
+    """
+    if not isinstance(content, Sequence) or isinstance(content, str):
+        raise ValueError("questions: expected a list")
+    if len(content) > MOST_QUESTIONS:
+        raise ValueError(f"{len(content)} questions: expected at most {MOST_QUESTIONS}")
+    questions = tuple(_question(one, number) for number, one in enumerate(content, start=1))
+    names = [question.name for question in questions]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"question {twice[0]!r} is there twice")
+    return questions
+
+
+def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> None:
+    """Check that every answer fits its question; null means that a question was left out.
+
+    Raises
+    ------
+    InvalidAnswerError
+        If an answer belongs to no question, does not fit, or a required one is missing.
+    """
+    by_name = {question.name: question for question in questions}
+    if unknown := sorted(set(answers) - set(by_name)):
+        raise InvalidAnswerError(f"{unknown[0]!r} is not asked")
+    for question in questions:
+        answer = answers.get(question.name)
+        if answer is None:
+            if question.required:
+                raise InvalidAnswerError(f"{question.name} is not answered")
+        elif not _fits(question, answer):
+            raise InvalidAnswerError(f"{question.name}: {answer!r:.80} is no answer to it")
+
+
+def _fits(question: Question, answer: Any) -> bool:
+    if question.kind == "choice":
+        return answer in question.options
+    if question.kind == "text":
+        return isinstance(answer, str) and len(answer) <= LONGEST_ANSWER
+    if isinstance(answer, bool) or not isinstance(answer, int | float) or not math.isfinite(answer):
+        return False
+    low = 1.0 if question.kind == "scale" else question.minimum
+    within = (low is None or answer >= low) and (question.maximum is None or answer <= question.maximum)
+    return within and (question.kind == "number" or answer == int(answer))
+
+
+def _question(content: Any, number: int) -> Question:
+    if not isinstance(content, Mapping):
+        raise ValueError(f"question {number}: expected a table of its own")
+    known = {one.name for one in fields(Question)}
+    if unknown := sorted(set(content) - known):
+        raise ValueError(f"question {number}: {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
+    name, kind = content.get("name"), _kind(content)
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+        raise ValueError(f"question {number}: its name is {name!r}, expected letters a-z, digits and _")
+    question = Question(
+        name,
+        kind,
+        str(content.get("text", "")),
+        tuple(map(str, content.get("options", ()))),
+        tuple(map(str, content.get("labels", ()))),
+        content.get("minimum"),
+        content.get("maximum"),
+        content.get("required", False) is True,
+    )
+    _check_kind(question)
+    return question
+
+
+def _kind(content: Mapping[str, Any]) -> Kind:
+    for kind in KINDS:
+        if content.get("kind") == kind:
+            return kind
+    found = content.get("kind")
+    raise ValueError(f"question {content.get('name')}: its kind is {found!r}, expected one of {', '.join(KINDS)}")
+
+
+def _check_kind(question: Question) -> None:
+    if question.kind == "choice" and len(question.options) < 2:
+        raise ValueError(f"question {question.name}: a choice needs at least two options")
+    if question.kind == "choice" and question.labels and len(question.labels) != len(question.options):
+        raise ValueError(f"question {question.name}: expected a label for each of its options")
+    if question.kind == "scale" and question.maximum not in range(2, MOST_STEPS + 1):
+        raise ValueError(f"question {question.name}: its maximum is {question.maximum!r}, expected 2 to {MOST_STEPS}")
+    for bound in (question.minimum, question.maximum):
+        if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float)):
+            raise ValueError(f"question {question.name}: the bound {bound!r} is no number")
