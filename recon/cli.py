@@ -127,12 +127,19 @@ def capture_segment(
 
 @capture_app.command("check")
 def capture_check(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")], as_json: JsonOption = False
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    report_folder: Annotated[
+        Path | None, typer.Option("--report", help="Folder for report.html (with thumbnails) and report.json.")
+    ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Everything that is wrong with a capture, in one go; exit 1 if anything is."""
     from recon.capture.check import check_capture
+    from recon.capture.check_page import write_check
 
     report = check_capture(capture)
+    if report_folder is not None:
+        write_check(report, report_folder)
     print_result(report.as_json(), _check_sentences(capture, report), as_json=as_json)
     if report.problems:
         raise typer.Exit(1)

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from board import SIZE, record_board
 
-from recon.capture.check import MIN_MATCHES, check_capture, vertical_errors
+from recon.capture.check import check_capture
+from recon.capture.diagnosis import MIN_MATCHES
 from recon.capture.format import Capture, image_path, read_frame, write_capture
+from recon.capture.sensor_check import vertical_errors
 from recon.rig import rigid
 
 
@@ -70,7 +72,7 @@ def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -
     turn_right_camera(board, turn_deg=0.5)
     (problem,) = check_capture(board.folder).problems
     assert problem.startswith("sensor S1: ")
-    assert "the calibration does not fit the pictures" in problem
+    assert "the right camera is rotated by 0.50 degrees" in problem
     error = vertical_errors(turn_right_camera(board, turn_deg=0.0))["S2"].vertical_error_px
     assert error is not None
     assert error < 0.25

@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.capture.check import vertical_errors
 from recon.capture.colmap import import_colmap
 from recon.capture.described import import_json
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_plates
 from recon.capture.opencv import import_opencv, read_calibration, write_calibration
+from recon.capture.sensor_check import vertical_errors
 from recon.capture.sources import ImportOptions, find_pictures, parse_unit
 from recon.rig import Camera, Rig, Sensor, look_at
 

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.capture.check import vertical_errors
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.middlebury import import_middlebury
+from recon.capture.sensor_check import vertical_errors
 from recon.rig import bounds_corners, look_at
 
 SIZE = (40, 30)

@@ -1,0 +1,129 @@
+"""What a recording shows over time: repeated frames, frozen cameras, unequal counts, jumps of the exposure."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import image_path
+from recon.capture.images import is_video, video_times
+from recon.capture.recording import FRAME_FIELD, CameraStream
+
+THUMBNAIL = (64, 48)  # (width, height): averages that noise does not reach
+STILL_SHARE = 0.05  # of a camera's usual change from frame to frame
+STILL_LEVELS = 0.2  # grey levels of the thumbnail: compression noise of a repeated frame
+FROZEN_FRAMES = 4  # as many equal frames in a row are no hiccup
+DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
+MAX_JUMP = 1.08  # of the brightness from a frame to the next
+MAX_UNLIKE = 2.0  # of a camera's brightness from that of the others: the object fills their pictures differently
+MIN_FRAMES_FOR_RATE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """What is kept of a picture.
+
+    Parameters
+    ----------
+    thumbnail : float32 (h, w), grey levels
+    checksum : of all pixels
+    """
+
+    thumbnail: NDArray[np.float32]
+    checksum: int
+
+
+Glances = Mapping[str, Mapping[int, Glance]]
+"""By the camera's image pattern and the frame."""
+
+
+def glance_at(picture: NDArray[np.uint8]) -> Glance:
+    """The thumbnail and checksum of a picture, uint8 (H, W, 3)."""
+    grey = cv2.cvtColor(cv2.resize(picture, THUMBNAIL, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    return Glance(grey.astype(np.float32), zlib.crc32(picture.tobytes()))
+
+
+def continuity_problems(glances: Glances) -> Iterator[str]:
+    """One sentence for every repeated run of frames, frozen camera, jump of the exposure and unlike exposure."""
+    for pattern, by_frame in glances.items():
+        yield from _repeats(pattern, by_frame)
+        yield from _jumps(pattern, by_frame)
+    yield from _unlike(glances)
+
+
+def count_problems(folder: Path, cameras: Iterable[CameraStream], n_frames: int) -> Iterator[str]:
+    """One sentence for every camera that has recorded more frames than the capture says."""
+    for camera in cameras:
+        count = _count(folder, camera.image, n_frames)
+        if count > n_frames:
+            yield (
+                f"{folder / camera.image}: has {count} frames, the capture {n_frames}; unequal counts mean that "
+                "cameras were not started together or that another one lost frames"
+            )
+
+
+def _count(folder: Path, pattern: str, n_frames: int) -> int:
+    if is_video(pattern):
+        path = folder / pattern
+        return len(video_times(path)) if path.is_file() else 0
+    count = n_frames
+    while FRAME_FIELD.search(pattern) and image_path(folder, pattern, count).is_file():
+        count += 1
+    return count
+
+
+def _repeats(pattern: str, by_frame: Mapping[int, Glance]) -> Iterator[str]:
+    pairs = _neighbours(by_frame)
+    changes = {frame: float(np.abs(now.thumbnail - before.thumbnail).mean()) for frame, before, now in pairs}
+    usual = float(np.median(list(changes.values()))) if len(changes) >= MIN_FRAMES_FOR_RATE else 0.0
+    limit = min(STILL_LEVELS, STILL_SHARE * usual)
+    still = [frame for frame, before, now in pairs if before.checksum == now.checksum or changes[frame] < limit]
+    for run in _runs(still):
+        first, last = run[0] - 1, run[-1]
+        if len(run) + 1 >= FROZEN_FRAMES or (len(run) == len(pairs) and len(run) > 1):
+            yield f"{pattern}: the camera is frozen, it shows the same picture from frame {first} to {last}"
+        else:
+            yield f"{pattern}: frame {last} repeats frame {first}"
+
+
+def _jumps(pattern: str, by_frame: Mapping[int, Glance]) -> Iterator[str]:
+    for frame, before, now in _neighbours(by_frame):
+        bright = before.thumbnail > DARK_LEVELS
+        if not bright.any():
+            continue
+        ratio = float(np.median(now.thumbnail[bright] / before.thumbnail[bright]))
+        if not 1 / MAX_JUMP < ratio < MAX_JUMP:
+            yield f"{pattern}: the exposure jumps at frame {frame}, to {ratio:.2f} times that of frame {frame - 1}"
+
+
+def _unlike(glances: Glances) -> Iterator[str]:
+    levels = {
+        pattern: float(np.median([glance.thumbnail.mean() for glance in by_frame.values()]))
+        for pattern, by_frame in glances.items()
+        if by_frame
+    }
+    if len(levels) < 2:
+        return
+    usual = float(np.median(list(levels.values())))
+    for pattern, level in levels.items():
+        if not usual / MAX_UNLIKE < max(level, 1e-3) < usual * MAX_UNLIKE:
+            yield (
+                f"{pattern}: is exposed unlike the other cameras, mean brightness {level:.0f} grey levels, theirs "
+                f"about {usual:.0f}; use the same exposure, gain and white balance"
+            )
+
+
+def _neighbours(by_frame: Mapping[int, Glance]) -> list[tuple[int, Glance, Glance]]:
+    return [(frame, by_frame[frame - 1], by_frame[frame]) for frame in sorted(by_frame) if frame - 1 in by_frame]
+
+
+def _runs(frames: list[int]) -> list[list[int]]:
+    grouped = groupby(enumerate(frames), key=lambda item: item[1] - item[0])
+    return [[frame for _, frame in run] for _, run in grouped]
