@@ -28,7 +28,7 @@ from recon.mesh import Mesh, read_mesh, write_mesh
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
-from recon.render.video import DELIVERED_CRF, MASTER_CRF, check_video, write_video
+from recon.render.video import DELIVERED, MASTER, check_video, write_video
 from recon.rig import Camera, Rig, Sensor, look_at
 
 SIZE = (1920, 1080)
@@ -159,10 +159,10 @@ def encoding(mesh: Mesh, n: int) -> dict[str, float]:
         for number, frame in enumerate(frames_of("software", mesh, n)):
             raw[number] = frame
         result = {}
-        for name, crf in (("delivered", DELIVERED_CRF), ("master", MASTER_CRF)):
+        for name, quality in (("delivered", DELIVERED), ("master", MASTER)):
             path = Path(folder) / f"{name}.mp4"
             before = time.perf_counter()
-            write_video(path, raw, size=SIZE, fps=25, crf=crf)
+            write_video(path, raw, size=SIZE, fps=25, encoding=quality)
             result[f"{name}_fps"] = n / (time.perf_counter() - before)
             result[f"{name}_mb"] = path.stat().st_size / 1e6
             check = check_video(path, raw)

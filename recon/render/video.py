@@ -20,12 +20,22 @@ from recon.files import whole_file
 from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 
 GOP = 25  # frames from one entry point to the next, which a player can jump to
-DELIVERED_CRF = 18  # x264's scale; measured 49 dB on rendered people
-MASTER_CRF = 4  # beyond what an eye can tell from the rendered frames, yet a tenth of their size without loss
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
 # Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
 SCALER = "bitexact+accurate_rnd+full_chroma_int"
 BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """x264's constant rate factor (lower is better and larger) and preset (how hard it tries to be small)."""
+
+    crf: int
+    preset: str = "medium"
+
+
+DELIVERED = Encoding(18)  # measured 51 to 56 dB on rendered people, 3 to 6 MB for 15 s of full HD
+MASTER = Encoding(4, "veryfast")  # 61 dB and more; medium takes 2.4 times as long for a file of the same size
 
 
 class VideoError(ValueError):
@@ -44,7 +54,12 @@ class VideoFacts:
 
 
 def write_video(
-    path: Path, frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float, crf: int = DELIVERED_CRF
+    path: Path,
+    frames: Iterable[NDArray[np.uint8]],
+    *,
+    size: tuple[int, int],
+    fps: float,
+    encoding: Encoding = DELIVERED,
 ) -> VideoFacts:
     """Encode frames as H.264 in MP4: the same frames give the same bytes.
 
@@ -56,34 +71,35 @@ def write_video(
     frames : uint8 (H, W, 3) each, sRGB
     size : (width, height), pixels, both even
     fps : frames a second
-    crf : x264's constant rate factor: `DELIVERED_CRF` for participants, `MASTER_CRF` for a master
+    encoding : `DELIVERED` for participants, `MASTER` to make other videos from
 
     Raises
     ------
     VideoError
         If the size is odd, a frame has another size or type, there is no frame, or ffmpeg fails.
     """
-    return write_videos({path: crf}, frames, size=size, fps=fps)
+    return write_videos({path: encoding}, frames, size=size, fps=fps)
 
 
 def write_videos(
-    crfs: Mapping[Path, int], frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float
+    encodings: Mapping[Path, Encoding], frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float
 ) -> VideoFacts:
     """Encode the same frames several times in one pass, say as a video and its master; otherwise as `write_video`.
 
     Parameters
     ----------
-    crfs : the constant rate factor of each video to write
+    encodings : of each video to write
     """
-    for path in crfs:
+    for path in encodings:
         _check_request(path, size)
     with ExitStack() as files:
-        targets = {path: files.enter_context(whole_file(path)) for path in crfs}
+        targets = {path: files.enter_context(whole_file(path)) for path in encodings}
         with ExitStack() as encoders:
             pipes = [
-                encoders.enter_context(_encoding(path, targets[path], size, fps, crf)) for path, crf in crfs.items()
+                encoders.enter_context(_encoder(path, targets[path], size, fps, encoding))
+                for path, encoding in encodings.items()
             ]
-            n_frames = _feed(pipes, next(iter(crfs)), frames, size)
+            n_frames = _feed(pipes, next(iter(encodings)), frames, size)
         for path, target in targets.items():
             facts = probe_video(target)
             if facts.n_frames != n_frames:
@@ -108,10 +124,10 @@ def write_checked_video(
     VideoError
         As `write_video`. A video that is whole but below the bar is the caller's to judge: see `VideoCheck.faults`.
     """
-    crfs = {path: DELIVERED_CRF} | ({master: MASTER_CRF} if master else {})
+    encodings = {path: DELIVERED} | ({master: MASTER} if master else {})
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=path.parent) as kept:
-        facts = write_videos(crfs, _keeping_luma(frames, kept), size=size, fps=fps)
+        facts = write_videos(encodings, _keeping_luma(frames, kept), size=size, fps=fps)
         kept.seek(0)
         return facts, _compared(path, _kept_luma(kept, size))
 
@@ -208,24 +224,27 @@ def _check_request(path: Path, size: tuple[int, int]) -> None:
         raise VideoError(f"{path}: the name of a video must end in .mp4")
 
 
-def _encoder(path: Path, size: tuple[int, int], fps: float, crf: int) -> list[str]:
+def _encoder_command(path: Path, size: tuple[int, int], fps: float, encoding: Encoding) -> list[str]:
     rate = str(Fraction(fps).limit_denominator(1001))
     return [
         *(imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-y"),
         *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", rate, "-i", "pipe:0"),
         *("-vf", f"scale=out_color_matrix=bt709:out_range=tv:flags={SCALER},format=yuv420p", *BT709),
-        *("-c:v", "libx264", "-preset", "medium", "-crf", str(crf), "-threads", str(ENCODER_THREADS)),
+        *("-c:v", "libx264", "-preset", encoding.preset, "-crf", str(encoding.crf), "-threads", str(ENCODER_THREADS)),
         *("-g", str(GOP), "-keyint_min", str(GOP), "-sc_threshold", "0", "-flags", "+cgop+bitexact"),
         *("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4", str(path)),
     ]
 
 
 @contextmanager
-def _encoding(path: Path, target: Path, size: tuple[int, int], fps: float, crf: int) -> Iterator[IO[bytes]]:
+def _encoder(path: Path, target: Path, size: tuple[int, int], fps: float, encoding: Encoding) -> Iterator[IO[bytes]]:
     """A pipe into an encoder that writes `target`, whose final name is `path`."""
     with tempfile.TemporaryFile() as complaints:
         process = subprocess.Popen(
-            _encoder(target, size, fps, crf), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints
+            _encoder_command(target, size, fps, encoding),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=complaints,
         )
         assert process.stdin is not None  # it was opened as a pipe
         try:

@@ -13,7 +13,8 @@ from skimage.metrics import structural_similarity
 
 from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 from recon.render.video import (
-    MASTER_CRF,
+    MASTER,
+    Encoding,
     VideoError,
     check_video,
     probe_video,
@@ -71,7 +72,7 @@ def test_decoded_frames_are_near_those_that_were_encoded(video: Path) -> None:
 
 def test_a_master_is_nearer_than_what_is_delivered(video: Path, tmp_path: Path) -> None:
     master = tmp_path / "master.mp4"
-    write_video(master, moving_frames(60), size=SIZE, fps=25, crf=MASTER_CRF)
+    write_video(master, moving_frames(60), size=SIZE, fps=25, encoding=MASTER)
     assert min(check_video(master, moving_frames(60)).psnr_db) > max(
         52, min(check_video(video, moving_frames(60)).psnr_db)
     )
@@ -141,9 +142,9 @@ def test_a_video_and_its_master_are_written_and_checked_in_one_pass(video: Path,
 
 
 def test_when_one_of_several_videos_fails_none_is_left(tmp_path: Path) -> None:
-    crfs = {tmp_path / "good.mp4": 18, tmp_path / "bad.mp4": -500}
+    encodings = {tmp_path / "good.mp4": Encoding(18), tmp_path / "bad.mp4": Encoding(-500)}
     with pytest.raises(VideoError, match=r"bad.mp4: could not be encoded"):
-        write_videos(crfs, moving_frames(300), size=SIZE, fps=25)
+        write_videos(encodings, moving_frames(300), size=SIZE, fps=25)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -191,5 +192,5 @@ def test_frames_that_fail_half_way_leave_nothing(tmp_path: Path) -> None:
 
 def test_an_encoder_that_fails_says_why(tmp_path: Path) -> None:
     with pytest.raises(VideoError, match=r"bad.mp4: could not be encoded: .*"):
-        write_video(tmp_path / "bad.mp4", moving_frames(300), size=SIZE, fps=25, crf=-500)
+        write_video(tmp_path / "bad.mp4", moving_frames(300), size=SIZE, fps=25, encoding=Encoding(-500))
     assert list(tmp_path.iterdir()) == []
