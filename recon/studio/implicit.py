@@ -241,7 +241,10 @@ def grid_distance(
                 radius = np.sqrt(hx * hx + hy * hy + hz * hz)
                 centre = _distance(table, everything, n, cx, cy, cz)
                 if abs(centre) > 1.8 * radius + 40.0:
-                    result[i0:i1, j0:j1, k0:k1] = centre
+                    for i in range(i0, i1):
+                        for j in range(j0, j1):
+                            for k in range(k0, k1):
+                                result[i, j, k] = centre
                     continue
                 n_near = 0
                 for p in range(n):

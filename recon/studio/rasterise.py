@@ -68,7 +68,8 @@ def _project(
     """Column, row and 1 / z (N, 3) of world points, and the lowest and highest (2, 3) column, row and z."""
     pixels = np.empty((len(vertices), 3))
     extent = np.empty((2, 3))
-    extent[0], extent[1] = np.inf, -np.inf
+    for i in range(3):
+        extent[0, i], extent[1, i] = np.inf, -np.inf
     for i in range(len(vertices)):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]

@@ -195,7 +195,7 @@ def skin(
     transforms: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Move rest vertices (N, 3) with their four bones (N, 4) and weights (N, 4): float64 (N, 3)."""
-    moved = np.empty_like(vertices)
+    moved = np.empty((len(vertices), 3))
     for i in range(len(vertices)):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         for r in range(3):
@@ -210,7 +210,7 @@ def skin(
 @numba.njit(cache=True, nogil=True)
 def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Area-weighted unit normals (N, 3) of a mesh whose faces are counter-clockwise seen from outside."""
-    normals = np.zeros_like(vertices)
+    normals = np.zeros((len(vertices), 3))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
@@ -223,5 +223,6 @@ def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> N
     for i in range(len(normals)):
         length = np.sqrt(normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2)
         if length > 0.0:
-            normals[i] /= length
+            for axis in range(3):
+                normals[i, axis] /= length
     return normals

@@ -111,10 +111,10 @@ def test_the_identity_at_every_bone_leaves_the_body_where_it_is(person: RestBody
 
 
 @given(
-    x=st.floats(100, 330),
-    y=st.floats(1050, 1400),
-    z=st.floats(200, 400),
-    twist=st.floats(-20, 20),
+    x=st.floats(120, 300),
+    y=st.floats(1150, 1400),
+    z=st.floats(200, 300),
+    twist=st.floats(-10, 10),
     sink=st.floats(0, 60),
 )
 @settings(max_examples=50, deadline=None)
