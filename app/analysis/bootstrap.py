@@ -28,12 +28,17 @@ class Bootstrap:
     ----------
     scores : float64 (R, n)
         Of the replicates that have a maximum.
-    n_without_maximum : int
-        Replicates that have none and are left out.
+    kept : bool (R',)
+        Which of all replicates these are.
     """
 
     scores: Array
-    n_without_maximum: int
+    kept: NDArray[np.bool_]
+
+    @property
+    def n_without_maximum(self) -> int:
+        """Replicates that have no maximum and are left out."""
+        return int((~self.kept).sum())
 
     def interval(self, level: float) -> Array:
         """Return the percentile interval of each score, (2, n)."""
@@ -90,7 +95,7 @@ def bootstrap_scores(fit: Fit, votes: VotesTable, weights: Array) -> Bootstrap:
         if rows.any():
             table = wins[rows], losses[rows], ties[rows]
             scores[rows], is_there[rows] = _fit_batch(fit, *table, has_tie=is_with)
-    return Bootstrap(scores[is_there], int((~is_there).sum()))
+    return Bootstrap(scores[is_there], is_there)
 
 
 def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bool) -> tuple[Array, NDArray[np.bool_]]:

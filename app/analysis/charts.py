@@ -183,6 +183,61 @@ def triads_chart(analysis: Mapping[str, Any]) -> Any:
     return (strict + ties + chance).properties(width=320, height=alt.Step(15), title=title)
 
 
+def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
+    """Draw the scores with their intervals against an objective measure, a shape and a colour for each dataset.
+
+    Returns
+    -------
+    altair chart or None
+        None if no item has both.
+    """
+    values = analysis["settings"]["measures"].get(measure, {})
+    rows = [
+        dict(row) | {"value": values[row["dataset"]][row["item"]]}
+        for row in analysis["scores"]
+        if row["comparison"] == "all" and row["score"] is not None and row["item"] in values.get(row["dataset"], {})
+    ]
+    if not rows:
+        return None
+    names = _datasets(rows)
+    base = alt.Chart(alt.Data(values=rows)).encode(x=alt.X("value:Q", title=measure, scale=alt.Scale(zero=False)))
+    color = alt.Color("dataset:N", sort=names, scale=alt.Scale(domain=names, range=[*PALETTE] * len(names)))
+    bars = base.mark_rule(opacity=0.45).encode(
+        y=alt.Y("ci_low:Q", title="score (log-odds)"), y2="ci_high:Q", color=color
+    )
+    points = base.mark_point(size=60, filled=True, opacity=1).encode(
+        y="score:Q", color=color, shape=alt.Shape("dataset:N", sort=names, scale=alt.Scale(domain=names))
+    )
+    overall = [row for row in analysis["measures"] if row["measure"] == measure][-1]
+    found = ", ".join(
+        f"{name} {overall[key]:.2f}"
+        for name, key in (("Spearman", "spearman"), ("Pearson", "pearson"))
+        if overall[key] is not None
+    )
+    title = alt.TitleParams(f"Score against {measure}", subtitle=found or "too few points for a correlation")
+    return (bars + points).properties(width=380, height=280, title=title)
+
+
+def response_chart(analysis: Mapping[str, Any]) -> Any:
+    """Draw each participant's response times: the median, and how far down the fastest tenth reaches.
+
+    Returns
+    -------
+    altair chart or None
+        None if none were recorded.
+    """
+    values = [row for row in analysis["observers"] if row["median_response_ms"] is not None]
+    if not values or len(values) > MOST_PARTICIPANTS_IN_A_CHART:
+        return None
+    base = alt.Chart(alt.Data(values=[{k: v for k, v in row.items() if k != "flags"} for row in values]))
+    y = alt.Y("participant:N", title=None, sort=None)
+    x = alt.X("fastest_decile_ms:Q", title="response time (ms)", scale=alt.Scale(zero=True))
+    reach = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=x, x2="median_response_ms:Q")
+    median = base.mark_point(filled=True, size=48, opacity=1, color=PALETTE[1]).encode(y=y, x="median_response_ms:Q")
+    title = alt.TitleParams("Response times", subtitle="point: median; line: down to the fastest tenth")
+    return (reach + median).properties(width=320, height=alt.Step(15), title=title)
+
+
 def chart_svg(chart: Any) -> str:
     """Return the chart as SVG text."""
     return str(vl_convert.vegalite_to_svg(_spec(chart)))

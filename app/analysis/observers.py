@@ -7,11 +7,12 @@ stimuli look alike, honest judges contradict themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+from scipy.stats import norm
 
 from app.analysis.bradley_terry import ConvergenceError, Fit, fit_scores, only_compared
 from app.analysis.contrasts import holm
@@ -22,7 +23,7 @@ from app.analysis.votes import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
-CHANCE = 0.05  # a pooled p-value of the triads above it: no more consistent than random votes
+CHANCE = 0.5  # pooled p-value of the triads above which there are as many contradictions as random votes have
 BIASED = 0.05  # corrected p-value of a side or order bias below which it is flagged
 FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likelihood outliers
 FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
@@ -46,33 +47,60 @@ def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -
         return []
     present = np.unique(votes.participant)
     own = {int(index): votes.where(votes.participant == index) for index in present}
+    p_a = _preferred_by_all(votes, ties)
     by_name: dict[str, list[Triads]] = {}
     for triad in screened:
         by_name.setdefault(triad.participant, []).append(triad)
-    rows = [_measures(votes.participants[index], part, by_name) for index, part in own.items()]
+    rows = [
+        _measures(votes.participants[index], part, p_a[votes.participant == index], by_name)
+        for index, part in own.items()
+    ]
     for row, value in zip(rows, _left_out_likelihoods(votes, own, ties), strict=True):
         row["loglik_per_vote_left_out"] = value
     _flag(rows)
     return rows
 
 
-def _measures(participant: str, votes: VotesTable, by_name: dict[str, list[Triads]]) -> dict[str, Any]:
+def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
+    """Return the probability that each row's `item_a` is preferred, given a preference and everybody's scores, (N,)."""
+    p_a = np.full(len(votes), 0.5)
+    for dataset in range(len(votes.datasets)):
+        rows = votes.dataset == dataset
+        compared = only_compared(votes.where(rows))
+        fit = _fit_without_participants(compared, ties) if rows.any() else None
+        if fit is not None and fit.scores is not None:
+            p_a[rows] = 1 / (1 + np.exp(fit.scores[compared.item_b] - fit.scores[compared.item_a]))
+    return p_a
+
+
+def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
+    """Fit scores only; None where even a penalised estimate does not converge."""
+    try:
+        return fit_scores(replace(votes, participants=("",)), ties=ties)
+    except (ConvergenceError, RuntimeError):
+        return None
+
+
+def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str, list[Triads]]) -> dict[str, Any]:
     own = by_name.get(participant, [])
-    n, decided = votes.n_votes, int(votes.count[votes.choice <= B].sum())
-    chose_a = int(votes.count[votes.choice == A].sum())
-    first = (votes.first_shown == votes.choice) & (votes.choice <= B)
-    told = (votes.first_shown >= 0) & (votes.choice <= B)
-    chose_first, n_told = int(votes.count[first].sum()), int(votes.count[told].sum())
+    n = votes.n_votes
+    decided = votes.choice <= B
+    told = decided & (votes.first_shown >= 0)
+    p_first = np.where(votes.first_shown == 1, 1 - p_a, p_a)
+    side = _bias(votes.choice[decided] == A, p_a[decided], votes.count[decided])
+    order = _bias((votes.choice == votes.first_shown)[told], p_first[told], votes.count[told])
     consistent, repeated = _repeats(votes)
     return {
         "participant": participant,
         "flags": [],
         "n_votes": n,
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
-        "side_a_rate": chose_a / decided if decided else None,
-        "side_a_p_value": _fair(chose_a, decided),
-        "first_shown_rate": chose_first / n_told if n_told else None,
-        "first_shown_p_value": _fair(chose_first, n_told),
+        "side_a_rate": side[0],
+        "side_a_expected": side[1],
+        "side_a_p_value": side[2],
+        "first_shown_rate": order[0],
+        "first_shown_expected": order[1],
+        "first_shown_p_value": order[2],
         "repeated_pairs": repeated,
         "repeats_consistent": consistent,
         "median_response_ms": _quantile(votes.response_ms, 0.5),
@@ -82,8 +110,20 @@ def _measures(participant: str, votes: VotesTable, by_name: dict[str, list[Triad
     }
 
 
-def _fair(successes: int, trials: int) -> float | None:
-    return float(binomtest(successes, trials).pvalue) if trials else None
+def _bias(
+    chosen: NDArray[np.bool_], chance: Array, count: NDArray[np.int64]
+) -> tuple[float | None, float | None, float | None]:
+    """Return how often one side was chosen, how often everybody's scores would have it, and the p-value of the
+    difference.
+
+    Without the scores, a design that always puts the better item on the same side would look like a bias.
+    """
+    n = int(count.sum())
+    if not n:
+        return None, None, None
+    observed, expected = float(np.sum(count * chosen)), float(np.sum(count * chance))
+    deviation = float(np.sqrt(np.sum(count * chance * (1 - chance))))
+    return observed / n, expected / n, float(2 * norm.sf(abs(observed - expected) / deviation))
 
 
 def _quantile(values: Array, share: float) -> float | None:
@@ -127,11 +167,8 @@ def _left_out_likelihoods(votes: VotesTable, own: dict[int, VotesTable], ties: s
 def _loglik_under(others: VotesTable, mine: VotesTable, ties: str) -> tuple[float, int]:
     """Return the log-likelihood of `mine` under the scores of `others`, and the votes that could be judged."""
     compared = only_compared(others)
-    try:
-        fit = fit_scores(VotesTable(**{**vars(compared), "participants": ("",)}), ties=ties)
-    except (ConvergenceError, RuntimeError):
-        return 0.0, 0
-    if fit.theta is None:
+    fit = _fit_without_participants(compared, ties)
+    if fit is None or fit.theta is None:
         return 0.0, 0
     there = np.array([item in set(compared.items) for item in mine.items])
     kept = mine.where(there[mine.item_a] & there[mine.item_b] & (fit.design.has_tie | (mine.choice != NONE)))

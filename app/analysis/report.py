@@ -6,6 +6,7 @@ import csv
 import io
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,19 +19,23 @@ from app.analysis.charts import (
     chart_pdf,
     chart_png,
     chart_svg,
+    measure_chart,
     preference_chart,
     residual_chart,
+    response_chart,
     scores_chart,
     triads_chart,
 )
 from app.analysis.results import analyse
 from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes import read_items, read_votes
+from app.analysis.votes import read_items, read_measures, read_votes
 from app.files import write_bytes, write_json, write_text
 
 TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"
 ITEMS_IN_A_TABLE = 60
+
+ROUNDING = 1e-12  # smaller numbers are zeros that went through arithmetic
 
 TIES_IN_WORDS = {
     "davidson": "the model of Davidson (1970)",
@@ -49,6 +54,7 @@ def analyse_file(
     columns: Mapping[str, str] | None = None,
     choices: Mapping[str, str] | None = None,
     factors: Sequence[str] | None = None,
+    measures: Path | None = None,
 ) -> dict[str, Any]:
     """Read votes, analyse them and write everything below `out`.
 
@@ -66,6 +72,8 @@ def analyse_file(
         Our names -> those in the file, where they differ: {"participant": "judge"}, {"none": "tie"}.
     factors : sequence of str, optional
         The factors to analyse out of those in `items`; all of them by default.
+    measures : Path, optional
+        CSV with `dataset`, `item` and one column per objective measure, to be compared with the scores.
 
     Returns
     -------
@@ -89,6 +97,8 @@ def analyse_file(
         settings = settings.with_factors(known, analysed=tuple(factors or known))
     elif factors:
         raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
+    if measures is not None:
+        settings = replace(settings, measures=read_measures(measures))
     analysis = analyse(votes, settings)
     write_analysis(analysis, out, source=path.name)
     return analysis
@@ -144,6 +154,9 @@ def _charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
         yield name, f"Scores of {what} with 95 % intervals.", scores_chart(analysis, comparison)
     yield "preferences", "Votes for the row's item against the column's.", preference_chart(analysis)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis)
+    for measure in dict.fromkeys(row["measure"] for row in analysis["measures"]):
+        yield f"measure_{_file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure)
+    yield "response_times", "Response times of each participant.", response_chart(analysis)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis)
 
 
@@ -179,7 +192,7 @@ def _number(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return "0.000" if value == 0 else f"{value:.3f}" if abs(value) >= 0.0005 else f"{value:.1e}"
+        return "0.000" if abs(value) < ROUNDING else f"{value:.3f}" if abs(value) >= 0.0005 else f"{value:.1e}"
     return str(value)
 
 
@@ -224,7 +237,7 @@ def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
         shown = dict(row) | {"error": row["se"] if row["se_participant"] is None else row["se_participant"]}
         groups.setdefault((row["comparison"], row["dataset"]), []).append(shown)
     tables = []
-    for (comparison, dataset), rows in groups.items():
+    for (comparison, dataset), rows in sorted(groups.items(), key=lambda group: group[0][1] != "all"):
         rows.sort(key=lambda row: -(row["score"] or 0.0))
         what = "All items" if comparison == "all" else f"Factor {comparison}"
         where = "all datasets" if dataset == "all" else dataset

@@ -14,7 +14,8 @@ from scipy.stats import t as student
 from app.analysis.agreement import agreement_rows
 from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
-from app.analysis.contrasts import contrasts, holm, letters
+from app.analysis.contrasts import SIGNIFICANT, contrasts, holm, letters
+from app.analysis.correlation import ScoreSet, correlation_rows
 from app.analysis.factors import (
     Effect,
     ModelTest,
@@ -84,6 +85,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "tests": tests,
         "triads": [_triads_row(row) for row in screened],
         "triads_pooled": _pooled_triads(screened),
+        "measures": _measure_rows(compared, settings),
         "agreement": agreement_rows(used),
         "observers": observer_rows(used, screened, ties=settings.ties),
         "pairs": [row for one in compared for row in _pair_rows(one)],
@@ -136,6 +138,32 @@ def _factor_results(
         tests.append(_datasets_test(model, {one.dataset: one.fit for one in compared if one.comparison == model}))
     tests.append(_datasets_test("additive", additive))
     return [_effect_row(effect) for effect in effects], _test_rows([test for test in tests if test is not None])
+
+
+def _measure_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
+    if not settings.measures:
+        return []
+    of_items = [one for one in compared if one.comparison == ALL and one.fit.scores is not None]
+    single = [one for one in of_items if one.dataset != ALL] or of_items
+    return correlation_rows(
+        {one.dataset: _score_set(one) for one in single}, settings.measures, np.random.default_rng([settings.seed, 1])
+    )
+
+
+def _score_set(one: Comparison) -> ScoreSet:
+    fit = one.fit
+    assert fit.scores is not None
+    place = {item: index for index, item in enumerate(fit.items)}
+    different = [
+        (place[c.item_a], place[c.item_b]) if c.difference > 0 else (place[c.item_b], place[c.item_a])
+        for c in contrasts(fit)
+        if c.p_holm < SIGNIFICANT
+    ]
+    replicates = np.zeros((0, len(fit.items)))
+    if one.bootstrap is not None:
+        replicates = np.full((len(one.bootstrap.kept), len(fit.items)), np.nan)
+        replicates[one.bootstrap.kept] = one.bootstrap.scores
+    return ScoreSet(fit.items, fit.scores, replicates, different)
 
 
 def _datasets_test(model: str, fits: dict[str, Fit]) -> ModelTest | None:

@@ -24,6 +24,8 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _factors(analysis)
     if analysis["tests"]:
         yield _tests(analysis)
+    if analysis["measures"]:
+        yield _measures(analysis, figures)
     if analysis["scores_with_excluded"]:
         yield _excluded(analysis)
     if any(row["u"] is not None or row["transitivity"] for row in analysis["agreement"]):
@@ -31,7 +33,7 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
     if analysis["triads"]:
         yield _triads(analysis, figures)
     if analysis["observers"]:
-        yield _observers(analysis)
+        yield _observers(analysis, figures)
 
 
 def _section(
@@ -96,11 +98,31 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
     ]
     text = (
         "G2 is the likelihood-ratio statistic, which takes votes for independent; p (participants) is the Wald test "
-        "with participants as the sample. Holm's correction is over the tests of one kind on the single datasets, or on all "
-        "together, and uses p (participants) where there is one."
+        "with participants as the sample. Holm's correction is over the tests of one kind on the single datasets, or "
+        "on all together, and uses p (participants) where there is one."
     )
     columns = ["test", "in the model of", "dataset", "G2", "df", "p (votes)", "p (participants)", "p (Holm)"]
     return _section("Tests", text, columns, rows)
+
+
+def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
+    rows = [
+        (
+            *(row["measure"], row["dataset"], row["n"], row["pearson"], row["pearson_monotone"], row["spearman"]),
+            *(row["kendall"], row["pairs_different"], row["pairs_correct"]),
+        )
+        for row in analysis["measures"]
+    ]
+    text = (
+        "How well objective measures go with the scores. The monotone correlation is that after the best monotone "
+        "curve; the last column is the share of significantly different pairs that the measure puts in the right "
+        "order. Over all datasets, measure and score are taken relative to their dataset's mean."
+    )
+    columns = [
+        *("measure", "dataset", "points", "Pearson", "monotone", "Spearman", "Kendall", "pairs that differ", "in order")
+    ]
+    shown = [figure for name, figure in figures.items() if name.startswith("measure_")]
+    return _section("Objective measures", text, columns, rows, shown)
 
 
 def _excluded(analysis: Analysis) -> dict[str, Any]:
@@ -121,8 +143,8 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
     ]
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
-        "complete designs without ties. Beside it, how many triples of items violate weak, moderate and strong stochastic "
-        "transitivity; without weak transitivity no scores fit the preferences."
+        "complete designs without ties. Beside it, how many triples of items violate weak, moderate and strong "
+        "stochastic transitivity; without weak transitivity no scores fit the preferences."
     )
     columns = ["dataset", "u", "p", "weak violated", "moderate violated", "strong violated", "triples"]
     return _section("Agreement", text, columns, rows)
@@ -147,7 +169,7 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     return _section("Circular triads", text, columns, rows, shown)
 
 
-def _observers(analysis: Analysis) -> dict[str, Any]:
+def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     flagged = [row for row in analysis["observers"] if row["flags"]]
     text = (
         f"{len(flagged)} of {len(analysis['observers'])} participants have something unusual about their votes; all "
@@ -157,5 +179,6 @@ def _observers(analysis: Analysis) -> dict[str, Any]:
         (row["participant"], row["n_votes"], row["tie_rate"], row["loglik_per_vote_left_out"], "; ".join(row["flags"]))
         for row in flagged
     ]
+    shown = [figures["response_times"]] if "response_times" in figures else []
     columns = ["participant", "votes", "tie rate", "log-likelihood per vote", "unusual"]
-    return _section("Participants", text, columns, rows)
+    return _section("Participants", text, columns, rows, shown)

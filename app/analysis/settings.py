@@ -29,6 +29,8 @@ class AnalysisSettings:
         Factor -> item -> level; all that distinguish the items.
     analysed : tuple of str, optional
         The factors to report on; all by default.
+    measures : mapping
+        Objective measure -> dataset -> item -> value.
     by_dataset : bool
         Also analyse every dataset by itself.
     exclude : tuple of str
@@ -41,6 +43,7 @@ class AnalysisSettings:
     seed: int = 0
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     analysed: tuple[str, ...] | None = None
+    measures: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
 
@@ -71,6 +74,7 @@ class AnalysisSettings:
             "seed": self.seed,
             "factors": {name: dict(levels) for name, levels in self.factors.items()},
             "analysed_factors": list(self.comparisons),
+            "measures": {name: {d: dict(own) for d, own in values.items()} for name, values in self.measures.items()},
             "by_dataset": self.by_dataset,
             "exclude": list(self.exclude),
             "interval_level": LEVEL,

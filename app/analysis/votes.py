@@ -245,6 +245,41 @@ def read_items(path: Path) -> dict[str, dict[str, str]]:
     }
 
 
+def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell is
+    no value.
+
+    Raises
+    ------
+    VotesError
+        If a column is missing, an item of a dataset appears twice, or a value is no finite number.
+    """
+    try:
+        frame = _read_csv(path)
+    except FileNotFoundError as error:
+        raise VotesError(f"{path}: there is no such file") from error
+    except VotesError as error:
+        raise VotesError(f"{path}: {error}") from error
+    if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
+        found = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {found}; expected dataset, item and at least one measure")
+    twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
+    if len(twice):
+        raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
+    measures: dict[str, dict[str, dict[str, float]]] = {}
+    for measure in (name for name in frame.columns if name not in ("dataset", "item")):
+        texts = frame[measure].to_list()
+        try:
+            values = _numbers(np.array(texts, object), measure, may_be_negative=True)
+        except VotesError as error:
+            raise VotesError(f"{path}: {error}") from error
+        own = measures.setdefault(measure, {})
+        for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
+            if text:
+                own.setdefault(dataset, {})[item] = float(value)
+    return measures
+
+
 def frame_from_votes(votes: VotesTable) -> pd.DataFrame:
     """Return the table with names instead of indices, in the columns of the exchange format."""
     names = np.array(votes.items, object)
@@ -436,8 +471,12 @@ def _first_shown(
     return first.astype(np.int8)
 
 
-def _numbers(values: NDArray[np.object_], name: str, *, whole: bool = False) -> NDArray[np.float64]:
+def _numbers(
+    values: NDArray[np.object_], name: str, *, whole: bool = False, may_be_negative: bool = False
+) -> NDArray[np.float64]:
     expected = "a whole number, 0 or more" if whole else "a number, 0 or more, or nothing"
+    if may_be_negative:
+        expected = "a number or nothing"
 
     def number(value: str) -> float:
         try:
@@ -446,7 +485,7 @@ def _numbers(values: NDArray[np.object_], name: str, *, whole: bool = False) -> 
             return math.nan
 
     parsed = np.array([number(value) for value in values], np.float64)
-    is_bad = ~np.isfinite(parsed) | (parsed < 0) | (whole & (parsed != np.floor(parsed)))
+    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative)) | (whole & (parsed != np.floor(parsed)))
     _refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {values[row]!r}, expected {expected}")
     return parsed
 

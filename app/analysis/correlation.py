@@ -1,0 +1,171 @@
+"""Do objective measures predict what people prefer? Every measure against the scores, over datasets and items."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+from scipy.stats import kendalltau, rankdata
+
+Array = NDArray[np.float64]
+Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset -> item -> value
+
+ALL = "all"
+SIGNIFICANT = 0.05
+LEVEL = 0.95
+FEWEST = 3  # points; two always lie on a line
+
+
+@dataclass(frozen=True)
+class ScoreSet:
+    """The scores of one dataset.
+
+    Parameters
+    ----------
+    items : tuple of str
+    scores : float64 (n,)
+    replicates : float64 (R, n)
+        Scores of the participant bootstrap, NaN in replicates without a maximum; R is 0 without a bootstrap.
+    different : list of (int, int)
+        Pairs of items, better one first, that differ significantly.
+    """
+
+    items: tuple[str, ...]
+    scores: Array
+    replicates: Array
+    different: Sequence[tuple[int, int]]
+
+
+def correlation_rows(
+    by_dataset: Mapping[str, ScoreSet], measures: Measures, rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Correlate every measure with the scores, in each dataset and over all.
+
+    Scores say nothing across datasets, so over all of them both sides are taken relative to their dataset's mean.
+
+    Parameters
+    ----------
+    by_dataset : mapping
+        Dataset -> scores; datasets and items without a value of the measure are left out, and counted.
+    measures : mapping
+        Measure -> dataset -> item -> value.
+    rng : Generator
+        Of the resampling of datasets; participants were drawn already.
+
+    Returns
+    -------
+    list of dict
+        `measure, dataset, n, n_missing, pearson, pearson_monotone, spearman, kendall, pairs_different,
+        pairs_correct`, and for all datasets together 95 % intervals of the first three from resampling participants
+        and datasets. A measure of which less is better has negative correlations. Pairs count as correct in the
+        direction of its rank correlation, which gives a measure that says nothing somewhat more than one half.
+    """
+    rows = []
+    for measure, values in measures.items():
+        parts = {name: part for name, part in _matched(by_dataset, values).items() if len(part[0]) >= 2}
+        missing = sum(len(one.items) for one in by_dataset.values()) - sum(len(part[0]) for part in parts.values())
+        found = [
+            {"measure": measure, "dataset": name, "n_missing": len(by_dataset[name].items) - len(part[0])}
+            | _correlations([part])
+            for name, part in parts.items()
+        ]
+        if len(parts) > 1:
+            together = list(parts.values())
+            found.append(
+                {"measure": measure, "dataset": ALL, "n_missing": missing}
+                | _correlations(together)
+                | _intervals(together, rng)
+            )
+        rows += found
+    return rows
+
+
+Part = tuple[Array, Array, Array, list[tuple[int, int]]]  # values, scores, replicates, significantly different pairs
+
+
+def _matched(by_dataset: Mapping[str, ScoreSet], values: Mapping[str, Mapping[str, float]]) -> dict[str, Part]:
+    parts = {}
+    for dataset, one in by_dataset.items():
+        known = values.get(dataset, {})
+        there = [index for index, item in enumerate(one.items) if item in known]
+        place = {index: new for new, index in enumerate(there)}
+        pairs = [(place[a], place[b]) for a, b in one.different if a in place and b in place]
+        value = np.array([known[one.items[index]] for index in there], float)
+        parts[dataset] = (value, one.scores[there], one.replicates[:, there], pairs)
+    return parts
+
+
+def _correlations(parts: Sequence[Part]) -> dict[str, Any]:
+    values = np.concatenate([part[0] - part[0].mean() for part in parts])
+    scores = np.concatenate([part[1] - part[1].mean() for part in parts])
+    direction = _defined(spearman, values, scores) or 0.0
+    differences = [value[a] - value[b] for value, _, _, pairs in parts for a, b in pairs]
+    correct = float(sum(1.0 if d * direction > 0 else 0.5 * (d == 0) for d in differences))
+    return {
+        "n": len(values),
+        "pearson": _defined(pearson, values, scores),
+        "pearson_monotone": _defined(monotone_pearson, values, scores),
+        "spearman": _defined(spearman, values, scores),
+        "kendall": _defined(kendall, values, scores),
+        "pairs_different": len(differences),
+        "pairs_correct": correct / len(differences) if differences and direction else None,
+    }
+
+
+def _defined(correlation: Callable[[Array, Array], float], values: Array, scores: Array) -> float | None:
+    if len(values) < FEWEST or np.ptp(values) == 0 or np.ptp(scores) == 0:
+        return None
+    return correlation(values, scores)
+
+
+def pearson(values: Array, scores: Array) -> float:
+    """Return the linear correlation."""
+    return float(np.corrcoef(values, scores)[0, 1])
+
+
+def spearman(values: Array, scores: Array) -> float:
+    """Return the correlation of the ranks."""
+    return pearson(rankdata(values), rankdata(scores))
+
+
+def kendall(values: Array, scores: Array) -> float:
+    """Return Kendall's tau-b."""
+    return float(kendalltau(values, scores).statistic)
+
+
+def monotone_pearson(values: Array, scores: Array) -> float:
+    """Return the correlation of the scores with the best monotone function of the measure, with the sign of its
+    direction.
+
+    Never below the linear correlation in size; with few points it flatters, so it stands beside the others.
+    """
+    sign = 1.0 if spearman(values, scores) >= 0 else -1.0
+    order = np.lexsort((sign * scores, sign * values))
+    fitted = np.empty_like(scores)
+    fitted[order] = isotonic_regression(scores[order]).x
+    return 0.0 if np.ptp(fitted) == 0 else sign * pearson(fitted, scores)
+
+
+def _intervals(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any]:
+    """Return percentile intervals: participants drawn for the replicates' scores, datasets drawn here."""
+    n_replicates = min(len(part[2]) for part in parts)
+    found: dict[str, list[float]] = {"pearson": [], "pearson_monotone": [], "spearman": []}
+    kinds = {"pearson": pearson, "pearson_monotone": monotone_pearson, "spearman": spearman}
+    for replicate in range(n_replicates):
+        chosen = [parts[index] for index in rng.integers(0, len(parts), len(parts))]
+        scores = np.concatenate([part[2][replicate] - part[2][replicate].mean() for part in chosen])
+        values = np.concatenate([part[0] - part[0].mean() for part in chosen])
+        for name, correlation in kinds.items():
+            value = None if np.isnan(scores).any() else _defined(correlation, values, scores)
+            if value is not None:
+                found[name].append(value)
+    tail = (1 - LEVEL) / 2
+    limits: dict[str, Any] = {}
+    for name, drawn in found.items():
+        low, high = np.quantile(drawn, [tail, 1 - tail]).tolist() if drawn else (None, None)
+        limits |= {f"{name}_low": low, f"{name}_high": high}
+    return limits

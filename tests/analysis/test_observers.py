@@ -1,0 +1,118 @@
+"""Participants who stand out are flagged, others are not, and agreement is measured as published."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analysis import analyse
+from app.analysis.agreement import agreement, transitivity
+from app.analysis.bradley_terry import only_compared
+from app.analysis.counts import count_pairs
+from app.analysis.power import StudyPlan, simulate_votes
+from app.analysis.votes import VotesTable, read_votes, votes_from_rows
+
+HONEST = 14
+
+
+def panel(**changes: Any) -> VotesTable:
+    """Fourteen honest participants and a last one whose columns can be changed."""
+    votes = simulate_votes(StudyPlan(6, 4, HONEST + 1, spread=0.2), np.linspace(-1.2, 1.2, 6), np.random.default_rng(8))
+    last = votes.participant == HONEST
+    old = {name: getattr(votes, name) for name in changes}
+    new = {name: np.where(last, value, old[name]).astype(old[name].dtype) for name, value in changes.items()}
+    return VotesTable(**{**vars(votes), **new})
+
+
+def flags(votes: VotesTable) -> dict[str, list[str]]:
+    return {row["participant"]: row["flags"] for row in analyse(votes)["observers"]}
+
+
+def test_honest_participants_are_rarely_flagged() -> None:
+    found = flags(panel())
+    assert sum(bool(own) for own in found.values()) <= 2
+
+
+def test_somebody_who_always_takes_the_same_side_is_flagged() -> None:
+    found = flags(panel(choice=0))
+    assert "prefers one side" in found[str(HONEST)]
+
+
+def test_somebody_who_votes_against_everybody_is_flagged() -> None:
+    found = flags(panel(choice=np.array([1, 0, 2])[panel().choice]))
+    assert "disagrees with the others" in found[str(HONEST)]
+
+
+def test_somebody_without_preferences_is_flagged() -> None:
+    found = flags(panel(choice=2))
+    assert "unusually many ties" in found[str(HONEST)]
+
+
+def test_somebody_who_votes_at_random_is_no_more_consistent_than_chance() -> None:
+    found = flags(panel(choice=np.random.default_rng(3).integers(0, 2, len(panel()))))
+    assert "no more consistent than chance" in found[str(HONEST)]
+
+
+def test_somebody_who_prefers_what_is_shown_first_is_flagged() -> None:
+    rng = np.random.default_rng(4)
+    votes = panel()
+    votes = VotesTable(**{**vars(votes), "first_shown": rng.integers(0, 2, len(votes)).astype(np.int8)})
+    last = votes.participant == HONEST
+    votes = VotesTable(**{**vars(votes), "choice": np.where(last, votes.first_shown, votes.choice).astype(np.int8)})
+    assert "prefers by order of showing" in flags(votes)[str(HONEST)]
+
+
+def test_answers_faster_than_looking_are_flagged() -> None:
+    votes = panel()
+    times = np.random.default_rng(5).uniform(2000, 6000, len(votes))
+    times[votes.participant == HONEST] = 200
+    found = flags(VotesTable(**{**vars(votes), "response_ms": times}))
+    assert "answers faster than looking" in found[str(HONEST)]
+
+
+def test_consistency_on_repeated_pairs_ignores_which_item_is_called_a() -> None:
+    rows = [("x", "y", "a"), ("y", "x", "b"), ("y", "z", "a"), ("z", "y", "a")]
+    votes = votes_from_rows(
+        {"participant": "p", "dataset": "d", "item_a": a, "item_b": b, "choice": choice} for a, b, choice in rows
+    )
+    (row,) = analyse(votes)["observers"]
+    assert (row["repeated_pairs"], row["repeats_consistent"]) == (2, 1)
+
+
+def test_agreement_is_one_if_all_agree_and_least_if_they_are_split() -> None:
+    def panel_of(choices: str) -> VotesTable:
+        return votes_from_rows(
+            {"participant": f"p{k}", "dataset": "d", "item_a": a, "item_b": b, "choice": choice}
+            for k, choice in enumerate(choices)
+            for a, b in (("x", "y"), ("x", "z"), ("y", "z"))
+        )
+
+    assert agreement(count_pairs(panel_of("aaaa"))).u == pytest.approx(1, abs=1e-12)
+    split = agreement(count_pairs(panel_of("aabb")))
+    assert split.u == pytest.approx(-1 / 3, abs=1e-12)
+    assert split.minimum == pytest.approx(-1 / 3, abs=1e-12)
+    ties = panel_of("aaa")
+    tied = VotesTable(**{**vars(ties), "choice": np.where(np.arange(9) == 0, 2, ties.choice).astype(np.int8)})
+    assert agreement(count_pairs(tied)).u is None
+
+
+@pytest.mark.parametrize("name", ["baseball_agresti", "citations_stigler"])
+def test_agreement_and_transitivity_have_the_reference_values(real_data: Path, name: str) -> None:
+    folder = real_data / "votes" / "reference" / name
+    expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))
+    counts = count_pairs(only_compared(read_votes(folder / "votes.csv")))
+    violated = expected["stochastic_transitivity"]
+    found = transitivity(counts)
+    assert found is not None
+    assert found == {key: violated[key] for key in ("weak", "moderate", "strong")} | {"n_triples": found["n_triples"]}
+    if "kendall_u" in expected:
+        wanted, own = expected["kendall_u"], agreement(counts)
+        assert own.u == pytest.approx(wanted["u"], abs=1e-10)
+        assert own.minimum == pytest.approx(wanted["min_u"], abs=1e-10)
+        assert own.chi2 == pytest.approx(wanted["chi2"], abs=1e-5)
+        assert own.df == pytest.approx(wanted["df"], abs=1e-10)
+        assert own.p_value == pytest.approx(wanted["p"], abs=1e-10)
