@@ -18,7 +18,7 @@ SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
 
 
 def signed_field(
-    cells: Cells, band: Band, *, overhang: float, agreement: float, min_weight: float
+    cells: Cells, band: Band, *, overhang: float, agreement: float, min_points: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Fit a sphere at every sample of the band.
 
@@ -27,7 +27,7 @@ def signed_field(
     overhang : how far the mean of the weighted points may lie beside a sample, along the surface, as a share of
         their radius; beyond it the sample is past the data's edge and has no value
     agreement : shortest mean normal that counts as one surface
-    min_weight : least sum of weights that supports a value
+    min_points : least number of points, each counted by the weight of its nearness alone, that supports a value
 
     Returns
     -------
@@ -35,14 +35,14 @@ def signed_field(
     colour (B, 3, 8, 8, 8), 0 to 255; all float32, the latter two without meaning where the field is NaN
     """
     field, gradient, colour = fit_spheres(
-        cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_weight
+        cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_points
     )
     return field, gradient, colour
 
 
 @njit(cache=True)
 def moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
-    """The sums (14,) of a cell with weight 1 whose mean point lies at `x, y, z`, in the order of `spread_cell`."""
+    """The sums (15,) of a cell with weight 1 whose mean point lies at `x, y, z`, in the order of `spread_cell`."""
     weight, nx, ny, nz = moment[3], moment[4], moment[5], moment[6]
     sums[0] = weight
     sums[1], sums[2], sums[3] = weight * x, weight * y, weight * z
@@ -52,13 +52,14 @@ def moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sum
     sums[9] = weight * moment[12]
     sums[10] = weight
     sums[11], sums[12], sums[13] = weight * moment[9], weight * moment[10], weight * moment[11]
+    sums[14] = moment[13]
 
 
 @njit(cache=True)
 def spread_cell(
     cell: NDArray[np.float32], x: float, y: float, z: float, radius: float, sums: NDArray[np.float32]
 ) -> None:
-    """Add a cell's weighted sums (14,) to those of each sample it reaches, flat from (8, 8, 14, 8): x, y, sum, z.
+    """Add a cell's weighted sums (15,) to those of each sample it reaches, flat from (8, 8, 15, 8): x, y, sum, z.
 
     `x, y, z` is the cell's mean point from the corner of the block of samples. The weight is (1 - r^2 / h^2)^4
     (Guennebaud and Gross 2007, equation 1); colours take its fourth power, half as wide, because a picture bears less
@@ -68,7 +69,7 @@ def spread_cell(
     times faster, measured in bench/surface.py.
     """
     c0, c1, c2, c3, c4, c5, c6 = cell[0], cell[1], cell[2], cell[3], cell[4], cell[5], cell[6]
-    c7, c8, c9, c10, c11, c12, c13 = cell[7], cell[8], cell[9], cell[10], cell[11], cell[12], cell[13]
+    c7, c8, c9, c10, c11, c12, c13, c14 = cell[7], cell[8], cell[9], cell[10], cell[11], cell[12], cell[13], cell[14]
     one, zero = np.float32(1), np.float32(0)
     inverse = one / (radius * radius)
     for i in range(max(int(np.ceil(x - radius)), 0), min(int(np.floor(x + radius)) + 1, 8)):
@@ -78,7 +79,7 @@ def spread_cell(
             left = one - (dx * dx + dy * dy) * inverse
             if left <= zero:
                 continue
-            line = np.uint64((i * 8 + j) * 112)
+            line = np.uint64((i * 8 + j) * 120)
             for k in range(np.uint64(8)):
                 dz = np.float32(z - np.float32(k))
                 t = max(left - dz * dz * inverse, zero)
@@ -95,6 +96,7 @@ def spread_cell(
                 sums[at + np.uint64(56)] += t * c7
                 sums[at + np.uint64(64)] += t * c8
                 sums[at + np.uint64(72)] += t * c9
+                sums[at + np.uint64(112)] += t * c14
                 t = t * t
                 t = t * t
                 sums[at + np.uint64(80)] += t * c10
@@ -110,12 +112,12 @@ def solve_line(
     y: float,
     overhang: float,
     agreement: float,
-    min_weight: float,
+    min_points: float,
     field: NDArray[np.float32],
     gradient: NDArray[np.float32],
     colour: NDArray[np.float32],
 ) -> None:
-    """Fit the spheres of eight samples at `x, y, 0 .. 7` to their sums `s` (14, 8).
+    """Fit the spheres of eight samples at `x, y, 0 .. 7` to their sums `s` (15, 8).
 
     Writes the signed distances `field` (8,), `gradient` (3, 8) and `colour` (3, 8). With the sample as origin the
     sphere is u0 + u . p + u4 |p|^2 = 0, and 2 u0 / (|u| + sqrt(|u|^2 - 4 u0 u4)) its signed distance without
@@ -144,7 +146,7 @@ def solve_line(
         across = px * gx + py * gy + pz * gz
         reach = overhang * s[9, k] * inverse
         supported = (
-            (total >= min_weight)
+            (s[14, k] >= min_points)
             & (nx * nx + ny * ny + nz * nz >= agreement * agreement)
             & (mean2 - across * across <= reach * reach)
         )
@@ -165,7 +167,7 @@ def fit_spheres(
     neighbours: NDArray[np.int32],
     overhang: float,
     agreement: float,
-    min_weight: float,
+    min_points: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """As `signed_field`; `neighbours` (B, 27) says where each block's surrounding cells stand.
 
@@ -175,10 +177,10 @@ def fit_spheres(
     field = np.empty((n_blocks, 8, 8, 8), np.float32)
     gradient = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
     colour = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
-    limits = np.float32(overhang), np.float32(agreement), np.float32(min_weight)
+    limits = np.float32(overhang), np.float32(agreement), np.float32(min_points)
     for block in prange(n_blocks):
-        flat = np.zeros(14 * 512, np.float32)
-        cell_sums = np.empty(14, np.float32)
+        flat = np.zeros(15 * 512, np.float32)
+        cell_sums = np.empty(15, np.float32)
         for side in range(27):
             other = neighbours[block, side]
             if other < 0:
@@ -196,7 +198,7 @@ def fit_spheres(
                 if min(x, y, z) > -radius and max(x, y, z) < outermost:
                     moments_about(moment, x, y, z, cell_sums)
                     spread_cell(cell_sums, x, y, z, radius, flat)
-        sums = flat.reshape((8, 8, 14, 8))
+        sums = flat.reshape((8, 8, 15, 8))
         for i in range(8):
             for j in range(8):
                 solve_line(

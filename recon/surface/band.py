@@ -44,8 +44,9 @@ class Cells:
     ----------
     blocks : int64 (O, 3), coordinates of the blocks that hold points, in the order of their keys
     starts : int64 (O + 1,), first cell of each block; cells of a block stand together
-    moments : float32 (C, 13): mean point from the block's corner (3), weight, mean normal (3), covariance of point
-        and normal (trace), spread of the points (trace), mean colour (3), radius of influence; lengths in voxels
+    moments : float32 (C, 14): mean point from the block's corner (3), weight, mean normal (3), covariance of point
+        and normal (trace), spread of the points (trace), mean colour (3), radius of influence, number of
+        points; lengths in voxels
     """
 
     blocks: NDArray[np.int64]
@@ -241,7 +242,7 @@ def cell_moments(
     starts: NDArray[np.int64],
     voxel: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The moments (C, 13) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
+    """The moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
 
     Block b holds the points `order[starts[b] : starts[b + 1]]`.
     """
@@ -253,9 +254,9 @@ def cell_moments(
             is_cell[cell_in_block(points[order[place]], voxel)] = True
         n_cells[block + 1] = is_cell.sum()
     cell_starts = np.cumsum(n_cells)
-    moments = np.empty((cell_starts[-1], 13), np.float32)
+    moments = np.empty((cell_starts[-1], 14), np.float32)
     for block in prange(n_blocks):
-        sums = np.zeros((512, 13))
+        sums = np.zeros((512, 14))
         corner = np.empty(3)
         for axis in range(3):
             corner[axis] = 8.0 * block_of(points[order[starts[block]]], axis, voxel)
@@ -284,7 +285,7 @@ def add_point(
     voxel: float,
     sums: NDArray[np.float64],
 ) -> None:
-    """Add a point to its cell's sums (13,)."""
+    """Add a point to its cell's sums (14,)."""
     along = square = 0.0
     for axis in range(3):
         local = float(point[axis]) / voxel - corner[axis]
@@ -297,6 +298,7 @@ def add_point(
     sums[7] += weight * along
     sums[8] += weight * square
     sums[12] += weight * float(sigma) / voxel
+    sums[13] += 1
 
 
 @njit(cache=True)
@@ -311,6 +313,7 @@ def finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> N
     for moment in range(13):
         moments[moment] = sums[moment] / total
     moments[3] = total
+    moments[13] = sums[13]
     moments[7] = along
     moments[8] = max(spread, 0.0)
 

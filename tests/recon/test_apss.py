@@ -92,7 +92,8 @@ def test_a_plane_is_reproduced_exactly_whatever_its_place(x: float, y: float, z:
 def test_a_surface_ends_where_the_points_end_and_holes_stay_open() -> None:
     points = sheet(n=40000)
     points = points[np.linalg.norm(points[:, :2] - 50, axis=1) > 20]
-    mesh = surface_from_cloud(cloud_of(points, np.float64([0, 0, 1])), SurfaceParameters(voxel_mm=2.0))
+    parameters = SurfaceParameters(voxel_mm=2.0, overhang=0.3)
+    mesh = surface_from_cloud(cloud_of(points, np.float64([0, 0, 1])), parameters)
     x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
     for low, high in ((x.min(), x.max()), (y.min(), y.max())):
         assert -3 < low < 2.5
@@ -101,6 +102,20 @@ def test_a_surface_ends_where_the_points_end_and_holes_stay_open() -> None:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(100**2 - np.pi * 20**2, rel=0.03)
     assert np.linalg.norm(mesh.vertices[:, :2] - 50, axis=1).min() > 16
+
+
+def test_scattered_outliers_make_no_surface() -> None:
+    cloud = sphere(n=60000)
+    rng = np.random.default_rng(1)
+    normals = rng.normal(size=(600, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    astray = cloud_of(rng.uniform(-150, 150, (600, 3)) + np.float64([5, -80, 300]), normals)
+    both = Cloud(
+        *(np.concatenate([getattr(cloud, name), getattr(astray, name)]) for name in ("points", "normals", "colours"))
+    )
+    mesh = surface_from_cloud(both, SurfaceParameters(voxel_mm=2.0, min_component=0.0))
+    distance = np.abs(np.linalg.norm(mesh.vertices - np.float32([5, -80, 300]), axis=1) - 50)
+    assert (distance > 3).mean() < 0.005
 
 
 def test_two_sides_of_a_thin_body_stay_apart() -> None:
@@ -155,12 +170,12 @@ def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
     assert same_mesh(several, single)
 
 
-def test_the_default_voxel_is_twice_the_spacing_or_the_depth_error() -> None:
+def test_the_default_voxel_follows_the_spacing_or_the_depth_error() -> None:
     grid = np.stack(np.meshgrid(np.arange(0, 100, 0.5), np.arange(0, 100, 0.5), [0.0]), axis=-1).reshape(-1, 3)
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     cloud = cloud_of(grid @ rotation, rotation[2])
     assert spacing(cloud) == pytest.approx(0.5, rel=0.25)
-    assert default_voxel([cloud]) == pytest.approx(1.0, rel=0.25)
+    assert default_voxel([cloud]) == pytest.approx(0.75, rel=0.25)
     rough = Cloud(cloud.points, cloud.normals, cloud.colours, np.full(len(grid), 3.0))
     assert default_voxel([rough]) == 3.0
 
@@ -233,7 +248,7 @@ def test_the_field_is_that_of_the_papers(seed: int) -> None:
     cloud = cloud.select(np.unique(np.floor(cloud.points / voxel), axis=0, return_index=True)[1])  # one point a cell
     cells = gather(cloud, voxel, Reach(radius, 0, 0))
     band = band_around(cells)
-    field, gradient, colour = signed_field(cells, band, overhang=9.0, agreement=0.0, min_weight=2.0)
+    field, gradient, colour = signed_field(cells, band, overhang=9.0, agreement=0.0, min_points=2.0)
     samples = np.argwhere(np.isfinite(field))
     for block, i, j, k in samples[np.random.default_rng(seed).choice(len(samples), 60)]:
         where = (8 * band.blocks[block] + (i, j, k)) * voxel
@@ -262,7 +277,7 @@ def test_moments_are_those_of_each_cells_points() -> None:
         shade = w @ cloud.colours[chosen] / w.sum()
         reach = [3.0 * (w @ cloud.sigma[chosen]) / w.sum() / voxel]
         expected[tuple(names[cell])] = np.concatenate(
-            [mean - corner, [w.sum()], direction, [covariance, spread], shade, np.clip(reach, 2.0, 8.0)]
+            [mean - corner, [w.sum()], direction, [covariance, spread], shade, np.clip(reach, 2.0, 8.0), [chosen.sum()]]
         )
     assert len(cells.moments) == len(expected)
     block = np.repeat(np.arange(len(cells.blocks)), np.diff(cells.starts))
