@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,12 +97,13 @@ def _demo_stimuli(out: Path, progress: ProgressLine) -> Path:
     """Record, reconstruct and render the demo's scene, as far as it is not there yet; the manifest's path."""
     from recon.capture.format import CAPTURE_FILE
     from recon.capture.segment import segment_capture
-    from recon.pipeline import ReconstructOptions, RenderOptions, reconstruct, render
+    from recon.flythrough import RenderOptions
+    from recon.pipeline import ReconstructOptions, reconstruct, render
     from recon.studio import SynthParameters, synthesise
 
     capture, run = out / "capture", out / "run"
     if not (capture / CAPTURE_FILE).exists():
-        synthesise(capture, SynthParameters(scene="ball", n_frames=10, size=(960, 720), fps=5.0), progress=progress)
+        synthesise(capture, SynthParameters(scene="ball", n_frames=8, size=(720, 1280), fps=5.0), progress=progress)
         segment_capture(capture, progress=progress)
     reconstruct(capture, run, ReconstructOptions(), progress)
     options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
@@ -120,19 +122,18 @@ def _demo_study(settings: Settings, manifest: Path, progress: ProgressLine) -> d
 def _demo_votes(
     settings: Settings, study: Mapping[str, Any], url: str, out: Path, participants: int, progress: ProgressLine
 ) -> dict[str, Any] | None:
-    """Let simulated participants vote unless somebody did before, and analyse the votes; None without votes."""
+    """Let simulated participants vote unless somebody did before, and fetch the analysis; None without votes."""
     import httpx
 
-    from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
-    from app.operate import add_token
+    from app.analysis import write_analysis
 
     if participants and not study["n_votes"]:
         _simulated_votes(settings, url, study["slug"], participants, DEMO_ABILITIES, 0.2, 1, progress)
-    headers = {"Authorization": f"Bearer {add_token(settings, 'demo')['token']}"}
-    answer = httpx.get(f"{url}/api/v1/studies/{study['slug']}/votes", headers=headers).raise_for_status()
-    if not (rows := answer.json()):
+    elif not study["n_votes"]:
         return None
-    analysis = analyse(votes_from_rows(rows), AnalysisSettings())
+    headers = {"Authorization": f"Bearer {_own_token(settings, 'demo')}"}
+    answer = httpx.get(f"{url}/api/v1/studies/{study['slug']}/analysis", headers=headers, timeout=60)
+    analysis: dict[str, Any] = answer.raise_for_status().json()
     write_analysis(analysis, out / "analysis", source="the demo's study")
     return analysis
 
@@ -147,7 +148,7 @@ def _simulated_votes(
     seed: int,
     progress: ProgressLine,
 ) -> dict[str, Any]:
-    from app.operate import add_token, list_studies
+    from app.operate import list_studies
     from app.simulate import simulate as take_part
 
     found = [study for study in list_studies(settings) if study["slug"] == slug]
@@ -157,7 +158,7 @@ def _simulated_votes(
         url,
         slug,
         found[0]["invitations"][0],
-        add_token(settings, "simulate")["token"],
+        _own_token(settings, "simulate"),
         participants,
         abilities,
         tie_rate,
@@ -166,6 +167,14 @@ def _simulated_votes(
     )
     progress.close()
     return result
+
+
+def _own_token(settings: Settings, purpose: str) -> str:
+    """A token for this program's own use, named by purpose and time."""
+    from app.operate import add_token
+
+    now = datetime.now(UTC).isoformat(timespec="microseconds")
+    return str(add_token(settings, f"{purpose} {now}")["token"])
 
 
 @stimuli_app.command("check")

@@ -56,7 +56,7 @@ class Artefacts:
     def make_together(self, names: Sequence[str], key: Mapping[str, Any], write: Callable[[list[Path]], None]) -> bool:
         """As `make`, for artefacts that one pass writes: unless all are there, all are made."""
         wanted = key_of(key)
-        if all(self._is_finished(name, wanted) for name in names):
+        if all(self._is_whole(name, wanted) for name in names):
             return False
         for name in names:
             self._note(name).unlink(missing_ok=True)
@@ -65,6 +65,10 @@ class Artefacts:
         for name, path in zip(names, paths, strict=True):
             write_json(self._note(name), {"key": wanted, "sha256": file_digest(path)})
         return True
+
+    def has(self, name: str, key: Mapping[str, Any]) -> bool:
+        """Whether the artefact is there with this key."""
+        return self._is_whole(name, key_of(key))
 
     def digest(self, name: str) -> str:
         """SHA-256 of a finished artefact."""
@@ -77,7 +81,7 @@ class Artefacts:
     def _note(self, name: str) -> Path:
         return self.folder / ".finished" / f"{name}.json"
 
-    def _is_finished(self, name: str, wanted: str) -> bool:
+    def _is_whole(self, name: str, wanted: str) -> bool:
         path, note = self.folder / name, self._note(name)
         if not (path.is_file() and note.is_file()):
             return False

@@ -31,6 +31,10 @@ def capture_synth(
     frames: Annotated[int, typer.Option(min=1, help="How many frames; one period of the motion.")] = 25,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of every camera, pixels.")] = "1280x720",
     noise: Annotated[float, typer.Option(min=0, help="Sensor noise, grey levels (standard deviation).")] = 1.5,
+    fps: Annotated[float, typer.Option(help="Frames a second.")] = 25.0,
+    position: Annotated[str, typer.Option(help="x,y,z in mm from the centre, for sphere and cuboid.")] = "0,0,0",
+    exposure_spread: Annotated[float, typer.Option(min=0, help="Spread of the cameras' exposures, a share.")] = 0.02,
+    calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -39,7 +43,16 @@ def capture_synth(
 
     progress = ProgressLine()
     parameters = SynthParameters(
-        scene=scene, n_sensors=sensors, n_frames=frames, size=parse_size(size), noise=noise, seed=seed
+        scene=scene,
+        n_sensors=sensors,
+        n_frames=frames,
+        size=parse_size(size),
+        noise=noise,
+        seed=seed,
+        fps=fps,
+        position=parse_position(position),
+        exposure_spread=exposure_spread,
+        calibration_error_px=calibration_error,
     )
     capture = synthesise(out, parameters, progress=progress)
     progress.close()
@@ -171,11 +184,13 @@ def reconstruct(
     fusion: Annotated[str, typer.Option(help="Fusions, comma between.")] = "fa,fb",
     frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
     voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
+    temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time, against flicker.")] = True,
     workers: Annotated[int, typer.Option(min=1, help="Local processes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """From a capture to depth maps, clouds and meshes, for every approach."""
     from recon.depth import MATCHERS
+    from recon.depth.temporal import TemporalParameters
     from recon.pipeline import ReconstructOptions
     from recon.pipeline import reconstruct as run_reconstruction
     from recon.surface import SurfaceParameters
@@ -184,6 +199,7 @@ def reconstruct(
         depths=parse_names(depth) if depth else tuple(MATCHERS),
         fusions=parse_names(fusion),
         frames=parse_frames(frames),
+        temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel),
         workers=workers,
     )
@@ -212,7 +228,7 @@ def render(
 ) -> None:
     """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
     from recon.files import read_json
-    from recon.pipeline import RenderOptions
+    from recon.flythrough import RenderOptions
     from recon.pipeline import render as render_runs
 
     options = RenderOptions(
@@ -263,6 +279,15 @@ def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:
     if not all(found):
         raise typer.BadParameter(f"{text!r} are not pairs of views; expected for example {TEMPLE_PAIRS}")
     return tuple((int(pair[1]), int(pair[2])) for pair in found if pair)
+
+
+def parse_position(text: str) -> tuple[float, float, float]:
+    """The numbers of "x,y,z"."""
+    try:
+        x, y, z = (float(value) for value in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not a position; expected x,y,z in mm") from error
+    return x, y, z
 
 
 def parse_bounds(text: str | None) -> Any:

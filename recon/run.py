@@ -1,8 +1,8 @@
 """A run on disk: where each artefact of a reconstruction lies, and what `run.json` says about them.
 
-A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it was made with),
-``depth/<method>/<sensor>/<frame>.npy``, ``clouds/<method>/<sensor>/<frame>.ply`` and
-``meshes/<approach>/<frame>.ply``.
+A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it was made with), ``matched/`` and
+``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time), ``clouds/<method>/<sensor>/<frame>.ply``
+and ``meshes/<approach>/<frame>.ply``.
 """
 
 from __future__ import annotations
@@ -23,8 +23,13 @@ SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
 
 
+def matched_name(method: str, sensor_id: str, frame: int) -> str:
+    """Where the disparities of one frame by itself lie in their run."""
+    return f"matched/{method}/{sensor_id}/{frame:04d}.npy"
+
+
 def depth_name(method: str, sensor_id: str, frame: int) -> str:
-    """Where a disparity map lies in its run."""
+    """Where a disparity map, filtered in time, lies in its run."""
     return f"depth/{method}/{sensor_id}/{frame:04d}.npy"
 
 

@@ -24,6 +24,8 @@ STAGES = [
     {"render"},
     {"manifest"},
     {"run"},
+    {"products"},
+    {"flythrough"},
     {"validation"},
     {"pipeline"},
     {"console", "cli"},

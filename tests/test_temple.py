@@ -20,8 +20,9 @@ from recon.capture.check import check_capture
 from recon.capture.format import Capture, read_held_out
 from recon.capture.middlebury import import_middlebury
 from recon.capture.segment import segment_capture
+from recon.flythrough import RenderOptions
 from recon.mesh import Mesh, read_mesh
-from recon.pipeline import ReconstructOptions, RenderOptions, reconstruct, render
+from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.rig import Camera

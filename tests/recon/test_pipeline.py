@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 from recon.artefacts import file_digest
 from recon.capture.format import Capture
 from recon.files import read_json
-from recon.pipeline import ReconstructOptions, RenderOptions, reconstruct, render, shown_frames
+from recon.flythrough import RenderOptions, shown_frames
+from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.video import probe_video
 from recon.run import read_run
 from recon.studio import SynthParameters, synthesise
@@ -67,6 +69,12 @@ def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, 
     made = (again / "log.jsonl").read_text().splitlines()[n_made:]
     assert len(made) == 4
     assert all("meshes/" in line for line in made)
+
+
+def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path) -> None:
+    for path in (run / "depth/id").rglob("*.npy"):
+        disparity = np.load(path)
+        assert np.array_equal(disparity, np.rint(disparity), equal_nan=True)
 
 
 @pytest.mark.slow

@@ -1,0 +1,180 @@
+"""Temporal filtering: a still scene stops flickering, and what moves leaves no ghost.
+
+Each pixel remembers a disparity and how many frames speak for it. The memory passes from frame to frame as far as
+the picture is permeable in time. A disparity close to the remembered one is averaged with it; another one takes its
+place when it has been seen for longer than the memory is strong, or at once where the picture has changed.
+
+Source: Cigla and Alatan, Information permeability for stereo matching, Signal Processing: Image Communication 28,
+2013, the temporal permeability; the study's Table 2 for its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from recon.depth.census import grey_image
+from recon.depth.pair import StereoPair
+from recon.depth.permeability import guide_image, noise_level
+
+NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
+NEIGHBOURHOOD = 5  # pixels: the picture counts as changed where the mean over the census window has
+
+
+@dataclass(frozen=True)
+class TemporalParameters:
+    """Parameters of the temporal filter; the first two are the paper's Table 2.
+
+    Parameters
+    ----------
+    sigma : permeability, grey levels
+    sigma_disparity : temporal consistency, pixels of disparity
+    memory : frames that may speak for a remembered disparity at most
+    """
+
+    sigma: float = 12.0
+    sigma_disparity: float = 1.0
+    memory: float = 8.0
+
+    def __post_init__(self) -> None:
+        for name in ("sigma", "sigma_disparity"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; expected a positive number")
+        if not self.memory >= 1:
+            raise ValueError(f"memory is {self.memory}; expected at least 1 frame")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the filter looks at: guide uint8 (H, W, 3) or (H, W), its image's noise in grey levels, mask bool (H, W)."""
+
+    guide: NDArray[np.uint8]
+    noise: float
+    mask: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What is known after some frames.
+
+    frame : the last; disparity : float32 (H, W), pixels, NaN where nothing is remembered; strength : float32 (H, W),
+    frames
+    """
+
+    frame: Frame
+    disparity: NDArray[np.float32]
+    strength: NDArray[np.float32]
+
+
+@dataclass
+class TemporalFilter:
+    """Filters the disparities of one sensor's frames, in their order."""
+
+    parameters: TemporalParameters = field(default_factory=TemporalParameters)
+    memory: Memory | None = None
+
+    def __call__(self, pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The filtered disparity float32 (H, W) of the next frame, NaN where neither it nor the memory knows."""
+        noise = noise_level(grey_image(pair.left))
+        frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
+        self.memory = remembered(self.memory, frame, disparity, self.parameters)
+        return self.memory.disparity.copy()
+
+
+def match_sequence(
+    pairs: Iterable[StereoPair],
+    matcher: Callable[[StereoPair], NDArray[np.float32]],
+    parameters: TemporalParameters = TemporalParameters(),
+) -> Iterator[NDArray[np.float32]]:
+    """Disparities float32 (H, W) of one sensor's frames, filtered in time.
+
+    A matcher whose disparities are whole keeps them whole.
+
+    Raises
+    ------
+    ValueError
+        If a frame has another size than the first.
+    """
+    temporal = TemporalFilter(parameters)
+    for pair in pairs:
+        disparity = matcher(pair)
+        is_whole = np.array_equal(disparity, np.rint(disparity), equal_nan=True)
+        filtered = temporal(pair, disparity)
+        yield np.rint(filtered) if is_whole else filtered
+
+
+def remembered(
+    before: Memory | None, frame: Frame, disparity: NDArray[np.float32], parameters: TemporalParameters
+) -> Memory:
+    """The memory after one more frame.
+
+    Raises
+    ------
+    ValueError
+        If the frame has another size than the memory.
+    """
+    if before is None:
+        return Memory(frame, disparity.copy(), np.isfinite(disparity).astype(np.float32))
+    if before.frame.guide.shape != frame.guide.shape:
+        sizes = f"the frame has shape {frame.guide.shape}, the one before {before.frame.guide.shape}"
+        raise ValueError(f"{sizes}; a sensor's frames have one shape")
+    after = Memory(frame, np.empty_like(disparity), np.empty_like(disparity))
+    _remember_kernel(
+        before.disparity,
+        before.strength,
+        temporal_permeability(before.frame, frame, parameters.sigma),
+        disparity,
+        np.float32(parameters.sigma_disparity),
+        np.float32(parameters.memory),
+        after.disparity,
+        after.strength,
+    )
+    return after
+
+
+def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[np.float32]:
+    """How freely a memory passes between two frames, float32 (H, W); not at all outside the foreground.
+
+    exp(-change / sigma), where the change is that of the channel that changed most, averaged over a census window,
+    because an edge that moves past changes what is seen around it; less what noise alone explains.
+    """
+    change = cv2.absdiff(before.guide, frame.guide)
+    most = change if change.ndim == 2 else change.max(axis=2)
+    mean = cv2.blur(most.astype(np.float32), (NEIGHBOURHOOD, NEIGHBOURHOOD))
+    passage = np.exp(np.maximum(mean - NOISE_SHARE * frame.noise, 0) / -sigma).astype(np.float32)
+    return passage if frame.mask is None else np.where(frame.mask, passage, np.float32(0))
+
+
+@njit(cache=True, nogil=True)
+def _remember_kernel(
+    old: NDArray[np.float32],
+    strength: NDArray[np.float32],
+    passage: NDArray[np.float32],
+    new: NDArray[np.float32],
+    sigma: np.float32,
+    memory: np.float32,
+    out: NDArray[np.float32],
+    out_strength: NDArray[np.float32],
+) -> None:
+    one = np.float32(1)
+    for y in range(new.shape[0]):
+        for x in range(new.shape[1]):
+            weight = passage[y, x] * strength[y, x]
+            value, found = old[y, x], new[y, x]
+            gap = abs(found - value)
+            if weight > 0 and gap <= np.float32(2) * sigma:
+                weight *= np.exp(-gap / sigma)
+                value = (found + weight * value) / (one + weight)
+                weight = min(one + weight, memory)
+            elif weight > one:  # another disparity, or none: the memory holds, weaker
+                weight -= one
+            elif np.isnan(found):
+                value, weight = np.float32(np.nan), np.float32(0)
+            else:
+                value, weight = found, one
+            out[y, x], out_strength[y, x] = value, weight

@@ -1,0 +1,174 @@
+"""The artefacts of a reconstruction, one function each: made from what stands before it, unless it is there already.
+
+Every function returns the names of the artefacts that it had to make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.approaches import Approach
+from recon.artefacts import Artefacts, code_version, file_digest, key_of
+from recon.capture.format import Capture, image_path, read_frame, read_masks
+from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
+from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
+from recon.depth import MATCHERS, StereoPair
+from recon.depth.disparity_io import read_disparity, write_disparity
+from recon.depth.temporal import TemporalParameters, match_sequence
+from recon.fusion import FUSIONS
+from recon.mesh import read_cloud, write_cloud, write_mesh
+from recon.rig import Camera
+from recon.run import cloud_name, depth_name, matched_name, mesh_name
+from recon.surface import SurfaceParameters
+
+
+def match_frame(capture: Capture, run: Path, method: str, sensor_id: str, frame: int) -> list[str]:
+    """The disparities of one frame of one sensor by itself."""
+    key = {
+        "pictures": _picture_key(capture, sensor_id, frame),
+        "method": method,
+        "code": code_version("depth", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> None:
+        pair = _stereo_pair(capture, _rectification(capture, sensor_id), sensor_id, frame)
+        write_disparity(path, MATCHERS[method](pair))
+
+    name = matched_name(method, sensor_id, frame)
+    return [name] if Artefacts(run).make(name, key, write) else []
+
+
+def filter_sequence(
+    capture: Capture,
+    run: Path,
+    method: str,
+    sensor_id: str,
+    frames: Sequence[int],
+    parameters: TemporalParameters | None,
+) -> list[str]:
+    """The depth maps of one sensor, filtered in time; without parameters, as they were matched.
+
+    A frame depends on all before it, so its key does too.
+    """
+    artefacts = Artefacts(run)
+    keys: dict[int, dict[str, Any]] = {}
+    before: str | None = None
+    for frame in frames:
+        keys[frame] = {
+            "before": before,
+            "matched": artefacts.digest(matched_name(method, sensor_id, frame)),
+            "parameters": None if parameters is None else asdict(parameters),
+            "code": code_version("depth"),
+        }
+        before = key_of(keys[frame])
+    missing = [frame for frame in frames if not artefacts.has(depth_name(method, sensor_id, frame), keys[frame])]
+    if not missing:
+        return []
+    for frame, disparity in _filtered(capture, run, method, sensor_id, frames, parameters):
+        if frame in missing:
+            name = depth_name(method, sensor_id, frame)
+            artefacts.make(name, keys[frame], partial(write_disparity, disparity=disparity))
+    return [depth_name(method, sensor_id, frame) for frame in missing]
+
+
+def make_cloud(
+    capture: Capture, run: Path, method: str, sensor_id: str, frame: int, parameters: CloudParameters
+) -> list[str]:
+    """The cloud of one depth map, within the capture's bounds."""
+    depth = depth_name(method, sensor_id, frame)
+    key = {
+        "depth": Artefacts(run).digest(depth),
+        "pictures": _picture_key(capture, sensor_id, frame),
+        "parameters": asdict(parameters),
+        "code": code_version("cloud.py", "mesh.py", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> None:
+        rectification = _rectification(capture, sensor_id)
+        left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+        cloud = cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters)
+        write_cloud(path, crop_cloud(cloud, capture.bounds))
+
+    name = cloud_name(method, sensor_id, frame)
+    return [name] if Artefacts(run).make(name, key, write) else []
+
+
+def make_mesh(capture: Capture, run: Path, approach: Approach, frame: int, parameters: SurfaceParameters) -> list[str]:
+    """The mesh that one approach fuses from the clouds of all sensors."""
+    clouds = [cloud_name(approach.depth, stream.id, frame) for stream in capture.sensors]
+    key = {
+        "clouds": Artefacts(run).digests(clouds),
+        "fusion": approach.fusion,
+        "parameters": asdict(parameters),
+        "code": code_version("surface", "fusion.py", "mesh.py"),
+    }
+
+    def write(path: Path) -> None:
+        write_mesh(path, FUSIONS[approach.fusion]([read_cloud(run / cloud) for cloud in clouds], parameters))
+
+    name = mesh_name(str(approach), frame)
+    return [name] if Artefacts(run).make(name, key, write) else []
+
+
+def _filtered(
+    capture: Capture,
+    run: Path,
+    method: str,
+    sensor_id: str,
+    frames: Sequence[int],
+    parameters: TemporalParameters | None,
+) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    rectification = _rectification(capture, sensor_id)
+    matched = (read_disparity(run / matched_name(method, sensor_id, frame)) for frame in frames)
+    if parameters is None:
+        yield from zip(frames, matched, strict=True)
+        return
+    pairs = (_stereo_pair(capture, rectification, sensor_id, frame) for frame in frames)
+    yield from zip(frames, match_sequence(pairs, lambda _pair: next(matched), parameters), strict=True)
+
+
+def _rectification(capture: Capture, sensor_id: str) -> Rectification:
+    return rectify(capture.stream(sensor_id).sensor, capture.bounds)
+
+
+def _stereo_pair(capture: Capture, rectification: Rectification, sensor_id: str, frame: int) -> StereoPair:
+    left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+    masks = read_masks(capture, sensor_id, frame)
+    left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
+    return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
+
+
+def _picture_key(capture: Capture, sensor_id: str, frame: int) -> dict[str, Any]:
+    """What a frame of a sensor is made of: its files, its cameras and the bounds."""
+    stream = capture.stream(sensor_id)
+    patterns = (stream.left.image, stream.right.image, *(stream.mask or ()))
+    cameras = (stream.left.camera, stream.right.camera)
+    return {
+        "files": [_digest_once(image_path(capture.folder, pattern, frame)) for pattern in patterns],
+        "frame": frame,
+        "cameras": [camera_key(camera) for camera in cameras],
+        "bounds": capture.bounds.tolist(),
+    }
+
+
+def camera_key(camera: Camera) -> list[Any]:
+    """What a camera is, for the key of an artefact."""
+    return [camera.K.tolist(), camera.dist.tolist(), camera.size, camera.cam_from_world.tolist()]
+
+
+@cache
+def _digest_of(path: Path, _changed_ns: int, _n_bytes: int) -> str:
+    return file_digest(path)
+
+
+def _digest_once(path: Path) -> str:
+    """Digest of a file that is read again only when it changed."""
+    facts = path.stat()
+    return _digest_of(path, facts.st_mtime_ns, facts.st_size)
