@@ -17,6 +17,7 @@ from recon.surface.marching_cubes import march
 BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
 BYTES_PER_POINT = 200  # while points are gathered into cells, measured
 MIN_POINTS = 3
+VOXELS_PER_DECADE = 20  # default voxels are rounded, so that the frames of a recording mostly share one grid
 SPACINGS_PER_VOXEL = 1.5  # finer shows more of the picture but no more shape, measured on the temple
 COARSE_CELLS = (128, 64, 32, 16, 8)  # along the longest side, to count how much surface a cloud covers
 POINTS_PER_COARSE_CELL = 8  # so that cells without a point inside the surface are rare
@@ -115,7 +116,7 @@ def default_voxel(clouds: Sequence[Cloud]) -> float:
     voxel = float(np.median(lengths)) if lengths else 0.0
     if not voxel > 0:
         raise ValueError(f"{sum(map(len, clouds))} points in one place have no spacing: a surface needs an extent")
-    return voxel
+    return float(f"{10 ** (round(VOXELS_PER_DECADE * np.log10(voxel)) / VOXELS_PER_DECADE):.3g}")
 
 
 def spacing(cloud: Cloud) -> float:

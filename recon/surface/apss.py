@@ -160,6 +160,30 @@ def solve_line(
         colour[2, k] = s[13, k] * inverse
 
 
+@njit(cache=True)
+def sum_block(
+    moments: NDArray[np.float32], starts: NDArray[np.int64], around: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """The sums (8, 8, 15, 8) of one block's samples over the cells of the blocks `around` it (27,)."""
+    flat = np.zeros(15 * 512, np.float32)
+    cell_sums = np.empty(15, np.float32)
+    for side in range(27):
+        other = around[side]
+        if other < 0:
+            continue
+        di, dj, dk = 8 * (side // 9 - 1), 8 * (side // 3 % 3 - 1), 8 * (side % 3 - 1)
+        for cell in range(starts[other], starts[other + 1]):
+            moment = moments[cell]
+            radius = moment[12]
+            x = np.float32(moment[0] + np.float32(di))
+            y = np.float32(moment[1] + np.float32(dj))
+            z = np.float32(moment[2] + np.float32(dk))
+            if min(x, y, z) > -radius and max(x, y, z) < np.float32(7) + radius:
+                moments_about(moment, x, y, z, cell_sums)
+                spread_cell(cell_sums, x, y, z, radius, flat)
+    return flat.reshape((8, 8, 15, 8))
+
+
 @njit(parallel=True, cache=True)
 def fit_spheres(
     moments: NDArray[np.float32],
@@ -177,32 +201,29 @@ def fit_spheres(
     field = np.empty((n_blocks, 8, 8, 8), np.float32)
     gradient = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
     colour = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
-    limits = np.float32(overhang), np.float32(agreement), np.float32(min_points)
     for block in prange(n_blocks):
-        flat = np.zeros(15 * 512, np.float32)
-        cell_sums = np.empty(15, np.float32)
-        for side in range(27):
-            other = neighbours[block, side]
-            if other < 0:
-                continue
-            di, dj, dk = side // 9 - 1, side // 3 % 3 - 1, side % 3 - 1
-            for cell in range(starts[other], starts[other + 1]):
-                moment = moments[cell]
-                radius = moment[12]
-                x, y, z = (
-                    np.float32(moment[0] + np.float32(8 * di)),
-                    np.float32(moment[1] + np.float32(8 * dj)),
-                    np.float32(moment[2] + np.float32(8 * dk)),
-                )
-                outermost = np.float32(7) + radius
-                if min(x, y, z) > -radius and max(x, y, z) < outermost:
-                    moments_about(moment, x, y, z, cell_sums)
-                    spread_cell(cell_sums, x, y, z, radius, flat)
-        sums = flat.reshape((8, 8, 15, 8))
-        for i in range(8):
-            for j in range(8):
-                solve_line(
-                    sums[i, j], np.float32(i), np.float32(j), *limits,
-                    field[block, i, j], gradient[block, :, i, j], colour[block, :, i, j],
-                )  # fmt: skip
+        sums = sum_block(moments, starts, neighbours[block])
+        solve_block(
+            sums, np.float32(overhang), np.float32(agreement), np.float32(min_points),
+            field[block], gradient[block], colour[block],
+        )  # fmt: skip
     return field, gradient, colour
+
+
+@njit(cache=True)
+def solve_block(
+    sums: NDArray[np.float32],
+    overhang: float,
+    agreement: float,
+    min_points: float,
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+) -> None:
+    """Write one block's field (8, 8, 8), gradient and colour (3, 8, 8, 8)."""
+    for i in range(8):
+        for j in range(8):
+            solve_line(
+                sums[i, j], np.float32(i), np.float32(j), overhang, agreement, min_points,
+                field[i, j], gradient[:, i, j], colour[:, i, j],
+            )  # fmt: skip

@@ -246,32 +246,53 @@ def cell_moments(
 
     Block b holds the points `order[starts[b] : starts[b + 1]]`.
     """
-    n_blocks = len(starts) - 1
-    n_cells = np.zeros(n_blocks + 1, np.int64)
-    for block in prange(n_blocks):
-        is_cell = np.zeros(512, np.bool_)
-        for place in range(starts[block], starts[block + 1]):
-            is_cell[cell_in_block(points[order[place]], voxel)] = True
-        n_cells[block + 1] = is_cell.sum()
+    n_cells = np.zeros(len(starts), np.int64)
+    for block in prange(len(starts) - 1):
+        n_cells[block + 1] = count_cells(points, order[starts[block] : starts[block + 1]], voxel)
     cell_starts = np.cumsum(n_cells)
     moments = np.empty((cell_starts[-1], 14), np.float32)
-    for block in prange(n_blocks):
-        sums = np.zeros((512, 14))
-        corner = np.empty(3)
-        for axis in range(3):
-            corner[axis] = 8.0 * block_of(points[order[starts[block]]], axis, voxel)
-        for place in range(starts[block], starts[block + 1]):
-            index = order[place]
-            add_point(
-                points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel,
-                sums[cell_in_block(points[index], voxel)],
-            )  # fmt: skip
-        cell = cell_starts[block]
-        for number in range(512):
-            if sums[number, 3] > 0:
-                finish_moments(sums[number], moments[cell])
-                cell += 1
+    for block in prange(len(starts) - 1):
+        chosen = order[starts[block] : starts[block + 1]]
+        cells = moments[cell_starts[block] : cell_starts[block + 1]]
+        sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
     return moments, cell_starts
+
+
+@njit(cache=True)
+def count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
+    """How many cells of one block hold the chosen points."""
+    is_cell = np.zeros(512, np.bool_)
+    for index in chosen:
+        is_cell[cell_in_block(points[index], voxel)] = True
+    return int(is_cell.sum())
+
+
+@njit(cache=True)
+def sum_block(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    weights: NDArray[np.float64],
+    sigma: NDArray[np.float32],
+    chosen: NDArray[np.int64],
+    voxel: float,
+    moments: NDArray[np.float32],
+) -> None:
+    """Write the moments of one block's cells, which hold the chosen points."""
+    sums = np.zeros((512, 14))
+    corner = np.empty(3)
+    for axis in range(3):
+        corner[axis] = 8.0 * block_of(points[chosen[0]], axis, voxel)
+    for index in chosen:
+        cell = cell_in_block(points[index], voxel)
+        add_point(
+            points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel, sums[cell]
+        )
+    count = 0
+    for cell in range(512):
+        if sums[cell, 3] > 0:
+            finish_moments(sums[cell], moments[count])
+            count += 1
 
 
 @njit(cache=True)

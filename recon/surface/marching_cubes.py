@@ -146,6 +146,21 @@ def case_of(samples: NDArray[np.float32], x: int, y: int, z: int) -> int:
     return case
 
 
+@njit(cache=True)
+def count_in_block(samples: NDArray[np.float32], n_triangles: NDArray[np.int64]) -> tuple[int, int]:
+    """Vertices and faces of one block with its rim."""
+    n_vertices = n_faces = 0
+    for x in range(8):
+        for y in range(8):
+            for z in range(8):
+                here = samples[x, y, z]
+                n_vertices += crosses(here, samples[x + 1, y, z])
+                n_vertices += crosses(here, samples[x, y + 1, z])
+                n_vertices += crosses(here, samples[x, y, z + 1])
+                n_faces += n_triangles[case_of(samples, x, y, z)]
+    return n_vertices, n_faces
+
+
 @njit(parallel=True, cache=True)
 def count_crossings(
     field: NDArray[np.float32], neighbours: NDArray[np.int32], n_triangles: NDArray[np.int64]
@@ -154,16 +169,72 @@ def count_crossings(
     n_vertices = np.zeros(len(field), np.int64)
     n_faces = np.zeros(len(field), np.int64)
     for block in prange(len(field)):
-        samples = with_rim(field, neighbours, block)
-        for x in range(8):
-            for y in range(8):
-                for z in range(8):
-                    here = samples[x, y, z]
-                    n_vertices[block] += crosses(here, samples[x + 1, y, z])
-                    n_vertices[block] += crosses(here, samples[x, y + 1, z])
-                    n_vertices[block] += crosses(here, samples[x, y, z + 1])
-                    n_faces[block] += n_triangles[case_of(samples, x, y, z)]
+        n_vertices[block], n_faces[block] = count_in_block(with_rim(field, neighbours, block), n_triangles)
     return n_vertices, n_faces
+
+
+@njit(cache=True)
+def owner_of(neighbours: NDArray[np.int32], block: int, x: int, y: int, z: int) -> int:
+    """The block that owns sample `x, y, z`, 0 to 8 each, counted from a block's corner."""
+    return int(neighbours[block, 13 + 9 * (x >> 3) + 3 * (y >> 3) + (z >> 3)])
+
+
+@njit(cache=True)
+def mix(
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    a: tuple[int, int, int, int],
+    b: tuple[int, int, int, int],
+    t: float,
+    normal: NDArray[np.float32],
+    shade: NDArray[np.uint8],
+) -> None:
+    """Write the unit normal and the colour at share `t` of the way from sample `a` to `b`, as block, x, y, z."""
+    length = 0.0
+    for c in range(3):
+        mixed = (1 - t) * gradient[a[0], c, a[1], a[2], a[3]] + t * gradient[b[0], c, b[1], b[2], b[3]]
+        normal[c] = mixed
+        length += mixed * mixed
+        tone = (1 - t) * colour[a[0], c, a[1], a[2], a[3]] + t * colour[b[0], c, b[1], b[2], b[3]]
+        shade[c] = np.uint8(min(max(tone + 0.5, 0.0), 255.0))
+    for c in range(3):  # opposite gradients leave no direction between them
+        normal[c] = normal[c] / np.sqrt(length) if length > 0 else gradient[a[0], c, a[1], a[2], a[3]]
+
+
+@njit(cache=True)
+def place_in_block(
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    corner: NDArray[np.int64],
+    neighbours: NDArray[np.int32],
+    block: int,
+    margin: float,
+    numbers: NDArray[np.uint16],
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+) -> None:
+    """Place one block's vertices and number them."""
+    samples = with_rim(field, neighbours, block)
+    count = 0
+    for x in range(8):
+        for y in range(8):
+            for z in range(8):
+                for axis in range(3):
+                    u, v, w = x + (axis == 0), y + (axis == 1), z + (axis == 2)
+                    here, there = samples[x, y, z], samples[u, v, w]
+                    if not crosses(here, there):
+                        continue
+                    t = min(max(here / (here - there), margin), 1 - margin)
+                    end = (owner_of(neighbours, block, u, v, w), u & 7, v & 7, w & 7)
+                    mix(gradient, colour, (block, x, y, z), end, t, normals[count], colours[count])
+                    vertices[count, 0] = 8 * corner[0] + x
+                    vertices[count, 1] = 8 * corner[1] + y
+                    vertices[count, 2] = 8 * corner[2] + z
+                    vertices[count, axis] += t
+                    numbers[x, y, z, axis] = count
+                    count += 1
 
 
 @njit(parallel=True, cache=True)
@@ -182,38 +253,42 @@ def place_vertices(
     normals = np.empty((starts[-1], 3), np.float32)
     colours = np.empty((starts[-1], 3), np.uint8)
     for block in prange(len(field)):
-        if starts[block + 1] == starts[block]:
-            continue
-        samples = with_rim(field, neighbours, block)
-        count = 0
-        for x in range(8):
-            for y in range(8):
-                for z in range(8):
-                    for axis in range(3):
-                        u, v, w = x + (axis == 0), y + (axis == 1), z + (axis == 2)
-                        here, there = samples[x, y, z], samples[u, v, w]
-                        if not crosses(here, there):
-                            continue
-                        number = starts[block] + count
-                        numbers[block, x, y, z, axis] = count
-                        count += 1
-                        t = min(max(here / (here - there), margin), 1 - margin)
-                        other = neighbours[block, 13 + 9 * (u >> 3) + 3 * (v >> 3) + (w >> 3)]
-                        u, v, w = u & 7, v & 7, w & 7
-                        length = 0.0
-                        for c in range(3):
-                            mixed = (1 - t) * gradient[block, c, x, y, z] + t * gradient[other, c, u, v, w]
-                            normals[number, c] = mixed
-                            length += mixed * mixed
-                            shade = (1 - t) * colour[block, c, x, y, z] + t * colour[other, c, u, v, w]
-                            colours[number, c] = np.uint8(min(max(shade + 0.5, 0.0), 255.0))
-                        for c in range(3):  # opposite gradients leave no direction between them
-                            normal = normals[number, c] / np.sqrt(length) if length > 0 else gradient[block, c, x, y, z]
-                            normals[number, c] = normal
-                        vertices[number, 0] = 8 * blocks[block, 0] + x + (t if axis == 0 else 0.0)
-                        vertices[number, 1] = 8 * blocks[block, 1] + y + (t if axis == 1 else 0.0)
-                        vertices[number, 2] = 8 * blocks[block, 2] + z + (t if axis == 2 else 0.0)
+        first, last = starts[block], starts[block + 1]
+        if last > first:
+            place_in_block(
+                field, gradient, colour, blocks[block], neighbours, block, margin,
+                numbers[block], vertices[first:last], normals[first:last], colours[first:last],
+            )  # fmt: skip
     return numbers, vertices, normals, colours
+
+
+@njit(cache=True)
+def join_in_block(
+    samples: NDArray[np.float32],
+    neighbours: NDArray[np.int32],
+    block: int,
+    numbers: NDArray[np.uint16],
+    vertex_starts: NDArray[np.int64],
+    table: NDArray[np.int8],
+    corners: NDArray[np.int64],
+    faces: NDArray[np.int32],
+) -> None:
+    """Write the faces of one block's cubes."""
+    face = 0
+    for x in range(8):
+        for y in range(8):
+            for z in range(8):
+                case = case_of(samples, x, y, z)
+                for triangle in range(table.shape[1]):
+                    if table[case, triangle, 0] < 0:
+                        break
+                    for place in range(3):
+                        edge = table[case, triangle, place]
+                        corner = corners[edge, 0]
+                        u, v, w = x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)
+                        owner = owner_of(neighbours, block, u, v, w)
+                        faces[face, place] = vertex_starts[owner] + numbers[owner, u & 7, v & 7, w & 7, edge // 4]
+                    face += 1
 
 
 @njit(parallel=True, cache=True)
@@ -229,23 +304,8 @@ def join_vertices(
     """The faces (M, 3) of every cube whose eight corners have a value."""
     faces = np.empty((face_starts[-1], 3), np.int32)
     for block in prange(len(field)):
-        if face_starts[block + 1] == face_starts[block]:
-            continue
-        samples = with_rim(field, neighbours, block)
-        face = face_starts[block]
-        for x in range(8):
-            for y in range(8):
-                for z in range(8):
-                    case = case_of(samples, x, y, z)
-                    for triangle in range(table.shape[1]):
-                        if table[case, triangle, 0] < 0:
-                            break
-                        for place in range(3):
-                            edge = table[case, triangle, place]
-                            corner = corners[edge, 0]
-                            u, v, w = x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)
-                            owner = neighbours[block, 13 + 9 * (u >> 3) + 3 * (v >> 3) + (w >> 3)]
-                            number = numbers[owner, u & 7, v & 7, w & 7, edge // 4]
-                            faces[face, place] = vertex_starts[owner] + number
-                        face += 1
+        first, last = face_starts[block], face_starts[block + 1]
+        if last > first:
+            samples = with_rim(field, neighbours, block)
+            join_in_block(samples, neighbours, block, numbers, vertex_starts, table, corners, faces[first:last])
     return faces
