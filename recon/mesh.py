@@ -18,6 +18,7 @@ FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
 PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
+RED, BLUE, GREY = np.array([178, 24, 43]), np.array([33, 102, 172]), 128  # ends of ColorBrewer's RdBu
 METRES_PER_MM = 0.001  # glTF counts in metres
 
 
@@ -113,6 +114,23 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
         np.concatenate([mesh.normals for mesh in meshes]),
         np.concatenate([mesh.colours for mesh in meshes]),
     )
+
+
+def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint8]:
+    """Colours (N, 3) for signed errors (N,): blue at -limit and below, white at 0, red at limit and above.
+
+    Where the error is NaN the colour is a mid grey.
+
+    Raises
+    ------
+    ValueError
+        If the limit is not positive.
+    """
+    if not limit > 0:
+        raise ValueError(f"limit is {limit}, expected an error above 0")
+    share = np.clip(np.asarray(errors, dtype=np.float64) / limit, -1, 1)[:, None]
+    colours = 255 + np.maximum(share, 0) * (RED - 255.0) + np.maximum(-share, 0) * (BLUE - 255.0)
+    return np.asarray(np.where(np.isnan(share), GREY, np.rint(colours)), dtype=np.uint8)
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:

@@ -12,7 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from recon.mesh import Cloud, Mesh, merge_meshes, read_cloud, read_mesh, read_points, write_cloud, write_mesh
+from recon.mesh import (
+    Cloud,
+    Mesh,
+    error_colours,
+    merge_meshes,
+    read_cloud,
+    read_mesh,
+    read_points,
+    write_cloud,
+    write_mesh,
+)
 
 COORDINATES = st.floats(-1e6, 1e6, width=32)
 
@@ -178,3 +188,15 @@ def test_nothing_empty_is_written_and_nothing_half(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"a\.obj: unknown kind of file"):
         write_mesh(tmp_path / "a.obj", mesh_of(3, 1))
     assert not list(tmp_path.iterdir())
+
+
+def test_errors_are_blue_below_white_at_nothing_and_red_above() -> None:
+    colours = error_colours(np.array([-9.0, -1.0, 0.0, 0.5, 1.0, 9.0, np.nan]), 1.0).astype(int)
+    assert np.array_equal(colours[0], colours[1])
+    assert np.array_equal(colours[4], colours[5])
+    assert np.array_equal(colours[2], [255, 255, 255])
+    assert np.array_equal(colours[6], [128, 128, 128])
+    assert colours[1, 2] > colours[1, 0]
+    assert colours[4, 0] > colours[3, 0] - 60 > colours[4, 2]
+    with pytest.raises(ValueError, match="limit is 0"):
+        error_colours(np.zeros(2), 0.0)
