@@ -15,6 +15,7 @@ import httpx
 import numpy as np
 
 from app.study.simulate import choose, tie_weight
+from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, TRIAL
 
 Progress = Callable[[int, int, str], None]
 
@@ -95,6 +96,7 @@ def simulate(
                 vote(client, session["token"], trial, choice, rng)
                 n_votes += 1
                 progress(n_votes, participants * study["n_pairs"], f"participant {number + 1} of {participants}")
+            pass_stages(client, session | _ask(client, "GET", "/api/v1/session", session["token"]).json())
     seconds = time.perf_counter() - started
     return {
         "study": slug,
@@ -108,13 +110,37 @@ def simulate(
 
 
 def begin(client: httpx.Client, slug: str, invitation: str) -> dict[str, Any]:
-    """Begin a session and pass the introduction."""
-    admission = {"invitation": invitation}
+    """Begin a session and pass the stages before the trials."""
+    admission = {"invitation": invitation, "key": str(uuid.uuid4())}
     session: dict[str, Any] = _ask(client, "POST", f"/api/v1/studies/{slug}/sessions", None, admission).json()
-    while session["stage"] not in ("trial", "finished"):
+    return pass_stages(client, session)
+
+
+def pass_stages(client: httpx.Client, session: dict[str, Any]) -> dict[str, Any]:
+    """Complete the stages that end by hand, up to the trials or the end."""
+    while session["stage"] not in (TRIAL, FINISHED):
+        asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
+        data = {"simulated": True, **stage_data(session["stage"], asked)}
         path = f"/api/v1/session/stages/{session['stage']}"
-        session |= _ask(client, "PUT", path, session["token"], {"data": {"simulated": True}}).json()
+        session = session | _ask(client, "PUT", path, session["token"], {"data": data}).json()
     return session
+
+
+def stage_data(stage: str, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """What comes with a stage: consent as it is asked for, answers only where they must be given."""
+    if stage == INTRODUCTION:
+        return {"consent": asked["consent"]} if asked["consent"] else {}
+    if stage == INTERVIEW:
+        return {"answers": {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}}
+    return {}
+
+
+def _some_answer(question: Mapping[str, Any]) -> Any:
+    if question["kind"] == "choice":
+        return question["options"][0]
+    if question["kind"] == "text":
+        return "simulated"
+    return 1 if question["kind"] == "scale" else (question["minimum"] or question["maximum"] or 0)
 
 
 def trials_of(client: httpx.Client, slug: str, session: str, token: str) -> list[dict[str, Any]]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, func, insert, select
 
-from app.store.keys import new_code
-from app.store.tables import invitation, participant
+from app.store.keys import digest, new_code
+from app.store.tables import invitation, participant, session
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,12 @@ def insert_invitation(connection: Connection, study_id: int, places: int | None,
 def invitation_by_code(connection: Connection, code: str) -> Invitation | None:
     row = connection.execute(_invitations().where(invitation.c.code == code)).one_or_none()
     return Invitation(**row._mapping) if row else None
+
+
+def invitation_of_session(connection: Connection, token: str) -> str | None:
+    """The code of the invitation with which the session of a token was begun."""
+    found = select(invitation.c.code).select_from(session.join(participant).join(invitation))
+    return connection.scalar(found.where(session.c.token_hash == digest(token)))
 
 
 def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from app.study.questionnaire import DEFAULT_QUESTIONS, Question, parse_questions
@@ -24,13 +24,15 @@ class StudyOptions:
     consent_version : how its authors call this text
     comprehension : whether the instructions end with a question on them
     questions : of the interview
+    debriefing : what participants read at the end, paragraphs apart by an empty line
     """
 
     optional_stages: tuple[str, ...] = ()
     consent: str = ""
     consent_version: str = ""
     comprehension: bool = False
-    questions: tuple[Question, ...] = field(default=())
+    questions: tuple[Question, ...] = ()
+    debriefing: str = ""
 
     @property
     def way(self) -> tuple[str, ...]:
@@ -72,7 +74,12 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     if not isinstance(comprehension, bool):
         raise ValueError(f"comprehension is {comprehension!r}, expected true or false")
     return StudyOptions(
-        tuple(stages), _text(content, "consent"), _text(content, "consent_version"), comprehension, questions
+        optional_stages=tuple(stages),
+        consent=_text(content, "consent"),
+        consent_version=_text(content, "consent_version"),
+        comprehension=comprehension,
+        questions=questions,
+        debriefing=_text(content, "debriefing"),
     )
 
 

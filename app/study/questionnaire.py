@@ -136,6 +136,8 @@ def _kind(content: Mapping[str, Any]) -> Kind:
 
 
 def _check_kind(question: Question) -> None:
+    if not question.text and question.name not in {known.name for known in DEFAULT_QUESTIONS}:
+        raise ValueError(f"question {question.name}: it has no text")
     if question.kind == "choice" and len(question.options) < 2:
         raise ValueError(f"question {question.name}: a choice needs at least two options")
     if question.kind == "choice" and question.labels and len(question.labels) != len(question.options):

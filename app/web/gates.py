@@ -16,6 +16,7 @@ from app.store.invitations import Invitation, invitation_by_code
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import READ, scopes_of
+from app.study.options import StudyOptions, parse_options
 
 PARTICIPANT_COOKIE = "session"
 EXPERIMENTER_COOKIE = "experimenter"
@@ -29,6 +30,7 @@ class Entrance:
     title: str
     state: Literal["open", "mine", "used", "closed"]
     is_shared: bool  # another participant may begin with it now
+    options: StudyOptions
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,8 @@ def entrance(request: Request, code: str) -> Entrance | None:
         state = "mine"
     elif study.state == "closed":
         state = "closed"
-    return Entrance(study.slug, study.name, state, is_shared=study.state == "open" and not invitation.is_used)
+    is_shared = study.state == "open" and not invitation.is_used
+    return Entrance(study.slug, study.name, state, is_shared, parse_options(study.options))
 
 
 def _bearer(request: Request) -> str | None:

@@ -8,17 +8,21 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.web.gates import entrance
+from app.store.invitations import invitation_of_session
+from app.store.sessions import resume_session
+from app.web.gates import Store, entrance
+from app.web.participant import remember
 
 TEXTS = Path(__file__).parents[2] / "templates" / "participant" / "texts"
 DEFAULT_LANGUAGE = "en"
-STATUS_OF_MESSAGE = {"unknown": 404, "used": 410, "closed": 403}
+LANGUAGE_COOKIE = "language"
+STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "closed": 403}
 
 router = APIRouter(include_in_schema=False)
 
@@ -39,16 +43,39 @@ def participant_page(request: Request, code: str) -> Response:
     return _page(request, "participant/study.html", study=found, code=code)
 
 
+@router.post("/resume")
+def resume_elsewhere(request: Request, resume_code: Annotated[str, Form(max_length=40)], database: Store) -> Response:
+    """Go on in this browser with a session that began in another one."""
+    token = resume_session(database, resume_code.strip().lower())
+    if token is None:
+        message = "unknown_resume_code"
+        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message)
+    with database.reading() as connection:
+        answer = RedirectResponse(f"/s/{invitation_of_session(connection, token)}", status_code=303)
+    remember(request, answer, token)
+    return answer
+
+
 def _page(request: Request, template: str, status_code: int = 200, **context: object) -> Response:
-    language = preferred_language(request.headers.get("accept-language", ""), languages())
+    language = _language(request)
     page: Response = request.app.state.templates.TemplateResponse(
         request,
         template,
-        {"language": language, "texts": texts_in(language), **context},
+        {"language": language, "languages": languages(), "texts": texts_in(language), **context},
         status_code=status_code,
         headers={"Cache-Control": "no-store"},  # what stands at an address changes with the invitation's state
     )
+    if request.query_params.get("language") == language:
+        page.set_cookie(LANGUAGE_COOKIE, language, samesite="lax")
     return page
+
+
+def _language(request: Request) -> str:
+    """What was chosen by hand, now or before, else what the browser prefers."""
+    for chosen in (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE)):
+        if chosen in languages():
+            return str(chosen)
+    return preferred_language(request.headers.get("accept-language", ""), frozenset(languages()))
 
 
 def preferred_language(accepted: str, available: frozenset[str]) -> str:
@@ -68,8 +95,9 @@ def _weighted(entry: str) -> tuple[float, str]:
 
 
 @cache
-def languages() -> frozenset[str]:
-    return frozenset(file.stem for file in TEXTS.glob("*.json"))
+def languages() -> dict[str, str]:
+    """What each language calls itself, by its tag: one file each."""
+    return {file.stem: texts_in(file.stem)["language"] for file in sorted(TEXTS.glob("*.json"))}
 
 
 @cache

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import logging
+from dataclasses import asdict
 from datetime import datetime, timedelta
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.engine import Database
 from app.store.keys import resume_code
 from app.store.sessions import (
@@ -24,6 +25,7 @@ from app.store.sessions import (
     session_by_token,
     withdraw,
 )
+from app.study.stage_data import InvalidStageError, check_stage_data
 from app.study.stages import TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, is_secure
 
@@ -89,6 +91,13 @@ class SessionView(BaseModel):
     resume_code: str = Field(description="lets its participant go on in another browser")
 
 
+class AskedView(BaseModel):
+    """What a study asks besides votes, for clients other than its own page."""
+
+    consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
+    questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
+
+
 class OpenedSessionView(SessionView):
     token: str = Field(description="a bearer token for clients without cookies")
 
@@ -126,6 +135,14 @@ def look(signed_in: Participant, database: Store, now: Now) -> SessionView:
     return SessionView(**_view(database, signed_in.session, signed_in.token, now))
 
 
+@router.get("/session/asked")
+def asked(signed_in: Participant) -> AskedView:
+    """What the introduction's and the interview's completion must hold."""
+    options = signed_in.session.options
+    consent = {"version": options.consent_version, "sha256": options.consent_sha256} if options.consent else None
+    return AskedView(consent=consent, questions=[asdict(question) for question in options.questions])
+
+
 @router.put("/session/withdrawal")
 def leave(signed_in: Participant, database: Store, now: Now) -> SessionView:
     """Withdraw from the study, at any time and for good. What was given is kept apart and counts no more."""
@@ -142,7 +159,10 @@ def complete(
     if stage not in signed_in.session.options.way:
         raise NotFoundError("There is no such stage.")
     try:
+        check_stage_data(stage, body.data, signed_in.session.options)
         complete_stage(database, signed_in.session, stage, body.data, now)
+    except InvalidStageError as error:
+        raise InvalidError(f"This stage is not complete: {error}.") from error
     except IllegalMoveError as error:
         raise ConflictError(f"This stage cannot be completed now: {error}.") from error
     return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))

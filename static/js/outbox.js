@@ -1,9 +1,13 @@
-/** Votes on their way: kept in this browser until the server has said that they are on its disk. */
+/** Votes, and word of interrupted trials, on their way: kept in this browser until the server has them on its disk. */
 
 import { Refusal, patiently } from "./connection.js";
-import { sendVote } from "./session.js";
+import { sendVoid, sendVote } from "./session.js";
 
-/** @typedef {{id: string, owner: string, trial: string, vote: import("./session.js").Vote}} PendingVote */
+/**
+ * @typedef {import("./session.js").Vote} Vote
+ * @typedef {{reason: import("./session.js").Reason, viewing: import("./session.js").Viewing}} Interruption
+ * @typedef {{id: string, owner: string, trial: string, vote?: Vote, interruption?: Interruption}} Pending one of the two
+ */
 
 const DATABASE = "reconstudy";
 const STORE = "votes";
@@ -17,10 +21,25 @@ export class Outbox {
     this.delivery = Promise.resolve();
   }
 
-  /** Resolves when the vote is kept, which is before it is sent. @param {string} trial @param {import("./session.js").Vote} vote */
-  async put(trial, vote) {
-    await this.shelf.add({ id: vote.id, owner: this.owner, trial, vote });
+  /** Resolves when the vote is kept, which is before it is sent. @param {string} trial @param {Vote} vote */
+  async putVote(trial, vote) {
+    await this.#put({ id: vote.id, owner: this.owner, trial, vote });
+  }
+
+  /** @param {string} trial @param {Interruption} interruption */
+  async putInterruption(trial, interruption) {
+    await this.#put({ id: randomId(), owner: this.owner, trial, interruption });
+  }
+
+  /** @param {Pending} pending */
+  async #put(pending) {
+    await this.shelf.add(pending);
     this.emptied().catch(() => {}); // whoever waits for emptied() hears of it
+  }
+
+  /** Forgets what is still here: its participant has withdrawn. */
+  async clear() {
+    for (const { id } of await this.shelf.list(this.owner)) await this.shelf.remove(id);
   }
 
   /** Resolves when the server has every vote; rejects when it refuses one. @returns {Promise<void>} */
@@ -31,8 +50,9 @@ export class Outbox {
   }
 
   async #deliver() {
-    for (const { id, trial, vote } of await this.shelf.list(this.owner)) {
-      await patiently(() => sendVote(trial, vote)).catch(ignoreSettled);
+    for (const { id, trial, vote, interruption } of await this.shelf.list(this.owner)) {
+      if (vote) await patiently(() => sendVote(trial, vote)).catch(ignoreSettled);
+      if (interruption) await patiently(() => sendVoid(trial, interruption)).catch(ignoreSettled);
       await this.shelf.remove(id);
     }
   }
@@ -45,8 +65,8 @@ function ignoreSettled(error) {
 
 /**
  * @typedef {object} Shelf
- * @property {(pending: PendingVote) => Promise<unknown>} add
- * @property {(owner: string) => Promise<PendingVote[]>} list
+ * @property {(pending: Pending) => Promise<unknown>} add
+ * @property {(owner: string) => Promise<Pending[]>} list
  * @property {(id: string) => Promise<unknown>} remove
  */
 
@@ -81,7 +101,7 @@ function shelfOnDisk(database) {
 
 /** @returns {Shelf} */
 function shelfInMemory() {
-  /** @type {Map<string, PendingVote>} */
+  /** @type {Map<string, Pending>} */
   const votes = new Map();
   return {
     add: async (pending) => votes.set(pending.id, pending),

@@ -1,69 +1,126 @@
 /** The participant's page, from Begin to the thanks. The server knows the stage; the page shows it. */
 
-import { Refusal, Unreachable, onTrouble, patiently } from "./connection.js";
+import { Refusal, onTrouble, patiently } from "./connection.js";
 import { Films } from "./films.js";
-import { Outbox, openShelf } from "./outbox.js";
-import { beginSession, completeStage, readNextTrial, readSession } from "./session.js";
+import { readAnswers } from "./interview.js";
+import { Outbox, openShelf, randomId } from "./outbox.js";
+import { display } from "./display.js";
+import { beginSession, completeStage, readNextTrial, readSession, withdraw } from "./session.js";
+import { claim, takeOver } from "./tabs.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
 
-/** @typedef {import("./session.js").Session} Session */
+/**
+ * @typedef {import("./session.js").Session} Session
+ * @typedef {import("./session.js").TrialDescription} TrialDescription
+ */
 
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // about what a vote takes, for the length that is announced
-const H264 = 'video/mp4; codecs="avc1.640032"'; // high profile, level 5.0: two stimuli of 1920x1080, one above the other
-const MESSAGE_OF_STATUS = new Map([[404, "unknown"], [410, "used"], [409, "used"], [403, "closed"]]);
+const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
+const BREAK_EVERY = 25; // trials
+const FEWEST_AFTER_BREAK = 5;
+const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [403, "closed"]]);
 
 const page = /** @type {HTMLElement} */ (document.getElementById("study"));
 const code = page.dataset.code ?? "";
 const pageKey = `instructions of ${code}`;
+const beginKey = `begin ${code}`;
 const shelf = await openShelf();
 const films = new Films();
 /** @type {Outbox} */
 let outbox; // of the session, once there is one
+/** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
+let ahead = null;
+let lastBreak = 0; // answers before it
+/** @type {Trial | null} */
+let trial = null; // that runs now
+let consentedAt = "";
+let wrongAnswers = 0;
+
+/** What is shown in each stage of a session. @type {Record<import("./session.js").Stage, () => void>} */
+const STAGES = {
+  introduction: introduce,
+  screening: () => show("screening"),
+  practice: () => show("practice"),
+  trial: () => guarded(runTrials),
+  interview: () => show("interview"),
+  finished: thank,
+  withdrawn: () => show("withdrawn"),
+};
 
 onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hidden", !isInTrouble));
 document.addEventListener("keydown", pressPrimary);
 document.addEventListener("keydown", switchTryByKey);
 byId("begin").addEventListener("click", begin);
-byId("continue").addEventListener("click", () => {
-  enterFullScreen();
-  guarded(runTrials);
-});
-byId("again").addEventListener("click", () => location.reload());
+for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
+for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
 byId("try").addEventListener("click", switchTry);
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
+document.getElementById("consent")?.addEventListener("submit", consent);
+document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
+document.getElementById("questionnaire")?.addEventListener("submit", sendInterview);
+document.getElementById("questionnaire")?.addEventListener("keydown", stayOnEnter);
+for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => dialog().showModal());
+byId("withdraw-yes").addEventListener("click", leaveForGood);
 
 if (page.dataset.state === "mine") guarded(resume);
 else welcome();
 
 function welcome() {
-  const canPlay = document.createElement("video").canPlayType(H264) !== "";
+  const { canPlay } = display();
   byId("no-codec").hidden = canPlay;
   byId("begin").hidden = !canPlay;
   byId("begin").toggleAttribute("disabled", false);
   show("welcome");
 }
 
-/** The one press that uses the invitation up. */
+/** The one press that uses the invitation up; should its answer be lost, the key leads to the same session again. */
 function begin() {
   enterFullScreen();
   byId("begin").toggleAttribute("disabled", true);
+  const key = localStorage.getItem(beginKey) ?? randomId();
+  localStorage.setItem(beginKey, key);
   guarded(async () => {
-    enterSession(await patiently(() => beginSession(page.dataset.slug ?? "", code)));
-    showInstructions(1);
+    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
+    sessionStorage.removeItem(pageKey); // of the one before
+    await enterSession(session);
+    goTo(session);
   });
 }
 
 /** Goes on where this browser left. */
 async function resume() {
-  enterSession(await patiently(readSession));
-  await outbox.emptied();
+  const found = await patiently(readSession);
+  await enterSession(found);
+  if (found.stage !== "withdrawn") await outbox.emptied();
   const session = await patiently(readSession); // with the votes that were still here
   tellSession(session);
-  if (session.stage === "introduction") showInstructions(Number(sessionStorage.getItem(pageKey) ?? 1));
-  else if (session.stage === "trial") show("resume");
-  else thank();
+  lastBreak = session.progress.done;
+  if (session.stage !== "trial") goTo(session);
+  else if (session.was_away_long) showInstructions(1);
+  else show("resume");
+}
+
+/** @param {Session} session */
+function goTo(session) {
+  tellSession(session);
+  STAGES[session.stage]();
+}
+
+function introduce() {
+  const number = Number(sessionStorage.getItem(pageKey) ?? 0);
+  if (number === 0 && document.getElementById("consent")) show("consent");
+  else showInstructions(Math.max(1, number));
+}
+
+/** @param {Event} event */
+function consent(event) {
+  event.preventDefault();
+  const form = /** @type {HTMLFormElement} */ (event.currentTarget);
+  if (!form.reportValidity()) return;
+  consentedAt = form.dataset.sha256 ?? "";
+  showInstructions(1);
 }
 
 /** @param {number} number */
@@ -77,46 +134,141 @@ function turnInstructions(event) {
   const step = Number(/** @type {HTMLElement} */ (event.currentTarget).dataset.step);
   const number = Number(page.dataset.showing?.split("-")[1]) + step;
   if (number <= N_INSTRUCTIONS) showInstructions(number);
-  else guarded(startTrials);
+  else if (page.dataset.stage === "trial") goOnWithTrials();
+  else if (document.getElementById("comprehension")) show("comprehension");
+  else guarded(endIntroduction);
 }
 
-async function startTrials() {
+/** One question on the instructions; a wrong answer leads back to them. @param {Event} event */
+function checkComprehension(event) {
+  event.preventDefault();
+  const form = /** @type {HTMLFormElement} */ (event.currentTarget);
+  if (!form.reportValidity()) return;
+  const isRight = new FormData(form).get("understood") === form.dataset.right;
+  form.reset();
+  if (isRight) {
+    guarded(endIntroduction);
+    return;
+  }
+  wrongAnswers += 1;
+  showInstructions(1);
+}
+
+async function endIntroduction() {
   enterFullScreen();
-  const display = {
+  const { canPlay, ...facts } = display();
+  const form = document.getElementById("consent");
+  const given = form && { version: form.dataset.version, sha256: consentedAt || form.dataset.sha256 };
+  await completed("introduction", {
     language: document.documentElement.lang,
-    window_width: window.innerWidth,
-    window_height: window.innerHeight,
-    device_pixel_ratio: window.devicePixelRatio,
-  };
-  await patiently(() => completeStage("introduction", display));
-  await runTrials();
+    ...facts,
+    ...(given && { consent: given }),
+    ...(document.getElementById("comprehension") && { wrong_answers: wrongAnswers }),
+  });
 }
 
-/** A trial is asked for when the server has every vote before it, so none is shown twice. */
+/** @param {string} stage @param {object} data what came of it */
+async function completed(stage, data) {
+  goTo(await patiently(() => completeStage(stage, data)));
+}
+
+/** @param {Event} event */
+function sendInterview(event) {
+  event.preventDefault();
+  const form = /** @type {HTMLFormElement} */ (event.currentTarget);
+  if (form.reportValidity()) guarded(() => completed("interview", { answers: readAnswers(form) }));
+}
+
+/** Enter in a field does not end the interview. @param {KeyboardEvent} event */
+function stayOnEnter(event) {
+  if (event.key === "Enter" && event.target instanceof HTMLInputElement) event.preventDefault();
+}
+
+function goOnWithTrials() {
+  enterFullScreen();
+  guarded(runTrials);
+}
+
+/** A trial is asked for when the server has every vote before it; while it cannot be reached, the next one is already here. */
 async function runTrials() {
   show("trial");
   for (;;) {
-    await outbox.emptied();
-    const description = await patiently(readNextTrial);
+    const description = await nextTrial();
     if (!description) break;
-    await runTrial(description);
+    if (isTimeForBreak(description)) {
+      show("break");
+      return;
+    }
+    ahead = description.following ?? null;
+    if (!(await runTrial(description))) {
+      show("interrupted");
+      return;
+    }
   }
-  thank();
+  goTo(await patiently(readSession));
 }
 
-/** @param {import("./session.js").TrialDescription} description */
+/** @returns {Promise<TrialDescription | null>} */
+function nextTrial() {
+  const fresh = upToDate();
+  fresh.catch(() => {}); // it may fail after the study went on without it; then the next call tells
+  return ahead ? Promise.race([fresh, withoutServer(ahead)]) : fresh;
+}
+
+/** @returns {Promise<TrialDescription | null>} */
+async function upToDate() {
+  await outbox.emptied();
+  return patiently(readNextTrial);
+}
+
+/** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
+async function withoutServer(following) {
+  await Promise.all([films.get(following.media.url).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+  return following;
+}
+
+/** @param {TrialDescription} description @returns {Promise<boolean>} false when it was interrupted */
 async function runTrial(description) {
-  const { media, next_media } = description;
-  films.keepOnly([media.url, next_media]);
+  const { media, following } = description;
+  films.keepOnly([media.url, following?.media.url ?? null]);
   const film = films.get(media.url);
-  if (next_media) film.whole.then(() => films.get(next_media)).catch(() => {});
-  const vote = await new Trial(byId("trial"), description, film).run();
-  await outbox.put(description.trial, vote);
+  if (following) film.whole.then(() => films.get(following.media.url)).catch(() => {});
+  trial = new Trial(byId("trial"), description, film);
+  const { vote, interruption } = await trial.run();
+  trial = null;
+  if (vote) await outbox.putVote(description.trial, vote);
+  if (interruption) await outbox.putInterruption(description.trial, interruption);
+  return !interruption;
+}
+
+/** @param {TrialDescription} description of the trial that comes */
+function isTimeForBreak({ number, total }) {
+  const answered = number - 1;
+  if (answered % BREAK_EVERY || answered === lastBreak || total - answered < FEWEST_AFTER_BREAK) return false;
+  lastBreak = answered;
+  tell({ done: answered, total });
+  return answered > 0;
 }
 
 function thank() {
-  if (document.fullscreenElement) document.exitFullscreen().catch(() => {});
+  leaveFullScreen();
   show("thanks");
+}
+
+/** Withdraws from the study; what is still on its way is not sent any more. */
+function leaveForGood() {
+  dialog().close();
+  trial?.abandon();
+  leaveFullScreen();
+  guarded(async () => {
+    await patiently(withdraw);
+    await outbox.clear();
+    show("withdrawn");
+  });
+}
+
+function leaveFullScreen() {
+  if (document.fullscreenElement) document.exitFullscreen().catch(() => {});
 }
 
 /** Runs a part of the way; what stops it is told in one calm sentence. @param {() => Promise<void>} part */
@@ -132,25 +284,57 @@ function explain(error) {
   const messages = JSON.parse(page.dataset.messages ?? "{}");
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = page.dataset.showing === "welcome";
-  const message = isAtTheDoor && error instanceof Refusal ? messages[MESSAGE_OF_STATUS.get(error.status) ?? ""] : undefined;
+  if (isAtTheDoor) localStorage.removeItem(beginKey);
+  const message = isAtTheDoor && error instanceof Refusal ? messages[MESSAGE_AT_THE_DOOR.get(error.status) ?? ""] : undefined;
+  if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
+    show("withdrawn");
+    return;
+  }
   const view = viewOf("problem");
   view.children[0].textContent = message?.heading ?? problem.heading;
-  view.children[1].textContent = message?.body ?? (error instanceof Refusal ? problem.refused : problem.media);
+  view.children[1].textContent = message?.body ?? sentence(error, problem);
   show("problem");
 }
 
-/** @param {Session} session */
-function enterSession(session) {
-  outbox = new Outbox(shelf, session.session);
-  tellSession(session);
+/** @param {unknown} error @param {Record<string, string>} problem */
+function sentence(error, problem) {
+  if (!(error instanceof Refusal)) return problem.media;
+  return error.status === 401 ? problem.elsewhere : problem.refused;
 }
 
 /** @param {Session} session */
-function tellSession({ study, progress }) {
+async function enterSession(session) {
+  localStorage.removeItem(beginKey); // its answer has come; the next participant at this browser makes a new one
+  outbox = new Outbox(shelf, session.session);
+  tellSession(session);
+  if (await claim(session.session, yieldToOther)) return;
+  show("elsewhere");
+  await new Promise((resolve) => byId("here").addEventListener("click", resolve, { once: true }));
+  await takeOver(session.session, yieldToOther);
+}
+
+/** The session goes on in another tab: nothing more is done here. */
+function yieldToOther() {
+  trial?.abandon();
+  leaveFullScreen();
+  show("yielded");
+}
+
+/** @param {Session} session */
+function tellSession({ study, stage, progress, resume_code }) {
+  page.dataset.stage = stage;
   const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
-  const values = { ...progress, seconds: Math.round(study.exposure_s), minutes };
+  tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
+}
+
+/** @type {Record<string, unknown>} */
+let told = {};
+
+/** @param {Record<string, unknown>} values for the places in the texts */
+function tell(values) {
+  told = { ...told, ...values };
   for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-fill]"))) {
-    place.textContent = fill(place.dataset.fill, values);
+    place.textContent = fill(place.dataset.fill, told);
   }
 }
 
@@ -167,7 +351,8 @@ function show(name) {
 
 /** Enter presses a page's main button, wherever the focus is. @param {KeyboardEvent} event */
 function pressPrimary(event) {
-  if (event.key !== "Enter" || event.repeat || event.target instanceof HTMLButtonElement) return;
+  const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
+  if (event.key !== "Enter" || event.repeat || hasOwnEnter || dialog().open) return;
   const button = /** @type {HTMLElement | null} */ (viewOf(page.dataset.showing ?? "")?.querySelector("[data-primary]"));
   if (!button) return;
   event.preventDefault();
@@ -185,6 +370,10 @@ function switchTryByKey(event) {
   if (page.dataset.showing !== "instructions-2" || !SWITCH_KEYS.has(event.key) || event.repeat || pressesButton) return;
   event.preventDefault();
   switchTry();
+}
+
+function dialog() {
+  return /** @type {HTMLDialogElement} */ (byId("withdraw"));
 }
 
 /** @param {string} name @returns {HTMLElement} */

@@ -16,6 +16,8 @@ export class StackedPlayer {
     this.loaded = new AbortController();
     this.address = "";
     this.frameTime = NaN; // of the frame that was last given to the screen
+    this.before = { frames: 0, dropped: 0 }; // counted by the browser before the film began
+    this.stalls = 0;
   }
 
   /**
@@ -70,6 +72,7 @@ export class StackedPlayer {
     const { video } = this;
     const clock = new FilmClock(video.duration, exposure_s);
     this.#followFrames(signal);
+    this.#followQuality(signal);
     return new Promise((resolve, reject) => {
       const stillness = new Stillness();
       const tick = (/** @type {number} */ now) => {
@@ -87,6 +90,25 @@ export class StackedPlayer {
       video.play().catch(reject);
       requestAnimationFrame(tick);
     });
+  }
+
+  /** What the browser counts belongs to the element, so it is counted from here. @param {AbortSignal} signal */
+  #followQuality(signal) {
+    const { video } = this;
+    const before = video.getVideoPlaybackQuality();
+    this.before = { frames: before.totalVideoFrames, dropped: before.droppedVideoFrames };
+    this.stalls = 0;
+    video.addEventListener("waiting", () => (this.stalls += 1), { signal });
+  }
+
+  /** Frames decoded, frames not shown, and waits for data since the film began. */
+  get quality() {
+    const { totalVideoFrames, droppedVideoFrames } = this.video.getVideoPlaybackQuality();
+    return {
+      n_frames: Math.max(0, totalVideoFrames - this.before.frames),
+      n_dropped: Math.max(0, droppedVideoFrames - this.before.dropped),
+      n_stalls: this.stalls,
+    };
   }
 
   /** @param {AbortSignal} signal */

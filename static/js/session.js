@@ -4,11 +4,15 @@ import { Unreachable, request } from "./connection.js";
 
 /**
  * @typedef {"a" | "b"} Letter
+ * @typedef {"introduction" | "screening" | "practice" | "trial" | "interview" | "finished" | "withdrawn"} Stage
  * @typedef {object} Session
  * @property {string} session its id
  * @property {{slug: string, title: string, exposure_s: number}} study
- * @property {"introduction" | "trial" | "finished"} stage
+ * @property {Stage} stage
+ * @property {Stage[]} stages of this study, in order
  * @property {{done: number, total: number}} progress
+ * @property {boolean} was_away_long since the last answer
+ * @property {string} resume_code
  *
  * @typedef {object} Media one film that holds both stimuli, one above the other
  * @property {string} url
@@ -22,18 +26,29 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {object} TrialDescription
  * @property {string} trial
+ * @property {number} attempt 2 when it is repeated because it was interrupted
  * @property {number} number
  * @property {number} total
  * @property {number} exposure_s
  * @property {Letter} first_shown
  * @property {Media} media
- * @property {string | null} next_media
+ * @property {string | null} [next_media]
+ * @property {TrialDescription | null} [following] the next trial, for as long as the connection is gone
+ *
+ * @typedef {"full screen" | "hidden"} Reason why an attempt was interrupted
  *
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
- * @property {{to: Letter, at_ms: number, media_time_s: number}[]} switches
+ * @property {{to: Letter, at_ms: number, media_time_s: number, frame: number}[]} switches
+ * @property {{a: number, b: number}} [dwell_ms] how long each was on screen
+ * @property {number} [n_changes] of the choice, before Next
+ * @property {number} [n_frames] decoded
+ * @property {number} [n_dropped]
+ * @property {number} [n_stalls]
+ * @property {Reason} [interruption] of a repetition
+ * @property {{window_width: number, window_height: number, device_pixel_ratio: number, full_screen: boolean}} [display]
  *
  * @typedef {object} Vote
  * @property {string} id made here, so that the same vote sent twice is known for one
@@ -44,9 +59,14 @@ import { Unreachable, request } from "./connection.js";
 const API = "/api/v1";
 const LARGEST_KEPT_ALIVE = 32_768; // characters; browsers refuse more than 64 KiB under way at once
 
-/** @param {string} slug @param {string} invitation @returns {Promise<Session>} */
-export function beginSession(slug, invitation) {
-  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation });
+/** @param {string} slug @param {string} invitation @param {string} key the same again for the same session @returns {Promise<Session>} */
+export function beginSession(slug, invitation, key) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key });
+}
+
+/** @returns {Promise<Session>} */
+export function withdraw() {
+  return call("PUT", "/session/withdrawal");
 }
 
 /** @returns {Promise<Session>} */
@@ -67,6 +87,11 @@ export function readNextTrial() {
 /** @param {string} trial @param {Vote} vote */
 export function sendVote(trial, vote) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/vote`, vote);
+}
+
+/** @param {string} trial @param {{reason: Reason, viewing: Viewing}} record */
+export function sendVoid(trial, record) {
+  return call("PUT", `/session/trials/${encodeURIComponent(trial)}/void`, record);
 }
 
 /** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */

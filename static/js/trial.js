@@ -1,5 +1,5 @@
 /**
- * One trial: loading -> fixation -> exposure -> voting -> done, or failed from anywhere.
+ * One trial: loading -> fixation -> exposure -> voting -> done; interrupted when the participant looks away; or failed.
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
@@ -10,22 +10,31 @@ import { StackedPlayer } from "./player.js";
  * @typedef {import("./session.js").TrialDescription} TrialDescription
  * @typedef {import("./session.js").Vote} Vote
  * @typedef {import("./session.js").Letter} Letter
- * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "failed"} State
+ * @typedef {import("./session.js").Reason} Reason
+ * @typedef {import("./outbox.js").Interruption} Interruption
+ * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "interrupted" | "failed"} State
+ * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome one of the two
  */
 
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
 export const SWITCH_KEYS = new Set([" ", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"]);
+const MAY_COME_AGAIN = 1; // attempts; a repetition that is interrupted goes on, and says so
 const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
+
+let pageIsLeft = false; // a page that is left is hidden too; coming back shows the trial again
+window.addEventListener("pagehide", () => (pageIsLeft = true));
+window.addEventListener("pageshow", () => (pageIsLeft = false));
 
 /** @type {Record<State, State[]>} */
 const FOLLOWERS = {
   loading: ["fixation", "failed"],
   fixation: ["exposure", "failed"],
-  exposure: ["voting", "failed"],
+  exposure: ["voting", "interrupted", "failed"],
   voting: ["done"],
   done: [],
+  interrupted: [],
   failed: [],
 };
 
@@ -46,22 +55,28 @@ export class Trial {
     /** @type {State} */
     this.state = "loading";
     this.leaving = new AbortController();
-    this.resolve = (/** @type {Vote} */ _vote) => {};
+    this.resolve = (/** @type {Outcome} */ _outcome) => {};
     this.reject = (/** @type {unknown} */ _reason) => {};
   }
 
-  /** @returns {Promise<Vote>} rejects when the film cannot be shown */
+  /** @returns {Promise<Outcome>} rejects when the film cannot be shown */
   run() {
     labelTrial(this.screen, this.description);
-    const vote = new Promise((resolve, reject) => {
+    const outcome = new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
     });
     this.#enter("loading");
-    return vote;
+    return outcome;
   }
 
-  /** @param {State} state @param {unknown} [result] the vote, or why it failed */
+  /** Stops for good without an outcome: the study goes on in another tab, or its participant has withdrawn. */
+  abandon() {
+    this.leaving.abort();
+    this.player.unload();
+  }
+
+  /** @param {State} state @param {unknown} [result] the outcome, or why it failed */
   #go(state, result) {
     if (!FOLLOWERS[this.state].includes(state)) throw new Error(`no way from ${this.state} to ${state}`);
     this.leaving.abort();
@@ -84,8 +99,8 @@ export class Trial {
   /** @param {State} state @param {unknown} result */
   #end(state, result) {
     this.player.unload();
-    if (state === "done") this.resolve(/** @type {Vote} */ (result));
-    else this.reject(result);
+    if (state === "failed") this.reject(result);
+    else this.resolve(/** @type {Outcome} */ (result));
   }
 
   /** @param {AbortSignal} signal */
@@ -125,16 +140,46 @@ export class Trial {
     this.screen.addEventListener("mousedown", preventDefault, { signal }); // no scrolling by the middle button
     this.screen.addEventListener("contextmenu", preventDefault, { signal });
     document.addEventListener("keydown", onKey, { signal });
+    this.viewing.display = display();
+    this.#watch(signal);
+    if (signal.aborted) return;
     this.player.play(this.description.exposure_s, signal).then(
       () => this.#endExposure(),
       (error) => signal.aborted || this.#go("failed", error),
     );
   }
 
+  /** Leaving the full screen or hiding the tab interrupts what is seen. @param {AbortSignal} signal */
+  #watch(signal) {
+    const look = () => {
+      if (document.visibilityState === "hidden" && !pageIsLeft) this.#interrupt("hidden");
+      else if (this.viewing.display?.full_screen && !document.fullscreenElement) this.#interrupt("full screen");
+    };
+    document.addEventListener("visibilitychange", look, { signal });
+    document.addEventListener("fullscreenchange", look, { signal });
+    look();
+  }
+
+  /** @param {Reason} reason */
+  #interrupt(reason) {
+    if (this.description.attempt > MAY_COME_AGAIN) {
+      this.viewing.interruption = reason;
+      return;
+    }
+    this.#closeRecord();
+    this.#go("interrupted", { interruption: { reason, viewing: this.viewing } });
+  }
+
   #endExposure() {
-    this.viewing.shown_ms = this.#since(performance.now());
+    this.#closeRecord();
     this.#go("voting");
     this.player.pause();
+  }
+
+  #closeRecord() {
+    this.viewing.shown_ms = this.#since(performance.now());
+    this.viewing.dwell_ms = dwell(this.viewing);
+    Object.assign(this.viewing, this.player.quality);
   }
 
   /** @param {number} at performance.now() of the press */
@@ -144,7 +189,8 @@ export class Trial {
     this.#showLetter(to);
     // A mouse and a keyboard may each date their presses a little differently; the order is what happened.
     const at_ms = Math.max(this.#since(at), switches.at(-1)?.at_ms ?? 0);
-    switches.push({ to, at_ms, media_time_s: this.player.mediaTime });
+    const media_time_s = this.player.mediaTime;
+    switches.push({ to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) });
   }
 
   /** @param {Letter} letter */
@@ -170,26 +216,53 @@ export class Trial {
     find(form, "legend").focus({ preventScroll: true });
     guardFromClicks(form, signal);
     offerFullScreen(form, signal);
-    form.addEventListener("change", () => (hint.textContent = ""), { signal });
+    let n_choices = 0;
+    form.addEventListener("change", () => {
+      n_choices += 1;
+      hint.textContent = "";
+    }, { signal });
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       const choice = /** @type {Vote["choice"] | null} */ (new FormData(form).get("choice"));
-      if (choice) this.#vote(choice, performance.now() - openedAt);
+      if (choice) this.#vote(choice, performance.now() - openedAt, n_choices - 1);
       else hint.textContent = hint.dataset.choose ?? "";
     }, { signal });
     document.addEventListener("keydown", (event) => answerByKey(event, form), { signal });
   }
 
-  /** @param {Vote["choice"]} choice @param {number} response_ms */
-  #vote(choice, response_ms) {
+  /** @param {Vote["choice"]} choice @param {number} response_ms @param {number} n_changes */
+  #vote(choice, response_ms, n_changes) {
     this.viewing.response_ms = tenths(response_ms);
-    this.#go("done", { id: randomId(), choice, viewing: this.viewing });
+    this.viewing.n_changes = n_changes;
+    this.#go("done", { vote: { id: randomId(), choice, viewing: this.viewing } });
   }
+}
+
+/** @returns {NonNullable<Vote["viewing"]["display"]>} */
+function display() {
+  return {
+    window_width: window.innerWidth,
+    window_height: window.innerHeight,
+    device_pixel_ratio: window.devicePixelRatio,
+    full_screen: document.fullscreenElement !== null,
+  };
+}
+
+/** @param {Vote["viewing"]} viewing @returns {{a: number, b: number}} ms for which each was on screen */
+function dwell({ first_shown, shown_ms, switches }) {
+  const looks = { a: 0, b: 0 };
+  let letter = first_shown;
+  let since = 0;
+  for (const { to, at_ms } of [...switches, { to: letter, at_ms: shown_ms }]) {
+    looks[letter] += Math.max(0, at_ms - since);
+    [letter, since] = [to, at_ms];
+  }
+  return { a: tenths(looks.a), b: tenths(looks.b) };
 }
 
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
 function answerByKey(event, form) {
-  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
   const choice = CHOICE_OF_KEY.get(event.key);
   if (choice) {
     const radio = /** @type {HTMLInputElement} */ (form.querySelector(`input[value="${choice}"]`));

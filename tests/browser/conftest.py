@@ -14,6 +14,7 @@ from visitor import MakeFilms, NewStudy, Study, Visitor
 from app.main import running_server
 from app.operate import add_token, create_study
 from app.settings import Settings
+from app.study.options import StudyOptions
 
 CHROMIUM = Path("/usr/bin/chromium")
 VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
@@ -46,8 +47,9 @@ def new_study(settings: Settings, server: str) -> NewStudy:
     numbers = count(1)
     token = add_token(settings, "browser tests")["token"]
 
-    def create(folder: Path, exposure_s: float) -> Study:
-        made = create_study(settings, folder, f"Study {next(numbers)}", exposure_s=exposure_s, seed=1)
+    def create(folder: Path, exposure_s: float, options: StudyOptions | None = None) -> Study:
+        name = f"Study {next(numbers)}"
+        made = create_study(settings, folder, name, exposure_s=exposure_s, seed=1, options=options)
         return Study(server, made["slug"], made["invitation"], token)
 
     return create

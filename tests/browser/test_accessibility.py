@@ -20,33 +20,33 @@ def test_axe_finds_nothing_serious_from_the_entrance_to_the_thanks(
 ) -> None:
     page.emulate_media(reduced_motion="reduce")  # colours are judged at rest
     page.goto(study.url)
-    _check(page)
+    check_accessibility(page)
     page.goto(f"{study.url}/s/nobody")
-    _check(page)
+    check_accessibility(page)
     page.goto(study.url + add_invitation(settings, study.slug, places=1)["path"])
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
         visitor.sees(view)
-        _check(page)
+        check_accessibility(page)
         page.keyboard.press("Enter")
     for number in (1, 2, 3):
         visitor.is_in("exposure")
-        _check(page)
+        check_accessibility(page)
         visitor.is_in("voting")
         page.keyboard.press("Enter")
-        _check(page)
+        check_accessibility(page)
         page.keyboard.press(str(number))
-        _check(page)
+        check_accessibility(page)
         if number == 2:
             page.reload()
             visitor.sees("resume")
-            _check(page)
+            check_accessibility(page)
             page.keyboard.press("Enter")
         visitor.votes("2")
     visitor.sees("thanks")
-    _check(page)
+    check_accessibility(page)
 
 
-def _check(page: Page) -> None:
+def check_accessibility(page: Page) -> None:
     results = Axe().run(page).response
     serious = [violation for violation in results["violations"] if violation["impact"] in SERIOUS]
     assert serious == []

@@ -6,18 +6,23 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 from visitor import Study, Visitor
 
+from app.operate import add_invitation
+from app.settings import Settings
+
 pytestmark = pytest.mark.browser
 
 VOTES = "**/session/trials/*/vote"
 
 
-def test_a_vote_made_without_a_connection_arrives_once_when_it_is_back(
+def test_the_study_goes_on_without_a_connection_as_far_as_films_are_here(
     study: Study, page: Page, visitor: Visitor
 ) -> None:
     visitor.begin(study)
     visitor.is_in("voting")
     page.context.set_offline(True)
     visitor.votes("1")
+    visitor.is_in("exposure")
+    visitor.votes("3")  # the second film was here, the third trial is not known yet
     notice = page.get_by_text("The connection is interrupted")
     expect(notice).to_be_visible()
     assert study.read("votes") == []
@@ -25,7 +30,26 @@ def test_a_vote_made_without_a_connection_arrives_once_when_it_is_back(
     page.context.set_offline(False)
     visitor.is_in("exposure")
     expect(notice).to_be_hidden()
-    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+    expect(page.locator("#trial-label")).to_have_text("Pair 3 of 3")
+    assert [vote["choice"] for vote in study.read("votes")] == ["a", "b"]
+
+
+def test_a_begin_whose_answer_is_lost_does_not_use_an_invitation_up(
+    study: Study, settings: Settings, page: Page, visitor: Visitor
+) -> None:
+    address = study.url + add_invitation(settings, study.slug, places=1)["path"]
+    page.route("**/sessions", _lose_the_answer)
+    page.goto(address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    page.unroute_all(behavior="wait")
+    visitor.sees("instructions-1")
+
+
+def _lose_the_answer(route: Route) -> None:
+    route.fetch()
+    route.abort("connectionreset")
 
 
 def test_a_vote_whose_acknowledgement_is_lost_is_sent_again_and_counted_once(
@@ -54,7 +78,7 @@ def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study,
     visitor.begin(study)
     page.route(VOTES, lambda route: route.abort("connectionreset"))
     visitor.votes("1")
-    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    visitor.is_in("exposure")
     assert study.read("votes") == []
 
     page.unroute_all(behavior="wait")
@@ -70,7 +94,7 @@ def test_a_vote_stays_with_its_participant_when_the_next_one_sits_down(
     visitor.begin(study)
     page.route(VOTES, lambda route: route.abort("connectionreset"))
     visitor.votes("1")
-    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    visitor.is_in("exposure")
     page.goto("about:blank")
     page.unroute_all(behavior="wait")
     page.context.clear_cookies()

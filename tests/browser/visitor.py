@@ -40,7 +40,7 @@ class Study:
 
 
 MakeFilms = Callable[[float, int, Draw], Path]
-NewStudy = Callable[[Path, float], Study]
+NewStudy = Callable[..., Study]
 
 
 @dataclass(frozen=True)

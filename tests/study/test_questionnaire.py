@@ -57,7 +57,9 @@ def test_answers_that_do_not_fit_are_refused(answers: dict[str, Any]) -> None:
 
 
 def test_a_required_question_must_be_answered() -> None:
-    questions = parse_questions([{"name": "hand", "kind": "choice", "options": ["l", "r"], "required": True}])
+    questions = parse_questions(
+        [{"name": "hand", "text": "Which?", "kind": "choice", "options": ["l", "r"], "required": True}]
+    )
     check_answers(questions, {"hand": "l"})
     with pytest.raises(InvalidAnswerError, match="hand is not answered"):
         check_answers(questions, {})
@@ -71,9 +73,10 @@ def test_a_required_question_must_be_answered() -> None:
         ({"name": "age", "kind": "guess"}, "its kind is 'guess'"),
         ({"name": "age", "kind": "number", "max": 3}, "'max' is not known"),
         ({"name": "age", "kind": "number", "maximum": "3"}, "no number"),
-        ({"name": "hand", "kind": "choice", "options": ["l"]}, "two options"),
-        ({"name": "hand", "kind": "choice", "options": ["l", "r"], "labels": ["left"]}, "a label for each"),
-        ({"name": "joy", "kind": "scale", "maximum": 100}, "2 to 11"),
+        ({"name": "hand", "kind": "choice", "options": ["l", "r"]}, "no text"),
+        ({"name": "sex", "kind": "choice", "options": ["l"]}, "two options"),
+        ({"name": "sex", "kind": "choice", "options": ["l", "r"], "labels": ["left"]}, "a label for each"),
+        ({"name": "experience", "kind": "scale", "maximum": 100}, "2 to 11"),
     ],
 )
 def test_a_question_that_is_not_right_is_named(question: Any, complaint: str) -> None:

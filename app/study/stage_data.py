@@ -1,0 +1,40 @@
+"""What must come with a completed stage: the consent as it was read, answers that fit their questions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.study.options import StudyOptions
+from app.study.questionnaire import InvalidAnswerError, check_answers
+from app.study.stages import INTERVIEW, INTRODUCTION
+
+
+class InvalidStageError(ValueError):
+    """A stage cannot be completed with what came with it."""
+
+
+def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions) -> None:
+    """Check what came with a stage; what a study does not ask for is kept as it comes.
+
+    Raises
+    ------
+    InvalidStageError
+        If the consent is missing or to another text, or an answer does not fit.
+    """
+    if stage == INTRODUCTION and options.consent:
+        expected = {"version": options.consent_version, "sha256": options.consent_sha256}
+        if data.get("consent") != expected:
+            raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
+    if stage == INTERVIEW:
+        _check_interview(data, options)
+
+
+def _check_interview(data: Mapping[str, Any], options: StudyOptions) -> None:
+    answers = data.get("answers")
+    if not isinstance(answers, Mapping):
+        raise InvalidStageError("expected the answers, by question")
+    try:
+        check_answers(options.questions, answers)
+    except InvalidAnswerError as error:
+        raise InvalidStageError(str(error)) from error

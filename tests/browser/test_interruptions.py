@@ -1,0 +1,133 @@
+"""What interrupts a participant: looking away, a second tab, another computer, a change of mind."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Page, expect
+from visitor import Study, Visitor
+
+pytestmark = pytest.mark.browser
+
+HIDE = """() => {
+    Object.defineProperty(document, "visibilityState", { value: "hidden", configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+    delete document.visibilityState;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("look_away", "reason"), [("document.exitFullscreen()", "full screen"), (f"({HIDE})()", "hidden")]
+)
+def test_a_trial_that_is_not_watched_is_repeated_once_at_the_end(
+    study: Study, page: Page, visitor: Visitor, look_away: str, reason: str
+) -> None:
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.keyboard.press("Space")
+    page.evaluate(look_away)
+    visitor.sees("interrupted")
+    page.keyboard.press("Enter")
+    for number in (1, 2):
+        visitor.is_in("exposure")
+        expect(page.locator("#trial-label")).to_have_text(f"Pair {number} of 3")
+        visitor.votes("1")
+    visitor.is_in("exposure")
+    page.evaluate(look_away)  # the repetition goes on, and says what happened
+    visitor.votes("3")
+    visitor.sees("thanks")
+    trials = study.read("trials")
+    (void,) = [trial for trial in trials if trial["voided_at"]]
+    (again,) = [trial for trial in trials if trial["attempt"] == 2]
+    assert (void["void_reason"], void["choice"], len(void["viewing"]["switches"])) == (reason, None, 1)
+    assert (again["item_a"], again["item_b"], again["choice"]) == (void["item_a"], void["item_b"], "b")
+    assert again["viewing"]["interruption"] == reason
+    assert len(study.read("votes")) == 3
+
+
+def test_a_record_says_how_a_pair_was_looked_at(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.keyboard.press("Space")
+    visitor.is_in("voting")
+    for key in ("1", "3", "2"):
+        page.keyboard.press(key)
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
+    assert viewing["n_changes"] == 2
+    assert sum(viewing["dwell_ms"].values()) == pytest.approx(viewing["shown_ms"], abs=0.2)
+    assert viewing["n_frames"] > 0
+    assert viewing["display"] == {
+        "window_width": 960,
+        "window_height": 540,
+        "device_pixel_ratio": 1,
+        "full_screen": True,
+    }
+    for switch in viewing["switches"]:
+        assert switch["frame"] == round(switch["media_time_s"] * 25)
+
+
+def test_two_tabs_do_not_vote_on_the_same_trial(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    other = page.context.new_page()
+    other.goto(study.address)
+    second = Visitor(other)
+    second.sees("elsewhere")
+    other.keyboard.press("Enter")
+    second.sees("resume")
+    visitor.sees("yielded")
+    other.keyboard.press("Enter")
+    second.votes("1")
+    second.is_in("exposure")
+    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+    other.close()
+    page.get_by_role("button", name="Go on here").click()
+    visitor.sees("resume")
+
+
+def test_a_reloaded_tab_has_its_session_at_once(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.reload()
+    visitor.sees("resume")
+    assert not [trial for trial in study.read("trials") if trial["voided_at"]]
+
+
+def test_a_code_leads_to_another_computer(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    page.reload()
+    visitor.sees("resume")
+    code = page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
+    assert page.context.browser is not None
+    elsewhere = page.context.browser.new_context()
+    there = elsewhere.new_page()
+    there.goto(study.url)
+    there.get_by_label("Code to go on").fill(f" {code.upper()} ")
+    there.keyboard.press("Enter")
+    Visitor(there).sees("resume")
+    expect(there.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
+    there.goto(study.url)
+    there.get_by_label("Code to go on").fill(code)
+    there.keyboard.press("Enter")
+    expect(there.get_by_role("heading")).to_have_text("We do not know this code")
+    elsewhere.close()
+    page.reload()  # here the session has ended
+    visitor.sees("welcome")
+
+
+def test_a_participant_withdraws_and_nothing_more_is_taken(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("voting")
+    page.get_by_role("button", name="Withdraw").click()
+    page.keyboard.press("Enter")  # no, go on
+    expect(page.get_by_role("dialog")).to_be_hidden()
+    page.get_by_role("button", name="Withdraw").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+    page.reload()
+    visitor.sees("withdrawn")
+    assert [(vote["choice"], vote["excluded"]) for vote in study.read("votes")] == [("a", True)]

@@ -1,0 +1,105 @@
+"""The stages around the trials, in both languages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect
+from test_accessibility import check_accessibility
+from visitor import NewStudy, Study, Visitor
+
+from app.study.options import parse_options
+from app.study.questionnaire import DEFAULT_QUESTIONS
+
+pytestmark = pytest.mark.browser
+
+OPTIONS = {
+    "optional_stages": ["interview"],
+    "consent": "We compare models.\n\nYou may stop at any time.",
+    "consent_version": "2",
+    "comprehension": True,
+    "debriefing": "Some of the models had holes.",
+}
+
+
+@pytest.fixture
+def full_study(new_study: NewStudy, short_films: Path) -> Study:
+    return new_study(short_films, 0.4, parse_options(OPTIONS))
+
+
+def test_consent_comprehension_interview_and_debriefing(full_study: Study, page: Page, visitor: Visitor) -> None:
+    page.emulate_media(reduced_motion="reduce")
+    page.goto(full_study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    check_accessibility(page)
+    page.keyboard.press("Enter")  # nobody agrees by accident
+    visitor.sees("consent")
+    page.get_by_label("I have read this").check()
+    page.keyboard.press("Enter")
+    _read_instructions(visitor)
+    check_accessibility(page)
+    page.get_by_label("I watch A to the end").check()
+    page.keyboard.press("Enter")
+    _read_instructions(visitor)
+    page.get_by_label("I switch between").check()
+    page.keyboard.press("Enter")
+    for _ in range(3):
+        visitor.votes("1")
+        page.locator(
+            "#trial[data-state=loading], #trial[data-state=exposure], [data-view=interview]:visible"
+        ).first.wait_for()
+    visitor.sees("interview")
+    check_accessibility(page)
+    page.get_by_label("How old are you?").fill("31")
+    page.keyboard.press("Enter")  # does not end the interview
+    page.get_by_role("radio", name="other").check()
+    page.get_by_role("radio", name="4").check()
+    page.get_by_label("What made one model").fill("Sharp\nedges")
+    page.get_by_role("button", name="Finish").click()
+    visitor.sees("thanks")
+    expect(page.locator("[data-view=thanks]")).to_contain_text("Some of the models had holes.")
+    check_accessibility(page)
+
+
+def _read_instructions(visitor: Visitor) -> None:
+    for number in (1, 2, 3):
+        visitor.sees(f"instructions-{number}")
+        visitor.page.keyboard.press("Enter")
+    visitor.sees("comprehension")
+
+
+def test_who_does_not_agree_leaves_without_a_trace_in_the_votes(
+    full_study: Study, page: Page, visitor: Visitor
+) -> None:
+    page.goto(full_study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    page.get_by_role("button", name="I do not agree").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+
+
+def test_a_german_browser_reads_german_and_may_choose_english(study: Study, page: Page) -> None:
+    assert page.context.browser is not None
+    context = page.context.browser.new_context(locale="de-DE")
+    german = context.new_page()
+    german.goto(study.address)
+    expect(german.get_by_role("heading", name="Danke, dass Sie teilnehmen")).to_be_visible()
+    german.get_by_role("link", name="English").click()
+    expect(german.get_by_role("heading", name="Thank you for taking part")).to_be_visible()
+    german.reload()
+    expect(german.get_by_role("heading", name="Thank you for taking part")).to_be_visible()
+    context.close()
+
+
+def test_every_default_question_has_its_words(full_study: Study) -> None:
+    for language in ("en", "de"):
+        text = httpx.get(f"{full_study.address}?language={language}").text
+        for question in DEFAULT_QUESTIONS:
+            assert f'data-question="{question.name}"' in text
+            assert "<legend></legend>" not in text
