@@ -23,7 +23,10 @@ def in_blocks(dense: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([dense[8 * x : 8 * x + 8, 8 * y : 8 * y + 8, 8 * z : 8 * z + 8] for x, y, z in blocks]), blocks
 
 
-def marched(dense: np.ndarray, gradient: np.ndarray | None = None, colour: np.ndarray | None = None):  # type: ignore[no-untyped-def]
+def marched(
+    dense: np.ndarray, gradient: np.ndarray | None = None, colour: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, faces, normals and colours of a dense field (8 X, 8 Y, 8 Z)."""
     field, blocks = in_blocks(dense.astype(np.float32))
     up = np.broadcast_to(np.float32([0, 0, 1]), (*dense.shape, 3))
     directions, _ = in_blocks(up if gradient is None else gradient.astype(np.float32))
