@@ -33,6 +33,13 @@ def consistent(
     return confirmed
 
 
+def lands_inside(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Where a disparity (H, W), pixels, points to a pixel of the other image, bool (H, W)."""
+    width = disparity.shape[1]
+    matched = np.arange(width, dtype=np.float32) - disparity
+    return np.asarray((matched >= -0.5) & (matched <= width - 0.5))
+
+
 @njit(cache=True, nogil=True)
 def _consistency_kernel(
     view: NDArray[np.float32],

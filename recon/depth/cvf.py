@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
-from recon.depth.consistency import consistent
+from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import halved, halved_mask, search_windows
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import MIN_SIDE, StereoPair
@@ -216,8 +216,7 @@ def refined(
     )
     surface = without_specks(surface, 3)
     agrees = consistent(surface, right.index, min_disparity=level.min_disparity, threshold=parameters.fill_threshold)
-    matched = np.arange(surface.shape[1], dtype=np.float32) - (surface + np.float32(level.min_disparity))
-    inside = (matched >= -0.5) & (matched <= surface.shape[1] - 0.5)
+    inside = lands_inside(surface + np.float32(level.min_disparity))
     valid = inside & (agrees | (left.valid & (np.abs(surface - left.index) <= SURFACE_STEP)))
     return surface, valid if views[0].mask is None else valid & views[0].mask
 

@@ -130,6 +130,142 @@ def lowest(_typing: Any, _lanes: Any, _first: Any, _last: Any, _flip: Any) -> An
     return types.int32(_LANES, types.int32, types.int32, types.int32), generate
 
 
+@intrinsic
+def gather(_typing: Any, words: Any, _first: Any, _step: Any, _last: Any, _start: Any) -> Any:
+    """`words[start + clip(round(first + k * step), 0, last)]` in lane k, their bits as they are.
+
+    `words` has elements of 32 bits; `first` and `step` are float32.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        _, first, step, last, start = arguments
+        numbers = ir.Constant(_FLOATS, [float(lane) for lane in _EVERY_LANE])
+        fused = _llvm(builder, "llvm.fma.v16f32", _FLOATS, _FLOATS, _FLOATS, _FLOATS)
+        exact = builder.call(fused, [_spread(builder, step, _FLOATS), numbers, _spread(builder, first, _FLOATS)])
+        rounded = builder.call(_llvm(builder, "llvm.rint.v16f32", _FLOATS, _FLOATS), [exact])
+        index = _clipped(builder, builder.fptosi(rounded, _WORDS), _spread(builder, builder.trunc(last, _WORD), _WORDS))
+        return _gathered(context, builder, signature.args[0], arguments[0], index, start)
+
+    return _LANES(words, types.float32, types.float32, types.intp, types.intp), generate
+
+
+@intrinsic
+def look_up(_typing: Any, table: Any, _lanes: Any) -> Any:
+    """`table[lanes]`, the lanes cut to whole numbers, which are not checked."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        index = builder.fptosi(arguments[1], _WORDS)
+        zero = ir.Constant(ir.IntType(64), 0)
+        return _gathered(context, builder, signature.args[0], arguments[0], index, zero)
+
+    return _LANES(table, _LANES), generate
+
+
+@intrinsic
+def lower_half(_typing: Any, _lanes: Any) -> Any:
+    """The lower 16 bits of every lane as an unsigned whole number."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        words = builder.bitcast(arguments[0], _WORDS)
+        return builder.sitofp(builder.and_(words, ir.Constant(_WORDS, [0xFFFF] * N_LANES)), _FLOATS)
+
+    return _LANES(_LANES), generate
+
+
+@intrinsic
+def upper_half(_typing: Any, _lanes: Any) -> Any:
+    """The upper 16 bits of every lane as a signed whole number."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        words = builder.bitcast(arguments[0], _WORDS)
+        return builder.sitofp(builder.ashr(words, ir.Constant(_WORDS, [16] * N_LANES)), _FLOATS)
+
+    return _LANES(_LANES), generate
+
+
+@intrinsic
+def byte_distance(_typing: Any, _word: Any, _lanes: Any) -> Any:
+    """The sum over the four bytes of |byte of a uint32 - byte of the lane's bits|."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        one, words = _spread(builder, arguments[0], _WORDS), builder.bitcast(arguments[1], _WORDS)
+        absolute = _llvm(builder, "llvm.abs.v16i32", _WORDS, _WORDS, ir.IntType(1))
+        total = ir.Constant(_WORDS, [0] * N_LANES)
+        for shift in (0, 8, 16, 24):
+            bytes_ = [_byte(builder, operand, shift) for operand in (one, words)]
+            difference = builder.call(absolute, [builder.sub(*bytes_), ir.Constant(ir.IntType(1), 0)])
+            total = builder.add(total, difference)
+        return builder.sitofp(total, _FLOATS)
+
+    return _LANES(types.uint32, _LANES), generate
+
+
+@intrinsic
+def truncated_difference(_typing: Any, _first: Any, _second: Any, _limit: Any) -> Any:
+    """Lane by lane `min(|first - second|, limit)`."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        absolute = _llvm(builder, "llvm.fabs.v16f32", _FLOATS, _FLOATS)
+        difference = builder.call(absolute, [builder.fsub(arguments[0], arguments[1])])
+        limit = _spread(builder, arguments[2], _FLOATS)
+        return builder.select(builder.fcmp_ordered("<", difference, limit), difference, limit)
+
+    return _LANES(_LANES, _LANES, types.float32), generate
+
+
+@intrinsic
+def multiply(_typing: Any, _first: Any, _second: Any) -> Any:
+    """Lane by lane `first * second`."""
+    return _LANES(_LANES, _LANES), lambda _context, builder, _signature, arguments: builder.fmul(*arguments)
+
+
+@intrinsic
+def total(_typing: Any, _lanes: Any) -> Any:
+    """The sum of all lanes, always added in the same order."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        lanes, n_left = arguments[0], N_LANES
+        while n_left > 1:
+            n_left //= 2
+            halves = [
+                builder.shuffle_vector(lanes, lanes, ir.Constant(ir.VectorType(_WORD, n_left), list(places)))
+                for places in (range(n_left), range(n_left, 2 * n_left))
+            ]
+            lanes = builder.fadd(*halves)
+        return builder.extract_element(lanes, ir.Constant(_WORD, 0))
+
+    return types.float32(_LANES), generate
+
+
+def _byte(builder: Any, words: Any, shift: int) -> Any:
+    shifted = builder.lshr(words, ir.Constant(_WORDS, [shift] * N_LANES))
+    return builder.and_(shifted, ir.Constant(_WORDS, [0xFF] * N_LANES))
+
+
+def _clipped(builder: Any, words: Any, last: Any) -> Any:
+    zero = ir.Constant(_WORDS, [0] * N_LANES)
+    words = builder.select(builder.icmp_signed("<", words, zero), zero, words)
+    return builder.select(builder.icmp_signed(">", words, last), last, words)
+
+
+def _gathered(context: Any, builder: Any, array_type: Any, array: Any, index: Any, start: Any) -> Any:
+    """The 32-bit elements at `start + index`."""
+    data = context.make_array(array_type)(context, builder, array).data
+    address = ir.IntType(64)
+    addresses = ir.VectorType(address, N_LANES)
+    origin = builder.ptrtoint(builder.gep(data, [start]), address)
+    unknown = ir.Constant(addresses, ir.Undefined)
+    origins = builder.insert_element(unknown, origin, ir.Constant(_WORD, 0))
+    origins = builder.shuffle_vector(origins, unknown, ir.Constant(_WORDS, [0] * N_LANES))
+    distance = builder.shl(builder.sext(index, addresses), ir.Constant(addresses, [2] * N_LANES))
+    pointer = ir.FloatType().as_pointer()
+    pointers = builder.inttoptr(builder.add(origins, distance), ir.VectorType(pointer, N_LANES))
+    mask = ir.VectorType(ir.IntType(1), N_LANES)
+    read = _llvm(builder, "llvm.masked.gather.v16f32.v16p0", _FLOATS, pointers.type, _WORD, mask, _FLOATS)
+    everywhere = ir.Constant(mask, [1] * N_LANES)
+    return builder.call(read, [pointers, ir.Constant(_WORD, 4), everywhere, ir.Constant(_FLOATS, ir.Undefined)])
+
+
 def _pointer(context: Any, builder: Any, array_type: Any, arguments: Sequence[Any], vector: Any) -> Any:
     data = context.make_array(array_type)(context, builder, arguments[0]).data
     return builder.bitcast(builder.gep(data, [arguments[1]]), vector.as_pointer())

@@ -1,0 +1,460 @@
+"""PatchMatch stereo: every pixel looks for the slanted plane that explains its surroundings best (method PM).
+
+Planes start from the costs filtered for ID, or at random. In each sweep a pixel tries its neighbours' planes, that
+of the pixel it matches in the other view, and ever smaller changes of its own; it keeps what lowers the energy: the
+costs of its window along the plane, plus how far its plane is from its four neighbours' where the picture is smooth.
+Pixels of one colour of a chessboard change at once and look only at the other colour: the result is the same for
+any number of threads.
+
+Source: Bleyer, Rhemann and Rother, PatchMatch stereo: stereo matching with slanted support windows, BMVC 2011;
+the smoothness after Besse, Rother, Fitzgibbon and Kautz, PMBP: PatchMatch belief propagation, IJCV 110, 2014; the
+chessboard after Galliani, Lasinger and Schindler, Massively parallel multiview stereopsis, ICCV 2015.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from recon.depth.consistency import consistent, lands_inside
+from recon.depth.cvf import DrParameters, Level, View, has_texture, in_bands, match_views, refined, views_of
+from recon.depth.lanes import (
+    N_LANES,
+    add,
+    add_scaled,
+    byte_distance,
+    gather,
+    load,
+    look_up,
+    lower_half,
+    multiply,
+    store,
+    total,
+    truncated_difference,
+    upper_half,
+    zeros,
+)
+from recon.depth.pair import StereoPair
+from recon.depth.refinement import filled, without_specks
+
+REACH = 16  # pixels: a window spans 33 rows and columns (Bleyer et al.: 35), of which every other one is looked at
+N_ROWS = REACH + 1
+PAD = REACH  # columns repeated left and right, flagged in the colours' fourth byte
+FINE = 4  # places a pixel at which the other view is sampled
+GREY_SCALE = 256  # grey levels are held in 256ths
+MAX_DISTANCE = 4 * 255  # of two packed colours
+MAX_SLOPE = 0.9  # pixels of disparity a pixel; at 1 a surface is seen edge-on
+SLOPE_SHARE = 0.3  # slopes are changed by this share of what the disparity is changed by
+LAST_STEP = 0.1  # pixels (Bleyer et al.): smaller changes are not tried
+SAME_PLANE = 0.02  # pixels by which planes must differ around a pixel to be tried apart
+FAR_NEIGHBOUR = 5  # pixels: planes come from the next pixels and from these
+SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged
+
+
+@dataclass(frozen=True)
+class PmParameters:
+    """Parameters of PM; the window's are those of Bleyer et al. 2011 where not said otherwise.
+
+    Parameters
+    ----------
+    sweeps : times that every pixel of both views looks for a better plane
+    is_seeded : start from DR's surface; otherwise at random, which needs more sweeps
+    gamma : sum over the channels' grey levels by which a tap's weight falls to 1/e; 20 here, because channels are
+        added and every other tap is left out
+    gradient_share : of the gradient in a tap's cost, the rest is grey (their alpha)
+    grey_limit, gradient_limit : grey levels at which the differences are cut
+    smoothness : grey levels a pixel of distance between neighbouring planes
+    distance_limit : pixels at which that distance is cut
+    consistency_threshold : pixels by which the two views' disparities may differ
+    seed : parameters of the surface to start from
+    """
+
+    sweeps: int = 3
+    is_seeded: bool = True
+    gamma: float = 20.0
+    gradient_share: float = 0.9
+    grey_limit: float = 10.0
+    gradient_limit: float = 2.0
+    smoothness: float = 0.05
+    distance_limit: float = 6.0
+    consistency_threshold: float = 0.5
+    seed: DrParameters = field(default_factory=DrParameters)
+
+    def __post_init__(self) -> None:
+        if self.sweeps < 0:
+            raise ValueError(f"sweeps is {self.sweeps}; expected 0 or more")
+        if not 0 <= self.gradient_share <= 1:
+            raise ValueError(f"the gradient's share is {self.gradient_share}; expected 0 to 1")
+        for name in ("gamma", "grey_limit", "gradient_limit", "distance_limit"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; expected a positive number")
+        for name in ("smoothness", "consistency_threshold"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; expected 0 or more")
+
+
+def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDArray[np.float32]:
+    """Disparities of the left image by PatchMatch over slanted planes.
+
+    Returns
+    -------
+    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
+
+    Warns
+    -----
+    UserWarning
+        If an image has no texture; the disparity is NaN everywhere.
+    """
+    disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
+    if not has_texture(pair):
+        return disparity
+    views, level = views_of(pair, parameters.seed.sigma), Level(pair.n_disparities, pair.min_disparity)
+    planes = _seeded(views, level, parameters.seed) if parameters.is_seeded else _random(views, level)
+    if planes is not None:
+        found = [field_[..., 0] for field_ in _swept(views, planes, level, parameters)]
+        valid = consistent(found[0], found[1], threshold=parameters.consistency_threshold)
+        if views[0].mask is not None:
+            valid &= views[0].mask
+        if valid.any():
+            surface = without_specks(filled(found[0], valid), 3)
+            disparity[pair.foreground()] = np.where(valid & lands_inside(surface), surface, np.nan)
+    return disparity
+
+
+def _seeded(
+    views: tuple[View, View], level: Level, parameters: DrParameters
+) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+    """Planes (H, W, 3) of both views along DR's surface; None where nothing was matched."""
+    left, right = match_views(views, level, parameters)
+    if not (left.valid.any() and right.valid.any()):
+        return None
+    surfaces = (
+        refined(views, left, right, level, parameters)[0],
+        refined((views[1], views[0]), right, left, level, parameters)[0],
+    )
+    in_left, in_right = (_planes_along(surface + np.float32(level.min_disparity)) for surface in surfaces)
+    return in_left, in_right
+
+
+def _planes_along(surface: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Planes (H, W, 3) of a surface (H, W), their slopes averaged where it does not jump."""
+    planes = np.empty((*surface.shape, 3), np.float32)
+    planes[..., 0] = surface
+    for part, axis in ((1, 1), (2, 0)):
+        rise = np.diff(surface, axis=axis)
+        rise[np.abs(rise) >= 1] = 0
+        before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+        before[axis], after[axis] = (1, 0), (0, 1)
+        slope = (np.pad(rise, before) + np.pad(rise, after)) / 2
+        planes[..., part] = cv2.blur(slope, (SLOPE_WINDOW, SLOPE_WINDOW))
+    return planes
+
+
+def _random(views: tuple[View, View], level: Level) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Random planes (H, W, 3) of both views, always the same."""
+    lowest = (level.min_disparity, -SLOPE_SHARE, -SLOPE_SHARE)
+    highest = (level.min_disparity + level.n_disparities - 1, SLOPE_SHARE, SLOPE_SHARE)
+    rng = np.random.default_rng(0)
+    in_left, in_right = (rng.uniform(lowest, highest, (*view.shape, 3)).astype(np.float32) for view in views)
+    return in_left, in_right
+
+
+def _swept(
+    views: tuple[View, View],
+    planes: tuple[NDArray[np.float32], NDArray[np.float32]],
+    level: Level,
+    parameters: PmParameters,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The planes after all sweeps."""
+    textures = [texture_of(view) for view in views]
+    affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
+    settings = _settings(level, parameters)
+    costs = [_unknown_costs(view) for view in views]
+    for sweep_number in range(parameters.sweeps):
+        for side in (0, 1):
+            seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)
+            for turn in (0, 1):
+                seed = 4 * sweep_number + 2 * side + turn
+                work = partial(_sweep, seen, views[side].permeabilities, settings, planes[1 - side], turn, seed)
+                in_bands(views[side].shape[0], partial(work, planes[side], costs[side]))
+    return planes
+
+
+def _unknown_costs(view: View) -> NDArray[np.float32]:
+    """-1 where a plane's cost is to be found, infinity on the background, which keeps its planes."""
+    costs = np.full(view.shape, -1, np.float32)
+    if view.mask is not None:
+        costs[~view.mirrored(view.mask)] = np.inf
+    return costs
+
+
+class Settings(NamedTuple):
+    """What a sweep is told, every number a float32; grey levels in 256ths."""
+
+    lowest: np.float32
+    highest: np.float32
+    first_step: np.float32
+    gradient_share: np.float32
+    grey_limit: np.float32
+    gradient_limit: np.float32
+    smoothness: np.float32
+    distance_limit: np.float32
+
+
+def _settings(level: Level, parameters: PmParameters) -> Settings:
+    numbers = (
+        level.min_disparity,
+        level.min_disparity + level.n_disparities - 1,
+        1.0 if parameters.is_seeded else level.n_disparities / 2,
+        parameters.gradient_share,
+        GREY_SCALE * parameters.grey_limit,
+        GREY_SCALE * parameters.gradient_limit,
+        GREY_SCALE * parameters.smoothness,
+        parameters.distance_limit,
+    )
+    return Settings(*(np.float32(number) for number in numbers))
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A view as windows read it: even columns, then odd ones, so that every other column is a register's lane.
+
+    colours : uint32 (H, 2, half), packed RGB, the fourth byte 255 outside the foreground
+    words : int32 (H, 2, half), x-gradient in the upper and grey in the lower 16 bits, in 256ths of a grey level
+    fine : int32 (H, 4 (W - 1) + 1), the same words at every quarter of a column
+    """
+
+    colours: NDArray[np.uint32]
+    words: NDArray[np.int32]
+    fine: NDArray[np.int32]
+
+
+def texture_of(view: View) -> Texture:
+    """What windows read of a view; the gradient always points to the right of the scene."""
+    grey, mask = view.mirrored(view.grey), None if view.mask is None else view.mirrored(view.mask)
+    scale = -0.5 if view.is_right else 0.5
+    slope = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=scale, borderType=cv2.BORDER_REPLICATE)
+    grey = grey.astype(np.float32)
+    places = np.arange(FINE * (grey.shape[1] - 1) + 1)
+    words = cv2.copyMakeBorder(_words(grey, slope), 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)
+    return Texture(
+        _by_parity(_packed(view.mirrored(view.image), mask)),
+        _by_parity(words),
+        _words(_at_columns(grey, places), _at_columns(slope, places)),
+    )
+
+
+def _packed(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray[np.uint32]:
+    colour = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+    outside = np.zeros(image.shape[:2], np.uint8) if mask is None else np.where(mask, np.uint8(0), np.uint8(255))
+    framed = [cv2.copyMakeBorder(colour, 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)]
+    framed.append(cv2.copyMakeBorder(outside, 0, 0, PAD, PAD, cv2.BORDER_CONSTANT, value=255)[..., None])
+    return np.ascontiguousarray(np.concatenate(framed, axis=2)).view(np.uint32)[..., 0]
+
+
+def _words(grey: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.int32]:
+    upper = np.clip(np.rint(slope), -32768, 32767).astype(np.int32) << 16
+    return np.ascontiguousarray(upper | np.rint(grey).astype(np.int32))
+
+
+def _at_columns(values: NDArray[np.float32], places: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Values (H, W) at fine places (n,) of a row, linear between columns."""
+    before = np.minimum(places // FINE, values.shape[1] - 2)
+    part = (places / FINE - before).astype(np.float32)
+    return np.asarray(values[:, before] * (1 - part) + values[:, before + 1] * part, dtype=np.float32)
+
+
+def _by_parity(values: NDArray[Any]) -> NDArray[Any]:
+    """Even columns, then odd ones, (H, 2, half), with room for a last load."""
+    height, width = values.shape
+    half = width // 2 + N_LANES + 1
+    sorted_ = np.zeros((height, 2, half), values.dtype)
+    sorted_[:, 0, : (width + 1) // 2] = values[:, 0::2]
+    sorted_[:, 1, : width // 2] = values[:, 1::2]
+    return sorted_
+
+
+@njit(cache=True, nogil=True)
+def _sweep(seen, passages, settings, others, turn, seed, planes, costs, first, last):  # type: ignore[no-untyped-def]  # tuples
+    """Let the pixels of one colour of the chessboard, in rows first to last, look for better planes.
+
+    Parameters
+    ----------
+    seen : colours and words of `Texture`; the other view's `fine`, which this view faces mirrored; float32, the
+        weight of a tap by its distance in colour, summed over channels
+    passages : across, down float32 (H, W), permeabilities: how much neighbours should agree
+    settings : Settings
+    others : float32 (H, W, 3), the planes of the other view, which is mirrored
+    turn : 0 or 1, the colour of the chessboard
+    seed : makes the random changes of one sweep differ from another's
+    planes : float32 (H, W, 3), disparity, its change a column and a row; updated
+    costs : float32 (H, W), of each pixel's window along its plane, negative where not yet known; updated
+    """
+    height, width = costs.shape
+    taps = np.empty((3, N_ROWS * N_LANES), np.float32)
+    trial = np.empty(3, np.float32)
+    for y in range(first, last):
+        for x in range((y + turn) % 2, width, 2):
+            if costs[y, x] == np.float32(np.inf):
+                continue
+            weight = _take_window(seen, y, x, taps)
+            if costs[y, x] < 0:
+                costs[y, x] = _window_cost(taps, seen[2], planes[y, x], weight, y, x, settings, np.float32(np.inf))
+            place = (y, x, weight, taps, seen[2], passages, settings)
+            best = costs[y, x] + _roughness(planes, planes[y, x], passages, y, x, settings)
+            for distance in (1, FAR_NEIGHBOUR):
+                for column, row in ((x - distance, y), (x + distance, y), (x, y - distance), (x, y + distance)):
+                    if 0 <= row < height and 0 <= column < width:
+                        _extend(planes[row, column], x - column, y - row, trial)
+                        best = _try(trial, best, place, planes, costs)
+            if _see_from_other(others, planes[y, x, 0], y, x, trial):
+                best = _try(trial, best, place, planes, costs)
+            state = np.uint32(seed * 0x9E3779B1 + y * 0x85EBCA6B + x * 0xC2B2AE35)
+            step = settings.first_step
+            while step > np.float32(LAST_STEP):
+                for part in range(3):
+                    state = _next_random(state)
+                    change = (np.float32(state >> np.uint32(8)) / np.float32(1 << 23) - np.float32(1)) * step
+                    trial[part] = planes[y, x, part] + change * np.float32(SLOPE_SHARE if part else 1.0)
+                best = _try(trial, best, place, planes, costs)
+                step *= np.float32(0.5)
+
+
+@njit(cache=True, nogil=True)
+def _try(trial, best, place, planes, costs):  # type: ignore[no-untyped-def]  # tuples
+    """Take a pixel's trial plane if that lowers its energy, and return the lowest so far."""
+    y, x, weight, taps, target, passages, settings = place
+    plane = planes[y, x]
+    trial[0] = min(max(trial[0], settings.lowest), settings.highest)
+    for part in (1, 2):
+        trial[part] = min(max(trial[part], np.float32(-MAX_SLOPE)), np.float32(MAX_SLOPE))
+    slopes = abs(trial[1] - plane[1]) + abs(trial[2] - plane[2])
+    if abs(trial[0] - plane[0]) + np.float32(FAR_NEIGHBOUR) * slopes < np.float32(SAME_PLANE):
+        return best
+    rough = _roughness(planes, trial, passages, y, x, settings)
+    if rough >= best:
+        return best
+    cost = _window_cost(taps, target, trial, weight, y, x, settings, best - rough)
+    if cost + rough >= best:
+        return best
+    plane[:] = trial
+    costs[y, x] = cost
+    return cost + rough
+
+
+@njit(cache=True, nogil=True)
+def _take_window(seen, y, x, taps):  # type: ignore[no-untyped-def]  # tuples
+    """Copy the taps of a pixel's window, with their weights, and return the sum of the weights."""
+    colours, words, affinity = seen[0], seen[1], seen[3]
+    height, half = colours.shape[0], colours.shape[2]
+    weights, grey, slope = taps[0], taps[1], taps[2]
+    flat_colours, flat_words = colours.reshape(-1), words.reshape(-1)
+    centre = colours[y, (x + PAD) & 1, (x + PAD) >> 1]
+    sum_ = zeros()
+    for row in range(N_ROWS):
+        line = y + 2 * row - REACH
+        if line < 0 or line >= height:
+            store(weights, row * N_LANES, zeros())
+            store(grey, row * N_LANES, zeros())
+            store(slope, row * N_LANES, zeros())
+            continue
+        column = x + PAD - REACH + (row & 1)
+        place = (line * 2 + (column & 1)) * half + (column >> 1)
+        weight = look_up(affinity, byte_distance(centre, load(flat_colours, place)))
+        word = load(flat_words, place)
+        store(weights, row * N_LANES, weight)
+        store(grey, row * N_LANES, lower_half(word))
+        store(slope, row * N_LANES, upper_half(word))
+        sum_ = add(sum_, weight)
+    return total(sum_)
+
+
+@njit(cache=True, nogil=True)
+def _window_cost(taps, target, plane, weight, y, x, settings, enough):  # type: ignore[no-untyped-def]  # tuples
+    """The mean cost of a window along a plane; stops early with a lower bound above `enough`."""
+    height, pitch = target.shape
+    flat = target.reshape(-1)
+    weights, grey, slope = taps[0], taps[1], taps[2]
+    width = (pitch - 1) // FINE + 1
+    step = np.float32(2 * FINE) * (plane[1] - np.float32(1))
+    limit = enough * weight
+    sum_ = zeros()
+    for order in range(N_ROWS):
+        row = (REACH // 2) + ((order + 1) // 2 if order & 1 else -(order // 2))
+        line = y + 2 * row - REACH
+        if line < 0 or line >= height:
+            continue
+        u = np.float32(-REACH + (row & 1))
+        disparity = plane[0] + plane[1] * u + plane[2] * np.float32(2 * row - REACH)
+        begin = np.float32(FINE) * (np.float32(width - 1 - x) - u + disparity)
+        seen = gather(flat, begin, step, pitch - 1, line * pitch)
+        colour = truncated_difference(load(grey, row * N_LANES), lower_half(seen), settings.grey_limit)
+        edge = truncated_difference(load(slope, row * N_LANES), upper_half(seen), settings.gradient_limit)
+        cost = add_scaled(
+            add_scaled(zeros(), np.float32(1) - settings.gradient_share, colour), settings.gradient_share, edge
+        )
+        sum_ = add(sum_, multiply(load(weights, row * N_LANES), cost))
+        if order & 3 == 3 and total(sum_) > limit:
+            return np.float32(np.inf)
+    return total(sum_) / weight
+
+
+@njit(inline="always")
+def _extend(plane, u, v, trial):  # type: ignore[no-untyped-def]  # inlined
+    """The same plane seen from a pixel u columns and v rows away."""
+    trial[0] = plane[0] + plane[1] * np.float32(u) + plane[2] * np.float32(v)
+    trial[1], trial[2] = plane[1], plane[2]
+
+
+@njit(inline="always")
+def _see_from_other(others, disparity, y, x, trial):  # type: ignore[no-untyped-def]  # inlined
+    """The plane of the pixel that a pixel matches in the other view, as this view sees it."""
+    width = others.shape[1]
+    there = width - 1 - x + np.int64(np.rint(disparity))
+    if there < 0 or there >= width:
+        return False
+    other = others[y, there]
+    squeeze = np.float32(1) / (np.float32(1) - other[1])
+    trial[0] = (other[0] + other[1] * np.float32(width - 1 - x - there)) * squeeze
+    trial[1], trial[2] = -other[1] * squeeze, other[2] * squeeze
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _roughness(planes, plane, passages, y, x, settings):  # type: ignore[no-untyped-def]  # tuples
+    """How far a plane is from those of the four neighbours, where the picture is smooth."""
+    across, down = passages
+    height, width = across.shape
+    limit, rough = settings.distance_limit, np.float32(0)
+    if x > 0:
+        rough += across[y, x - 1] * _gap(plane, planes[y, x - 1], -1, 0, limit)
+    if x + 1 < width:
+        rough += across[y, x] * _gap(plane, planes[y, x + 1], 1, 0, limit)
+    if y > 0:
+        rough += down[y - 1, x] * _gap(plane, planes[y - 1, x], 0, -1, limit)
+    if y + 1 < height:
+        rough += down[y, x] * _gap(plane, planes[y + 1, x], 0, 1, limit)
+    return settings.smoothness * rough
+
+
+@njit(inline="always")
+def _gap(plane, neighbour, u, v, limit):  # type: ignore[no-untyped-def]  # inlined
+    """Distance between two planes at both pixels, truncated."""
+    there = abs(plane[0] + plane[1] * np.float32(u) + plane[2] * np.float32(v) - neighbour[0])
+    here = abs(neighbour[0] - neighbour[1] * np.float32(u) - neighbour[2] * np.float32(v) - plane[0])
+    return min(there + here, limit)
+
+
+@njit(inline="always")
+def _next_random(state):  # type: ignore[no-untyped-def]  # inlined
+    """Marsaglia's xorshift."""
+    state ^= np.uint32(state << np.uint32(13))
+    state ^= np.uint32(state >> np.uint32(17))
+    state ^= np.uint32(state << np.uint32(5))
+    return state
