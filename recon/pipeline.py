@@ -22,6 +22,7 @@ from recon.depth import MATCHERS, Matcher, StereoPair
 from recon.depth.disparity_io import write_disparity
 from recon.depth.temporal import TemporalParameters
 from recon.execute import Progress, run_tasks, silent
+from recon.files import remove_leftovers
 from recon.flythrough import RenderOptions, make_video
 from recon.manifest import Stimulus, write_manifest
 from recon.products import filter_sequence, make_cloud, make_mesh, match_frame
@@ -97,6 +98,7 @@ def reconstruct(
     views = [(*sequence, frame) for sequence in sequences for frame in frames]
 
     run.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(run)
     stages = {
         "matching": [partial(match_frame, capture, run, *view) for view in views],
         "depth maps": [partial(filter_sequence, capture, run, *ids, frames, options.temporal) for ids in sequences],
@@ -123,6 +125,7 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     options = replace(options, renderer=choose_renderer(options.renderer))
     read = [read_run(run) for run in runs]
     tasks = [partial(make_video, run, out, approach, options) for run in read for approach in run.approaches]
+    remove_leftovers(out)
     stimuli: list[Stimulus] = []
     progress("videos", 0, len(tasks))
     for stimulus in run_tasks(tasks, workers=options.workers):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from recon.files import read_json, whole_file, write_json
+from recon.files import read_json, remove_leftovers, whole_file, write_json
 
 
 def test_a_file_appears_only_when_the_block_ends(tmp_path: Path) -> None:
@@ -32,6 +35,19 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         fail()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    (tmp_path / "a").mkdir()
+    left, in_use, kept = (
+        tmp_path / name for name in (f"a/.0001.{ended.pid}.part.ply", f".0002.{os.getpid()}.part.ply", "a/0003.ply")
+    )
+    for path in (left, in_use, kept):
+        path.touch()
+    remove_leftovers(tmp_path)
+    assert [path.exists() for path in (left, in_use, kept)] == [False, True, True]
 
 
 def test_json_comes_back_as_it_was(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,16 @@ from recon.render.video import probe_video
 from recon.run import read_run
 from recon.studio import SynthParameters, synthesise
 
+WHOLE_WAY = """
+import sys
+from pathlib import Path
+from recon.flythrough import RenderOptions
+from recon.pipeline import ReconstructOptions, reconstruct, render
+
+capture, run, stimuli = map(Path, sys.argv[1:])
+reconstruct(capture, run, ReconstructOptions(depths=("id",)))
+render([run], stimuli, RenderOptions(size=(96, 64), seconds=0.4, renderer="software"))
+"""
 SMALL = RenderOptions(size=(96, 64), seconds=0.4, renderer="software")
 
 
@@ -81,6 +94,25 @@ def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path
 def test_worker_processes_make_the_same_files(capture: Capture, run: Path, tmp_path: Path) -> None:
     reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("id",), workers=2))
     assert digests(tmp_path / "run", "*.ply") == digests(run, "*.ply")
+
+
+@pytest.mark.slow
+def test_runs_killed_at_random_moments_end_with_the_same_files(capture: Capture, tmp_path: Path, run: Path) -> None:
+    """`kill -9` of the whole command, again and again, then one that is left alone."""
+    again, stimuli = tmp_path / "run", tmp_path / "set"
+    command = [sys.executable, "-c", WHOLE_WAY, str(capture.folder), str(again), str(stimuli)]
+    rng = np.random.default_rng(7)
+    for _ in range(6):
+        started = subprocess.Popen(command)
+        with suppress(subprocess.TimeoutExpired):
+            started.wait(timeout=rng.uniform(1.0, 5.0))
+        started.kill()
+        started.wait()
+    assert subprocess.run(command).returncode == 0
+    render([run], tmp_path / "alone", SMALL)
+    assert digests(again, "*.ply") == digests(run, "*.ply")
+    assert digests(stimuli, "*.mp4") == digests(tmp_path / "alone", "*.mp4")
+    assert not list(tmp_path.rglob(".*.part*"))
 
 
 def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tmp_path: Path) -> None:
