@@ -117,6 +117,27 @@ def capture_import(
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
 
 
+@capture_app.command("calibrate")
+def capture_calibrate(
+    images: Annotated[
+        list[Path],
+        typer.Argument(help="Folder with left and right, or with such folders per sensor; or every camera's folder."),
+    ],
+    board: Annotated[str, typer.Option(help="chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="calibration.yml; its report lies beside it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Cameras, stereo pairs and all sensors in one world, from pictures of a board."""
+    from recon.capture.board import parse_board
+    from recon.capture.calibration import calibrate_folders
+
+    progress = ProgressLine()
+    report = calibrate_folders(images, parse_board(board), out, progress=progress)
+    progress.close()
+    result = {"calibration": str(out), **report.as_json()}
+    print_result(result, f"{report.as_text()}\nCalibrated {len(report.pairs)} sensors: {out}", as_json=as_json)
+
+
 @capture_app.command("segment")
 def capture_segment(
     capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],

@@ -19,8 +19,8 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto
 table { border-collapse: collapse } th, td { text-align: left; padding: .25rem 1rem .25rem 0; vertical-align: top }
 td.number { text-align: right; font-variant-numeric: tabular-nums }
 .problems { border-left: .25rem solid #a4260e; padding-left: 1rem } .sound { border-left: .25rem solid #1d6b35;
-padding-left: 1rem } .frames { display: flex; flex-wrap: wrap; gap: .25rem } figure { margin: 0 } img { width: 96px;
-height: 72px } figcaption { font-size: .75rem; color: #555 }
+padding-left: 1rem } .frames { display: flex; flex-wrap: wrap; gap: .25rem } figure { margin: 0 } img { width: 112px }
+figcaption { font-size: .75rem; color: #555 }
 """
 HEADINGS = (
     "sensor", "baseline, mm", "rectified, pixels", "disparities", "mm of depth per pixel", "expected error, mm",

@@ -16,7 +16,7 @@ from recon.capture.format import image_path
 from recon.capture.images import is_video, video_times
 from recon.capture.recording import FRAME_FIELD, CameraStream
 
-THUMBNAIL = (64, 48)  # (width, height): averages that noise does not reach
+THUMBNAIL_WIDTH = 64  # pixels: averages that noise does not reach
 STILL_SHARE = 0.05  # of a camera's usual change from frame to frame
 STILL_LEVELS = 0.2  # grey levels of the thumbnail: compression noise of a repeated frame
 FROZEN_FRAMES = 4  # as many equal frames in a row are no hiccup
@@ -46,7 +46,8 @@ Glances = Mapping[str, Mapping[int, Glance]]
 
 def glance_at(picture: NDArray[np.uint8]) -> Glance:
     """The thumbnail and checksum of a picture, uint8 (H, W, 3)."""
-    grey = cv2.cvtColor(cv2.resize(picture, THUMBNAIL, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    size = (THUMBNAIL_WIDTH, max(1, round(THUMBNAIL_WIDTH * picture.shape[0] / picture.shape[1])))
+    grey = cv2.cvtColor(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     return Glance(grey.astype(np.float32), zlib.crc32(picture.tobytes()))
 
 

@@ -1,0 +1,140 @@
+"""Calibration boards, and their corners in pictures.
+
+A chessboard is written `chessboard:9x6:25`: inner corners along and across, edge of a square in mm. A ChArUco board is
+written `charuco:11x8:30:22` or `charuco:11x8:30:22:DICT_5X5_100`: squares along and across, edge of a square and of a
+marker in mm, OpenCV's dictionary.
+
+Convention: the board's frame has its origin at the first corner, x along the first row, z into the board.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.images import CaptureError
+
+DEFAULT_DICTIONARY = "DICT_5X5_100"
+MIN_CORNERS = 12  # of a board that is partly covered
+MIN_SPREAD = 0.05  # of the corners across to along their main direction: below, they are on one line
+FORMS = "chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22[:DICTIONARY] (squares, mm, marker's mm)"
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners found in a picture: their numbers on the board (N,), and where they are, float64 (N, 2), pixels."""
+
+    ids: NDArray[np.int64]
+    pixels: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+@dataclass(frozen=True)
+class Board:
+    """A calibration board.
+
+    Parameters
+    ----------
+    kind : "chessboard" or "charuco"
+    columns, rows : inner corners of a chessboard, squares of a ChArUco board
+    marker_mm, dictionary : of a ChArUco board
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float = 0.0
+    dictionary: str = DEFAULT_DICTIONARY
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 3 or self.square_mm <= 0:
+            raise CaptureError(f"board {self}: expected at least 3x3 and a positive length of the squares")
+        if self.kind == "charuco" and not 0 < self.marker_mm < self.square_mm:
+            raise CaptureError(f"board: the markers of {self.marker_mm} mm do not fit squares of {self.square_mm} mm")
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """All corners on the board, (N, 3), mm."""
+        if self.kind == "charuco":
+            return np.asarray(self._charuco.getChessboardCorners(), dtype=np.float64)
+        column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        corners = np.stack([column, row, np.zeros_like(row)], axis=-1).reshape(-1, 3)
+        return np.asarray(corners * self.square_mm, dtype=np.float64)
+
+    def find(self, grey: NDArray[np.uint8]) -> Corners:
+        """The board's corners in a picture, uint8 (H, W).
+
+        Raises
+        ------
+        CaptureError
+            If the board is not found, too little of it is, or the corners are on one line.
+        """
+        corners = self._find_charuco(grey) if self.kind == "charuco" else self._find_chessboard(grey)
+        if len(corners) < MIN_CORNERS:
+            raise CaptureError(f"only {len(corners)} corners of the board are found, expected at least {MIN_CORNERS}")
+        spread = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)
+        if spread[1] < MIN_SPREAD * spread[0]:
+            raise CaptureError("the corners found are on one line: the board is seen from its edge")
+        return corners
+
+    def picture(self, pixels_per_mm: float) -> NDArray[np.uint8]:
+        """The board to be printed, with a margin of one square, uint8 (H, W)."""
+        edge = round(self.square_mm * pixels_per_mm)
+        if self.kind == "charuco":
+            size = ((self.columns + 2) * edge, (self.rows + 2) * edge)
+            return np.asarray(self._charuco.generateImage(size, marginSize=edge))
+        column, row = np.meshgrid(np.arange(self.columns + 1), np.arange(self.rows + 1))
+        squares = np.where((column + row) % 2 == 0, 0, 255).astype(np.uint8)
+        return np.pad(np.kron(squares, np.ones((edge, edge), dtype=np.uint8)), edge, constant_values=255)
+
+    @cached_property
+    def _charuco(self) -> Any:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary)
+
+    def _find_charuco(self, grey: NDArray[np.uint8]) -> Corners:
+        pixels, ids, _, _ = cv2.aruco.CharucoDetector(self._charuco).detectBoard(grey)
+        if ids is None or len(ids) == 0:
+            raise CaptureError("the board is not found")
+        return Corners(np.ravel(ids).astype(np.int64), np.reshape(pixels, (-1, 2)).astype(np.float64))
+
+    def _find_chessboard(self, grey: NDArray[np.uint8]) -> Corners:
+        flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+        found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
+        if not found:
+            raise CaptureError("the board is not found; all of it has to be in the picture")
+        return Corners(np.arange(self.columns * self.rows), np.reshape(pixels, (-1, 2)).astype(np.float64))
+
+
+def parse_board(text: str) -> Board:
+    """The board of `chessboard:9x6:25` or `charuco:11x8:30:22`.
+
+    Raises
+    ------
+    CaptureError
+        If the text is neither.
+    """
+    kind, _, rest = text.partition(":")
+    parts = rest.split(":")
+    try:
+        columns, rows = map(int, parts[0].split("x"))
+        if kind == "chessboard" and len(parts) == 2:
+            return Board(kind, columns, rows, float(parts[1]))
+        if kind == "charuco" and len(parts) in (3, 4):
+            dictionary = parts[3] if len(parts) == 4 else DEFAULT_DICTIONARY
+            if not hasattr(cv2.aruco, dictionary):
+                raise CaptureError(f"board {text!r}: there is no dictionary {dictionary!r} in OpenCV")
+            return Board(kind, columns, rows, float(parts[1]), float(parts[2]), dictionary)
+    except CaptureError:
+        raise
+    except ValueError as error:
+        raise CaptureError(f"board {text!r}: expected {FORMS}") from error
+    raise CaptureError(f"board {text!r}: expected {FORMS}")

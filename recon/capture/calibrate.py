@@ -1,0 +1,282 @@
+"""Calibration by pictures of a board: every camera, every stereo pair, then all sensors in one world.
+
+Convention: without a pose of its own, the world is the first sensor's left camera turned by half a circle about x (x
+right, y up), as in `recon.capture.opencv`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from recon.capture.board import Board, Corners
+from recon.capture.images import CaptureError
+from recon.capture.opencv import CAMERA_FROM_WORLD
+from recon.rig import Camera, Rig, Sensor, rigid
+
+MIN_IMAGES = 6
+MIN_SHARED = 6  # corners that both cameras of a pair see
+MAX_ERROR_FACTOR = 3.0  # times the median of a camera's images
+MIN_REJECTED_PX = 0.5  # an image with a smaller error is never rejected for it
+MIN_TILT_DEG = 20.0
+MAX_FOCAL_DEVIATION = 0.01  # share; a larger standard deviation means that the views are too alike
+FLAGS = cv2.CALIB_FIX_K3  # one radial coefficient less: lenses of studios are mild, and k3 is ill determined
+TANGENTIAL = slice(6, 8)  # p1 and p2 among OpenCV's intrinsics
+MIN_SIGNIFICANCE = 3.0  # standard deviations; tangential distortion below is noise, and would move the principal point
+SIDES = ("left", "right")
+
+Views = Mapping[str, Corners]
+"""The corners that a camera found, by the image's name; equal names mean the same instant."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """One camera by itself.
+
+    Parameters
+    ----------
+    K, dist : float64 (3, 3) and (5,)
+    errors : root mean square reprojection error of every image that is used, pixels
+    focal_deviation : standard deviation of the focal length, share
+    tilt_deg : largest angle between two views' boards; without tilt the focal length cannot be told from the distance
+    flags : OpenCV's, which say what the lens model leaves out
+    """
+
+    name: str
+    size: tuple[int, int]
+    K: NDArray[np.float64]
+    dist: NDArray[np.float64]
+    errors: dict[str, float]
+    focal_deviation: float
+    tilt_deg: float
+    flags: int
+    rejected: dict[str, str]
+
+    @property
+    def error_px(self) -> float:
+        """Root mean square over all images."""
+        return float(np.sqrt(np.mean(np.square(list(self.errors.values())))))
+
+
+@dataclass(frozen=True, eq=False)
+class PairCalibration:
+    """A stereo sensor by itself: its world is the left camera.
+
+    Parameters
+    ----------
+    boards : `left_from_board` 4x4 of every instant that both cameras see
+    errors : root mean square reprojection error (left, right) of every instant, pixels
+    """
+
+    sensor: Sensor
+    cameras: tuple[CameraCalibration, CameraCalibration]
+    boards: dict[str, NDArray[np.float64]]
+    errors: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration:
+    """All sensors in one world."""
+
+    rig: Rig
+    pairs: tuple[PairCalibration, ...]
+
+
+def calibrate_camera(name: str, board: Board, size: tuple[int, int], views: Views) -> CameraCalibration:
+    """Intrinsics of one camera; images whose error is far above the others' are rejected.
+
+    Raises
+    ------
+    CaptureError
+        If there are too few images, or they show the board too much alike.
+    """
+    kept, rejected = dict(views), dict[str, str]()
+    while True:
+        if len(kept) < MIN_IMAGES:
+            raise CaptureError(f"{name}: {len(kept)} usable images of the board, expected at least {MIN_IMAGES}")
+        found = _solve(name, board, size, kept)
+        median = float(np.median(list(found.errors.values())))
+        worst = max(found.errors, key=found.errors.__getitem__)
+        if found.errors[worst] <= max(MIN_REJECTED_PX, MAX_ERROR_FACTOR * median):
+            break
+        rejected[worst] = f"its reprojection error is {found.errors[worst]:.2f} px, the others' {median:.2f} px"
+        del kept[worst]
+    if found.tilt_deg < MIN_TILT_DEG or not found.focal_deviation < MAX_FOCAL_DEVIATION:
+        raise CaptureError(
+            f"{name}: the views are too alike: they differ in tilt by {found.tilt_deg:.0f} degrees, the focal length "
+            f"is known to {found.focal_deviation:.1%}; tilt the board by 20 to 45 degrees in all directions, near and "
+            "far, and into the corners of the picture"
+        )
+    return replace(found, rejected=rejected)
+
+
+def _solve(name: str, board: Board, size: tuple[int, int], views: Views) -> CameraCalibration:
+    """The camera that all views make likeliest, without tangential distortion where it is not significant."""
+    objects = [board.points[corners.ids].astype(np.float32) for corners in views.values()]
+    images = [corners.pixels.astype(np.float32) for corners in views.values()]
+    for flags in (FLAGS, FLAGS | cv2.CALIB_ZERO_TANGENT_DIST):
+        try:
+            _, K, dist, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
+                objects, images, size, np.eye(3), np.zeros(5), flags=flags
+            )
+        except cv2.error as error:
+            raise CaptureError(f"{name}: cannot be calibrated: {error.err}") from error
+        significance = np.abs(np.ravel(dist)[2:4]) / np.maximum(np.ravel(deviations)[TANGENTIAL], 1e-12)
+        if significance.max() > MIN_SIGNIFICANCE:
+            break
+    by_image = dict(zip(views, map(float, np.ravel(errors)), strict=True))
+    deviation = float(deviations[0, 0] / K[0, 0])
+    return CameraCalibration(name, size, K, np.ravel(dist)[:5], by_image, deviation, _tilt(turns), flags, {})
+
+
+def _tilt(turns: Sequence[NDArray[np.float64]]) -> float:
+    """Largest angle between the normals of two boards, degrees."""
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    return float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
+
+
+def calibrate_pair(
+    sensor_id: str, board: Board, cameras: tuple[CameraCalibration, CameraCalibration], views: tuple[Views, Views]
+) -> PairCalibration:
+    """The two cameras of a sensor, refined together on the instants that both see.
+
+    Raises
+    ------
+    CaptureError
+        If they share too few instants.
+    """
+    shared = {
+        name: _common(left, views[1][name])
+        for name, left in views[0].items()
+        if name in cameras[0].errors and name in cameras[1].errors
+    }
+    shared = {name: pair for name, pair in shared.items() if len(pair[0]) >= MIN_SHARED}
+    if len(shared) < MIN_IMAGES:
+        raise CaptureError(
+            f"sensor {sensor_id}: {len(shared)} instants show the board to both cameras, expected at least "
+            f"{MIN_IMAGES}; images belong together by their names"
+        )
+    objects = [board.points[left.ids].astype(np.float32) for left, _ in shared.values()]
+    lefts, rights = ([pair[side].pixels.astype(np.float32) for pair in shared.values()] for side in (0, 1))
+    first, second = cameras
+    _, K1, D1, K2, D2, R, T, _, _, rvecs, tvecs, errors = cv2.stereoCalibrateExtended(
+        objects, lefts, rights, first.K.copy(), first.dist.copy(), second.K.copy(), second.dist.copy(), first.size,
+        np.eye(3), np.zeros(3), flags=first.flags & second.flags | cv2.CALIB_USE_INTRINSIC_GUESS,
+    )  # fmt: skip
+    left = Camera(K1, cameras[0].size, np.eye(4), np.ravel(D1)[:5])
+    right = Camera(K2, cameras[1].size, rigid(R, np.ravel(T)), np.ravel(D2)[:5])
+    poses = [rigid(cv2.Rodrigues(rvec)[0], np.ravel(tvec)) for rvec, tvec in zip(rvecs, tvecs, strict=True)]
+    return PairCalibration(
+        Sensor(sensor_id, left, right),
+        cameras,
+        dict(zip(shared, poses, strict=True)),
+        {name: (float(pair[0]), float(pair[1])) for name, pair in zip(shared, errors, strict=True)},
+    )
+
+
+def calibrate_rig(board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]) -> Rig:
+    """Chain sensors into one world by the instants they share, then refine all poses together.
+
+    Raises
+    ------
+    CaptureError
+        If a sensor shares no instant with those that are placed already.
+    """
+    from_world = {pairs[0].sensor.id: CAMERA_FROM_WORLD}
+    boards = {name: np.linalg.inv(CAMERA_FROM_WORLD) @ pose for name, pose in pairs[0].boards.items()}
+    left = list(pairs[1:])
+    while left:
+        best = max(left, key=lambda pair: len(pair.boards.keys() & boards.keys()))
+        shared = sorted(best.boards.keys() & boards.keys())
+        if not shared:
+            raise CaptureError(
+                f"sensor {best.sensor.id}: shares no image of the board with {', '.join(from_world)}; show the board "
+                "where neighbouring sensors both see it"
+            )
+        pose = _mean_pose([best.boards[name] @ np.linalg.inv(boards[name]) for name in shared])
+        from_world[best.sensor.id] = pose
+        for name, board_pose in best.boards.items():
+            boards.setdefault(name, np.linalg.inv(pose) @ board_pose)
+        left.remove(best)
+    if len(pairs) > 1:
+        from_world = _refined(board, pairs, views, from_world, boards)
+    return Rig(tuple(_placed(pair.sensor, from_world[pair.sensor.id]) for pair in pairs))
+
+
+def _common(left: Corners, right: Corners) -> tuple[Corners, Corners]:
+    ids, in_left, in_right = np.intersect1d(left.ids, right.ids, return_indices=True)
+    return Corners(ids, left.pixels[in_left]), Corners(ids, right.pixels[in_right])
+
+
+def _mean_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    rotation = Rotation.from_matrix([pose[:3, :3] for pose in poses]).mean().as_matrix()
+    return rigid(rotation, np.median([pose[:3, 3] for pose in poses], axis=0))
+
+
+def _placed(sensor: Sensor, left_from_world: NDArray[np.float64]) -> Sensor:
+    left, right = (
+        replace(camera, cam_from_world=camera.cam_from_world @ left_from_world)
+        for camera in (sensor.left, sensor.right)
+    )
+    return Sensor(sensor.id, left, right)
+
+
+def _refined(
+    board: Board,
+    pairs: Sequence[PairCalibration],
+    views: Mapping[str, tuple[Views, Views]],
+    from_world: Mapping[str, NDArray[np.float64]],
+    boards: Mapping[str, NDArray[np.float64]],
+) -> dict[str, NDArray[np.float64]]:
+    """Poses of all sensors but the first, and of all boards that several see, nearest to the corners found.
+
+    Source
+    ------
+    Bundle adjustment: Triggs et al., "Bundle adjustment - a modern synthesis", 1999, with intrinsics held.
+    """
+    names = [name for name in boards if sum(name in pair.boards for pair in pairs) > 1]
+    start = [*(from_world[pair.sensor.id] for pair in pairs[1:]), *(boards[name] for name in names)]
+    seen = [
+        (number, names.index(name), camera, views[pair.sensor.id][side][name])
+        for number, pair in enumerate(pairs)
+        for side, camera in enumerate((pair.sensor.left, pair.sensor.right))
+        for name in pair.boards
+        if name in names
+    ]
+    sparsity = np.zeros((2 * sum(len(corners) for *_, corners in seen), 6 * len(start)), dtype=np.int8)
+    row = 0
+    for number, place, _, corners in seen:
+        rows = slice(row, row + 2 * len(corners))
+        for block in ([number - 1] if number else []) + [len(pairs) - 1 + place]:
+            sparsity[rows, 6 * block : 6 * block + 6] = 1
+        row = rows.stop
+
+    def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        poses = [_moved(step, pose) for step, pose in zip(unknown.reshape(-1, 6), start, strict=True)]
+        found = []
+        for number, place, camera, corners in seen:
+            sensor_pose = poses[number - 1] if number else from_world[pairs[0].sensor.id]
+            pose = camera.cam_from_world @ sensor_pose @ poses[len(pairs) - 1 + place]
+            found.append(_project(camera, pose, board.points[corners.ids]) - corners.pixels)
+        return np.concatenate(found).ravel()
+
+    scale = np.tile([1e-3] * 3 + [1.0] * 3, len(start))
+    solved = least_squares(errors, np.zeros(6 * len(start)), jac_sparsity=sparsity, x_scale=scale, loss="soft_l1")
+    steps = solved.x.reshape(-1, 6)[: len(pairs) - 1]
+    moved = {pair.sensor.id: _moved(step, pose) for pair, step, pose in zip(pairs[1:], steps, start, strict=False)}
+    return {**from_world, **moved}
+
+
+def _moved(step: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(rigid(cv2.Rodrigues(step[:3])[0] @ pose[:3, :3], pose[:3, 3] + step[3:]))
+
+
+def _project(camera: Camera, cam_from_board: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    turn = cv2.Rodrigues(cam_from_board[:3, :3])[0]
+    return np.asarray(cv2.projectPoints(points, turn, cam_from_board[:3, 3], camera.K, camera.dist)[0][:, 0])

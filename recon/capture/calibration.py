@@ -1,0 +1,233 @@
+"""From folders of board pictures to a calibration file with its report and drawings.
+
+Pictures of the same instant have the same name in every camera's folder. Beside the file, `<its name>_report/` holds
+`report.json`, `corners/<sensor>/<side>/<image>.jpg` and `rectified/<sensor>.jpg`, a pair with epipolar lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.board import Board, Corners
+from recon.capture.calibrate import (
+    SIDES,
+    CameraCalibration,
+    PairCalibration,
+    calibrate_camera,
+    calibrate_pair,
+    calibrate_rig,
+)
+from recon.capture.folder import new_folder
+from recon.capture.images import IMAGE_SUFFIXES, CaptureError, read_image
+from recon.capture.opencv import SUFFIXES, write_calibration
+from recon.execute import Progress, silent
+from recon.files import write_json
+from recon.rig import Rig, Sensor
+
+SCHEMA_VERSION = 1
+GREEN = (60, 200, 60)
+N_LINES = 16
+DOT_PX = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """What one camera's folder holds: the pictures' size, the corners found, and why others were rejected."""
+
+    folder: Path
+    size: tuple[int, int]
+    files: dict[str, Path]
+    views: dict[str, Corners]
+    rejected: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationReport:
+    """A calibrated rig and how well it fits.
+
+    Parameters
+    ----------
+    pairs : every sensor by itself, with the errors of every image
+    rejected : the reason for every image that was not used, by its path
+    """
+
+    rig: Rig
+    pairs: tuple[PairCalibration, ...]
+    rejected: dict[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as a JSON object."""
+        sensors = [_sensor_json(pair, sensor) for pair, sensor in zip(self.pairs, self.rig.sensors, strict=True)]
+        return {"schema_version": SCHEMA_VERSION, "sensors": sensors, "rejected": self.rejected}
+
+    def as_text(self) -> str:
+        """One line for every camera, sensor and rejected image."""
+        lines = []
+        for pair in self.pairs:
+            lines += [_camera_line(camera) for camera in pair.cameras]
+            errors = np.sqrt(np.mean(np.square(list(pair.errors.values()))))
+            lines.append(
+                f"{pair.sensor.id}: baseline {pair.sensor.baseline:.2f} mm, {len(pair.errors)} shared instants, "
+                f"reprojection error {errors:.3f} px"
+            )
+        return "\n".join([*lines, *(f"rejected {path}: {reason}" for path, reason in self.rejected.items())])
+
+
+def calibrate_folders(
+    sources: Sequence[Path], board: Board, out: Path, *, progress: Progress = silent
+) -> CalibrationReport:
+    """Calibrate all sensors of a rig and write the OpenCV file and its report.
+
+    Parameters
+    ----------
+    sources : one folder with `left` and `right`, or with a folder of these for every sensor; or the folders of the
+        cameras themselves, left and right of each sensor in turn
+    out : the calibration file; a report of the same name must not exist
+
+    Raises
+    ------
+    CaptureError
+        If pictures are missing or cannot be used, with the reason for each; nothing is written then.
+    """
+    if out.suffix not in SUFFIXES:
+        raise CaptureError(f"{out}: ends in {out.suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    folders = _camera_folders(sources)
+    n_cameras = 2 * len(folders)
+    cameras: dict[str, tuple[_Camera, _Camera]] = {}
+    for number, (name, pair) in enumerate(folders.items()):
+        left = _look(pair[0], board)
+        progress("Finding corners", 2 * number + 1, n_cameras)
+        cameras[name] = (left, _look(pair[1], board))
+        progress("Finding corners", 2 * number + 2, n_cameras)
+    pairs = tuple(_pair(name, board, found) for name, found in cameras.items())
+    views = {name: (left.views, right.views) for name, (left, right) in cameras.items()}
+    report = CalibrationReport(calibrate_rig(board, pairs, views), pairs, _rejected(cameras, pairs))
+    with new_folder(out.with_name(f"{out.stem}_report")) as folder:
+        write_json(folder / "report.json", report.as_json())
+        for calibrated in pairs:
+            _draw(folder, calibrated, cameras[calibrated.sensor.id])
+        write_calibration(out, report.rig)
+    return report
+
+
+def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
+    if len(sources) == 1:
+        base = sources[0]
+        inside = [base] if (base / "left").is_dir() else sorted(path for path in base.glob("*") if path.is_dir())
+        found = [folder for folder in inside if all((folder / side).is_dir() for side in SIDES)]
+        if not found:
+            raise CaptureError(f"{base}: holds neither left and right nor folders with left and right in them")
+        return {"S1" if path == base else path.name: (path / "left", path / "right") for path in found}
+    if len(sources) % 2:
+        raise CaptureError(
+            f"{len(sources)} folders, expected one with all cameras or a left and a right one per sensor"
+        )
+    return {f"S{i // 2 + 1}": (sources[i], sources[i + 1]) for i in range(0, len(sources), 2)}
+
+
+def _look(folder: Path, board: Board) -> _Camera:
+    files = {path.stem: path for path in sorted(folder.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES}
+    if not files:
+        raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
+    views, rejected, size = dict[str, Corners](), dict[str, str](), (0, 0)
+    for name, path in files.items():
+        picture = read_image(path)
+        size = size if any(size) else (picture.shape[1], picture.shape[0])
+        try:
+            if size != (picture.shape[1], picture.shape[0]):
+                raise CaptureError(
+                    f"is {picture.shape[1]}x{picture.shape[0]} pixels, the first one {size[0]}x{size[1]}"
+                )
+            views[name] = board.find(np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8))
+        except CaptureError as error:
+            rejected[name] = str(error)
+    return _Camera(folder, size, files, views, rejected)
+
+
+def _pair(sensor_id: str, board: Board, found: tuple[_Camera, _Camera]) -> PairCalibration:
+    calibrated = []
+    for camera, side in zip(found, SIDES, strict=True):
+        try:
+            calibrated.append(calibrate_camera(f"{sensor_id}/{side}", board, camera.size, camera.views))
+        except CaptureError as error:
+            reasons = "".join(f"; {camera.files[name]}: {reason}" for name, reason in camera.rejected.items())
+            raise CaptureError(f"{error}{reasons}") from error
+    return calibrate_pair(sensor_id, board, (calibrated[0], calibrated[1]), (found[0].views, found[1].views))
+
+
+def _rejected(cameras: Mapping[str, tuple[_Camera, _Camera]], pairs: Sequence[PairCalibration]) -> dict[str, str]:
+    reasons = {}
+    for pair in pairs:
+        for found, calibrated in zip(cameras[pair.sensor.id], pair.cameras, strict=True):
+            for name, reason in {**found.rejected, **calibrated.rejected}.items():
+                reasons[str(found.files[name])] = reason
+    return reasons
+
+
+def _camera_line(camera: CameraCalibration) -> str:
+    worst = max(camera.errors, key=camera.errors.__getitem__)
+    return (
+        f"{camera.name}: focal length {camera.K[0, 0]:.2f} px (known to {camera.focal_deviation:.2%}), reprojection "
+        f"error {camera.error_px:.3f} px on {len(camera.errors)} images, worst {worst}: {camera.errors[worst]:.3f} px"
+    )
+
+
+def _sensor_json(pair: PairCalibration, sensor: Sensor) -> dict[str, Any]:
+    sides = {
+        side: {
+            "K": getattr(sensor, side).K.tolist(),
+            "dist": getattr(sensor, side).dist.tolist(),
+            "cam_from_world": getattr(sensor, side).cam_from_world.tolist(),
+            "error_px": camera.error_px,
+            "focal_deviation": camera.focal_deviation,
+            "images": camera.errors,
+        }
+        for side, camera in zip(SIDES, pair.cameras, strict=True)
+    }
+    pair_errors = {name: list(errors) for name, errors in pair.errors.items()}
+    return {"id": sensor.id, "baseline_mm": sensor.baseline, **sides, "pair_errors_px": pair_errors}
+
+
+def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera]) -> None:
+    for camera, side in zip(cameras, SIDES, strict=True):
+        for name, corners in camera.views.items():
+            picture = _bgr(camera.files[name])
+            for x, y in corners.pixels:
+                cv2.circle(picture, (round(x), round(y)), DOT_PX, GREEN, 1, cv2.LINE_AA)
+            _write(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
+    first = next(iter(pair.errors))
+    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, [_bgr(c.files[first]) for c in cameras]))
+
+
+def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Both pictures side by side, with lines on which matching points have to lie."""
+    left, right = sensor.left, sensor.right
+    relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
+    turns = cv2.stereoRectify(
+        left.K, left.dist, right.K, right.dist, left.size, relative[:3, :3], relative[:3, 3:], alpha=0
+    )[:4]
+    warped = []
+    for camera, turn, projection, picture in zip((left, right), turns[:2], turns[2:], pictures, strict=True):
+        maps = cv2.initUndistortRectifyMap(camera.K, camera.dist, turn, projection, camera.size, cv2.CV_32FC1)
+        warped.append(cv2.remap(picture, *maps, cv2.INTER_LINEAR))
+    both = np.hstack(warped)
+    for row in np.linspace(0, both.shape[0] - 1, N_LINES + 2)[1:-1]:
+        cv2.line(both, (0, round(row)), (both.shape[1] - 1, round(row)), GREEN, 1)
+    return np.asarray(both, dtype=np.uint8)
+
+
+def _bgr(path: Path) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(read_image(path)[..., ::-1])
+
+
+def _write(path: Path, picture: NDArray[np.uint8]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), picture):
+        raise CaptureError(f"{path}: cannot be written")

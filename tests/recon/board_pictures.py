@@ -1,0 +1,127 @@
+"""Pictures of a calibration board by cameras that are known: what calibration has to find again."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from recon.capture.board import Board, Corners
+from recon.rig import Camera, Rig, Sensor, look_at, rigid
+
+PIXELS_PER_MM = 2.0
+SUPERSAMPLING = 2
+BACKGROUND = 90.0
+
+
+def studio_camera(x: float, seed: int, size: tuple[int, int] = (1280, 720)) -> Camera:
+    """A camera 2.5 m from the middle of the working volume, its values not round."""
+    rng = np.random.default_rng(seed)
+    focal = 1.17 * size[0] * (1 + rng.normal(0, 0.004))
+    centre = np.array(size) / 2 + rng.normal(0, 5, 2)
+    K = np.array([[focal, 0, centre[0]], [0, focal * (1 + rng.normal(0, 0.001)), centre[1]], [0, 0, 1]])
+    return Camera(K, size, look_at((x, 300.0, 2500.0), (0, 0, 0)), np.array([-0.12, 0.08, 0.0, 0.0, 0.0]))
+
+
+def studio_rig(n_sensors: int = 1, size: tuple[int, int] = (1280, 720)) -> Rig:
+    """Sensors of about 240 mm baseline, 600 mm apart."""
+    starts = 600.0 * (np.arange(n_sensors) - (n_sensors - 1) / 2)
+    return Rig(
+        tuple(
+            Sensor(f"S{i + 1}", studio_camera(x - 120.0, 2 * i, size), studio_camera(x + 120.0, 2 * i + 1, size))
+            for i, x in enumerate(starts)
+        )
+    )
+
+
+def board_pose(board: Board, rng: np.random.Generator) -> NDArray[np.float64]:
+    """`world_from_board` of a board in the working volume that faces the cameras, tilted by up to 45 degrees."""
+    tilt = Rotation.from_euler("xyz", rng.uniform(-45, 45, 3) * (1, 1, 0.7), degrees=True).as_matrix()
+    turn = tilt @ np.diag([1.0, -1.0, -1.0])
+    place = rng.uniform((-550, -300, -600), (550, 300, 1100))
+    return rigid(turn, place - turn @ board.points.mean(axis=0))
+
+
+def project(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels (N, 2) of world points, with distortion."""
+    pose = camera.cam_from_world
+    turn = cv2.Rodrigues(pose[:3, :3])[0]
+    return np.asarray(cv2.projectPoints(points, turn, pose[:3, 3], camera.K, camera.dist)[0][:, 0])
+
+
+def corners_seen(
+    board: Board, rig: Rig, n_views: int, noise_px: float, seed: int
+) -> dict[str, list[dict[str, Corners]]]:
+    """The corners that each sensor's cameras (left, right) find, without pictures, by the view's name."""
+    rng = np.random.default_rng(seed)
+    seen: dict[str, list[dict[str, Corners]]] = {sensor.id: [{}, {}] for sensor in rig.sensors}
+    for view in range(n_views):
+        pose = board_pose(board, rng)
+        points = board.points @ pose[:3, :3].T + pose[:3, 3]
+        for sensor in rig.sensors:
+            for side, camera in enumerate((sensor.left, sensor.right)):
+                pixels = project(camera, points)
+                inside = ((pixels > 5) & (pixels < np.array(camera.size) - 5)).all(axis=1)
+                if inside.sum() >= 12:
+                    noisy = pixels[inside] + rng.normal(0, noise_px, (inside.sum(), 2))
+                    seen[sensor.id][side][f"{view:03d}"] = Corners(np.flatnonzero(inside), noisy)
+    return seen
+
+
+@lru_cache(maxsize=16)
+def fine_slopes(camera: Camera) -> NDArray[np.float64]:
+    """Slopes x/z, y/z of the rays through the parts of all pixels, (N, 2); cameras are told apart by identity."""
+    width, height = camera.size
+    steps = (np.arange(max(camera.size) * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5
+    columns, rows = np.meshgrid(steps[: width * SUPERSAMPLING], steps[: height * SUPERSAMPLING])
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
+    return np.asarray(cv2.undistortPoints(pixels, camera.K, camera.dist)[:, 0])
+
+
+def board_picture(
+    board: Board, camera: Camera, world_from_board: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """What a camera sees of a board: every pixel's ray meets its plane; lens blur, shading and sensor noise on top."""
+    texture = board.picture(PIXELS_PER_MM).astype(np.float32)
+    slopes = fine_slopes(camera)
+    board_from_camera = np.linalg.inv(camera.cam_from_world @ world_from_board)
+    rays = np.column_stack([slopes, np.ones(len(slopes))]) @ board_from_camera[:3, :3].T
+    origin = board_from_camera[:3, 3]
+    on_board = origin[:2] - rays[:, :2] * (origin[2] / rays[:, 2:])
+    # the picture has a margin of one square; a chessboard's first corner is the first inner one
+    first = board.square_mm * (1 if board.kind == "charuco" else 2)
+    texels = (
+        ((on_board + first) * PIXELS_PER_MM - 0.5).astype(np.float32).reshape(SUPERSAMPLING * camera.size[1], -1, 2)
+    )
+    fine = cv2.remap(texture, texels[..., 0], texels[..., 1], cv2.INTER_LINEAR, borderValue=BACKGROUND)
+    picture = cv2.GaussianBlur(cv2.resize(fine, camera.size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    lit = 20.0 + picture * np.linspace(0.65, 0.85, camera.size[0], dtype=np.float32)
+    return np.asarray((lit + rng.normal(0, 2.0, lit.shape)).round().clip(0, 255), dtype=np.uint8)
+
+
+def photograph_board(folder: Path, board: Board, rig: Rig, n_views: int, seed: int) -> None:
+    """Write `<sensor>/<side>/<view>.png` of a board held up `n_views` times."""
+    rng = np.random.default_rng(seed)
+    for view in range(n_views):
+        pose = board_pose(board, rng)
+        for sensor in rig.sensors:
+            for side in ("left", "right"):
+                path = folder / sensor.id / side / f"{view:03d}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(path), board_picture(board, getattr(sensor, side), pose, rng))
+
+
+def relative_error(found: Sensor, truth: Sensor) -> dict[str, float]:
+    """Largest relative error of the focal lengths, that of the baseline, and the relative rotation's in degrees."""
+    focal = [
+        abs(getattr(found, side).K[i, i] / getattr(truth, side).K[i, i] - 1)
+        for side in ("left", "right")
+        for i in (0, 1)
+    ]
+    turns = [sensor.right.rotation @ sensor.left.rotation.T for sensor in (found, truth)]
+    angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(turns[0] @ turns[1].T)[0])))
+    return {"focal": max(focal), "baseline": abs(found.baseline / truth.baseline - 1), "rotation_deg": angle}

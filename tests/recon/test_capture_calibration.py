@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from board_pictures import corners_seen, photograph_board, relative_error, studio_rig
+
+from recon.capture.board import Board, Corners, parse_board
+from recon.capture.calibrate import calibrate_camera, calibrate_pair, calibrate_rig
+from recon.capture.calibration import calibrate_folders
+from recon.capture.images import CaptureError
+from recon.capture.opencv import read_calibration
+from recon.rig import Rig
+
+BOARD = parse_board("charuco:14x10:50:37")
+COARSE = parse_board("charuco:8x6:90:66")
+SIZE = (480, 270)
+
+
+def calibrated(board: Board, rig: Rig, seen: dict[str, list[dict[str, Corners]]]) -> Rig:
+    size = rig.sensors[0].left.size
+    pairs = []
+    for name, (left, right) in seen.items():
+        cameras = [calibrate_camera(f"{name}/{side}", board, size, views) for side, views in enumerate((left, right))]
+        pairs.append(calibrate_pair(name, board, (cameras[0], cameras[1]), (left, right)))
+    return calibrate_rig(board, pairs, {name: (left, right) for name, (left, right) in seen.items()})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth(seed: int) -> None:
+    rig = studio_rig()
+    found = calibrated(BOARD, rig, corners_seen(BOARD, rig, n_views=70, noise_px=0.3, seed=seed))
+    error = relative_error(found.sensors[0], rig.sensors[0])
+    assert error["focal"] < 0.002
+    assert error["baseline"] < 0.002
+    assert error["rotation_deg"] < 0.05
+
+
+def test_exact_corners_give_the_exact_rig_and_the_world_is_the_first_left_camera_with_y_up() -> None:
+    rig = studio_rig(n_sensors=2)
+    found = calibrated(COARSE, rig, corners_seen(COARSE, rig, n_views=30, noise_px=0.0, seed=4))
+    np.testing.assert_allclose(found.sensors[0].left.cam_from_world, np.diag([1.0, -1, -1, 1]), atol=1e-12)
+    first = rig.sensors[0].left.cam_from_world
+    for sensor, truth in zip(found.sensors, rig.sensors, strict=True):
+        for side in ("left", "right"):
+            moved = getattr(sensor, side).cam_from_world @ np.linalg.inv(found.sensors[0].left.cam_from_world)
+            expected = getattr(truth, side).cam_from_world @ np.linalg.inv(first)
+            np.testing.assert_allclose(moved[:3, :3], expected[:3, :3], atol=2e-6)
+            np.testing.assert_allclose(moved[:3, 3], expected[:3, 3], atol=0.02)
+
+
+def test_an_image_whose_corners_do_not_fit_is_rejected_with_the_reason() -> None:
+    rig = studio_rig()
+    views = corners_seen(COARSE, rig, n_views=20, noise_px=0.1, seed=5)["S1"][0]
+    spoilt = next(iter(views))
+    shaken = views[spoilt].pixels + np.random.default_rng(0).normal(0, 4.0, views[spoilt].pixels.shape)
+    camera = calibrate_camera("S1/left", COARSE, (1280, 720), {**views, spoilt: Corners(views[spoilt].ids, shaken)})
+    assert list(camera.rejected) == [spoilt]
+    assert "reprojection error" in camera.rejected[spoilt]
+
+
+def test_views_that_are_all_alike_are_refused() -> None:
+    rig = studio_rig()
+    views = corners_seen(COARSE, rig, n_views=20, noise_px=0.3, seed=5)["S1"][0]
+    flat = np.column_stack([COARSE.points[:, 0] + 200, COARSE.points[:, 1] + 100])  # face on, at one distance
+    rng = np.random.default_rng(1)
+    ids = np.arange(len(flat))
+    alike = {name: Corners(ids, flat * 1.0 + rng.normal(0, 0.3, flat.shape)) for name in views}
+    with pytest.raises(CaptureError, match=r"S1/left: the views are too alike"):
+        calibrate_camera("S1/left", COARSE, (1280, 720), alike)
+
+
+def test_sensors_that_share_no_view_are_named() -> None:
+    rig = studio_rig(n_sensors=2)
+    seen = corners_seen(COARSE, rig, n_views=24, noise_px=0.1, seed=6)
+    seen["S2"] = [{f"other {name}": corners for name, corners in side.items()} for side in seen["S2"]]
+    with pytest.raises(CaptureError, match="sensor S2: shares no image of the board with S1"):
+        calibrated(COARSE, rig, seen)
+
+
+def test_too_few_images_and_pairs_are_named() -> None:
+    rig = studio_rig()
+    left, right = corners_seen(COARSE, rig, n_views=12, noise_px=0.1, seed=7)["S1"]
+    with pytest.raises(CaptureError, match="S1/left: 3 usable images of the board, expected at least 6"):
+        calibrate_camera("S1/left", COARSE, (1280, 720), dict(list(left.items())[:3]))
+    renamed = {f"r{name}": corners for name, corners in right.items()}
+    cameras = [calibrate_camera(side, COARSE, (1280, 720), views) for side, views in (("l", left), ("r", renamed))]
+    with pytest.raises(CaptureError, match="sensor S1: 0 instants show the board to both cameras"):
+        calibrate_pair("S1", COARSE, (cameras[0], cameras[1]), (left, renamed))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["chessboard:9x6", "chessboard:9:25", "charuco:11x8:30", "dots:4x4:5", "charuco:11x8:30:31", "chessboard:2x9:5"],
+)
+def test_a_board_that_cannot_be_is_refused(text: str) -> None:
+    with pytest.raises(CaptureError, match=r"expected|do not fit"):
+        parse_board(text)
+
+
+@pytest.mark.parametrize("text", ["charuco:8x6:90:66", "chessboard:7x5:90"])
+def test_a_printed_board_is_found_where_it_is(text: str) -> None:
+    board = parse_board(text)
+    scale = 0.5
+    found = board.find(board.picture(scale))
+    first = board.square_mm * (1 if board.kind == "charuco" else 2)
+    expected = (board.points[found.ids, :2] + first) * scale - 0.5
+    if board.kind == "chessboard" and np.abs(found.pixels - expected).max() > 1:  # it looks the same turned round
+        expected = expected[::-1]
+    np.testing.assert_allclose(found.pixels, expected, atol=0.3)
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rig]:
+    folder, rig = tmp_path_factory.mktemp("board"), studio_rig(size=SIZE)
+    photograph_board(folder, COARSE, rig, n_views=14, seed=3)
+    return folder, rig
+
+
+@pytest.mark.slow
+def test_photographs_of_a_board_become_a_calibration_file_with_its_report(
+    photographed: tuple[Path, Rig], tmp_path: Path
+) -> None:
+    folder, rig = photographed
+    images = Path(shutil.copytree(folder, tmp_path / "images"))
+    blank = np.full((SIZE[1], SIZE[0]), 90, dtype=np.uint8)
+    cv2.imwrite(str(images / "S1/left/blank.png"), blank)
+    report = calibrate_folders([images], COARSE, tmp_path / "calibration.yml")
+    error = relative_error(read_calibration(tmp_path / "calibration.yml").sensors[0], rig.sensors[0])
+    assert error["focal"] < 0.012  # 480 pixels wide, 14 views
+    assert error["baseline"] < 0.012
+    assert report.rejected[str(images / "S1/left/blank.png")] == "the board is not found"
+    content = json.loads((tmp_path / "calibration_report/report.json").read_text())
+    assert set(content["sensors"][0]["left"]["images"]) == set(report.pairs[0].cameras[0].errors)
+    drawn = cv2.imread(str(tmp_path / "calibration_report/rectified/S1.jpg"))
+    assert drawn is not None
+    assert drawn.shape[:2] == (SIZE[1], 2 * SIZE[0])
+    found = {path.stem for path in (tmp_path / "calibration_report/corners/S1/left").iterdir()}
+    assert found >= set(report.pairs[0].cameras[0].errors)
+
+
+def test_nothing_is_written_when_no_board_is_found(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / "images" / side).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "images" / side / "1.png"), np.full((SIZE[1], SIZE[0]), 90, dtype=np.uint8))
+    with pytest.raises(CaptureError, match=r"S1/left: 0 usable images.*1\.png: the board is not found"):
+        calibrate_folders([tmp_path / "images"], COARSE, tmp_path / "calibration.yml")
+    assert [path.name for path in tmp_path.iterdir()] == ["images"]
