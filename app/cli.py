@@ -201,16 +201,27 @@ def study_create(
         float | None, typer.Option(help="Seconds a pair is shown; default: as long as the shortest video.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everybody's order; default: drawn.")] = None,
+    options_file: Annotated[
+        Path | None,
+        typer.Option("--options", help="TOML: optional_stages (practice, interview), consent, questions, …"),
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
     """Create a study of a stimulus set, with an open invitation."""
-    from app.operate import create_study
+    from app.operate import create_study, read_options
     from app.settings import Settings
 
+    options = read_options(options_file) if options_file else None
     progress = ProgressLine()
     study = create_study(
-        Settings(), stimulus_set, study_name, exposure_s=exposure, seed=seed, progress=_counted(progress)
+        Settings(),
+        stimulus_set,
+        study_name,
+        exposure_s=exposure,
+        seed=seed,
+        options=options,
+        progress=_counted(progress),
     )
     progress.close()
     study["link"] = url + study["path"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import secrets
+import tomllib
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,16 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from app.settings import Settings
-from app.stimuli import Progress, StimulusSet, no_progress, prepare_pairs, read_stimulus_set
+from app.stimuli import Progress, StimulusSet, no_progress, prepare_pairs, prepare_practice, read_stimulus_set
 from app.store import studies
-from app.store.designs import insert_design
+from app.store.designs import insert_design, insert_practice
 from app.store.engine import Database, open_database
 from app.store.experimenters import renew_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
 from app.store.tokens import SCOPES, insert_token
-from app.study.options import StudyOptions
+from app.study.options import StudyOptions, parse_options
+from app.study.stages import PRACTICE
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -89,7 +91,9 @@ def create_study(
             )
         if seed is not None and not 0 <= seed < 2**63:
             raise ValueError(f"seed {seed}: expected a whole number from 0 to 2^63 - 1")
+        options = options or StudyOptions()
         pairs = prepare_pairs(stimulus_set, settings.media_dir, progress)
+        practice = prepare_practice(stimulus_set, settings.media_dir) if PRACTICE in options.way else []
         created_at = utc_now()
         row = {
             "slug": slug,
@@ -98,13 +102,14 @@ def create_study(
             "exposure_s": float(exposure_s),
             "seed": secrets.randbits(63) if seed is None else seed,
             "factors": stimulus_set.factors,
-            "options": (options or StudyOptions()).as_json(),
+            "options": options.as_json(),
             "manifest_sha256": stimulus_set.sha256,
             "created_at": created_at,
         }
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, stimulus_set, pairs)
+            insert_practice(connection, study_id, practice)
             code = insert_invitation(connection, study_id, None, created_at)
         with database.reading() as connection:
             counts = studies.progress_of(connection, study_id)
@@ -117,6 +122,20 @@ def create_study(
         "seed": row["seed"],
         **{key: value for key, value in asdict(counts).items() if key.endswith(("datasets", "conditions", "pairs"))},
     }
+
+
+def read_options(path: Path) -> StudyOptions:
+    """A study's options from a TOML file.
+
+    Raises
+    ------
+    ValueError
+        If the file is not readable or not as described: names it and what is wrong.
+    """
+    try:
+        return parse_options(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def list_studies(settings: Settings) -> list[dict[str, Any]]:

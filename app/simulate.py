@@ -15,7 +15,7 @@ import httpx
 import numpy as np
 
 from app.study.simulate import choose, tie_weight
-from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, TRIAL
+from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, TRIAL
 
 Progress = Callable[[int, int, str], None]
 
@@ -132,6 +132,8 @@ def stage_data(stage: str, asked: Mapping[str, Any]) -> dict[str, Any]:
         return {"consent": asked["consent"]} if asked["consent"] else {}
     if stage == INTERVIEW:
         return {"answers": {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}}
+    if stage == PRACTICE:
+        return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in (1, 2)]}
     return {}
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import imageio_ffmpeg
@@ -30,6 +31,9 @@ WORKERS = 2  # encoders at once, each on one thread, so that files are reproduci
 GOP = 25
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 CRF = 18
+PRACTICE_S = 5  # of the videos made for practice; they are played over and over
+PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
+PRACTICE_BLUR = 80  # the blur's sigma is the width divided by it: nobody overlooks that
 PAIR_RECIPE = "stacked-1"  # part of every pair's key: change it when a pair would be encoded otherwise
 
 ENCODING = (
@@ -77,6 +81,7 @@ class _Manifest(BaseModel):
     name: Name
     stimuli: Annotated[list[Stimulus], Field(min_length=2)]
     factors: dict[str, list[str]] = {}
+    practice: list[Stimulus] = []
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,7 @@ class StimulusSet:
     sha256 : of the manifest
     factors : levels by factor
     stimuli : in the manifest's order
+    practice : two stimuli of a scene that is not in the study, the one clearly better; or none
     """
 
     folder: Path
@@ -97,6 +103,7 @@ class StimulusSet:
     sha256: str
     factors: dict[str, list[str]]
     stimuli: tuple[Stimulus, ...]
+    practice: tuple[Stimulus, ...] = ()
 
     @property
     def datasets(self) -> tuple[str, ...]:
@@ -163,12 +170,20 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
     """
     manifest_path = path / MANIFEST if path.is_dir() else path
     manifest, sha256 = _read_manifest(manifest_path)
-    stimulus_set = StimulusSet(manifest_path.parent, manifest.name, sha256, manifest.factors, tuple(manifest.stimuli))
-    _check_names(stimulus_set, manifest_path)
-    _check_alike(stimulus_set, manifest_path)
-    _in_parallel(
-        [(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in stimulus_set.stimuli], progress
+    stimulus_set = StimulusSet(
+        manifest_path.parent,
+        manifest.name,
+        sha256,
+        manifest.factors,
+        tuple(manifest.stimuli),
+        tuple(manifest.practice),
     )
+    _check_names(stimulus_set, manifest_path)
+    for dataset in stimulus_set.datasets:
+        _check_alike(stimulus_set.of_dataset(dataset), manifest_path)
+    _check_practice(stimulus_set, manifest_path)
+    every = (*stimulus_set.stimuli, *stimulus_set.practice)
+    _in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
     return stimulus_set
 
 
@@ -201,6 +216,45 @@ def prepare_pairs(stimulus_set: StimulusSet, media_dir: Path, progress: Progress
         progress,
     )
     return [_pair_video(top, bottom, path) for (top, bottom), path in zip(pairs, files, strict=True)]
+
+
+def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVideo]:
+    """Make the videos to practise with: an obvious pair, then an identical one.
+
+    The set's practice stimuli are taken where it has them. Else a picture that is not of the study is made: a zoom into
+    a fractal, sharp and blurred, in the size of the study's videos.
+
+    Raises
+    ------
+    StimuliError
+        If a pair cannot be encoded.
+    """
+    with TemporaryDirectory() as folder:
+        practising = stimulus_set if stimulus_set.practice else _made_for_practice(stimulus_set, Path(folder))
+        sharp, other = practising.practice
+        digests = {stimulus.name: file_digest(practising.source(stimulus)) for stimulus in practising.practice}
+        pairs = []
+        for top, bottom in ((sharp, other), (sharp, sharp)):
+            path = media_dir / f"{_pair_key(digests[top.name], digests[bottom.name])}.mp4"
+            if not path.is_file():
+                _encode_pair(practising, top, bottom, path)
+            pairs.append(_pair_video(top, bottom, path))
+    return pairs
+
+
+def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
+    like = stimulus_set.stimuli[0]
+    n_frames = min(like.n_frames, max(1, round(PRACTICE_S * like.fps)))
+    size = f"{like.width}:{like.height}"
+    sharp = f"mandelbrot=size={PRACTICE_SIZE}:rate={like.fps:g}:maxiter=400,scale={size}:flags=lanczos,format=yuv420p"
+    stimuli = []
+    for name, graph in (("sharp", sharp), ("blurred", f"{sharp},gblur=sigma={like.width / PRACTICE_BLUR:.2f}")):
+        path = folder / f"{name}.mkv"
+        command = ["-f", "lavfi", "-i", graph, "-frames:v", str(n_frames), "-c:v", "libx264", "-qp", "0", str(path)]
+        _ffmpeg(command, f"the practice video {name} cannot be made")
+        changes = {"approach": name, "video": path.name, "master": None, "n_frames": n_frames}
+        stimuli.append(like.model_copy(update=changes))
+    return replace(stimulus_set, folder=folder, practice=tuple(stimuli))
 
 
 def decode(path: Path) -> VideoFacts:
@@ -261,19 +315,26 @@ def _check_names(stimulus_set: StimulusSet, manifest: Path) -> None:
                 raise StimuliError(f"{manifest}: {stimulus.name} has {factor} = {level}, which factors does not list")
 
 
-def _check_alike(stimulus_set: StimulusSet, manifest: Path) -> None:
+def _check_practice(stimulus_set: StimulusSet, manifest: Path) -> None:
+    if not stimulus_set.practice:
+        return
+    if len(stimulus_set.practice) != 2:
+        raise StimuliError(f"{manifest}: practice has {len(stimulus_set.practice)} stimuli, expected two or none")
+    _check_alike(stimulus_set.practice, manifest)
+
+
+def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
     """What is shown in turn must differ in nothing but the reconstruction."""
-    for dataset in stimulus_set.datasets:
-        first, *others = stimulus_set.of_dataset(dataset)
-        for other in others:
-            for fact in ("width", "height", "fps", "n_frames"):
-                if getattr(other, fact) != getattr(first, fact):
-                    raise StimuliError(
-                        f"{manifest}: {other.name} has {fact} {getattr(other, fact)}, {first.name} has"
-                        f" {getattr(first, fact)}; the stimuli of a dataset must be alike"
-                    )
-        if first.width % 2 or first.height % 2:
-            raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")
+    first, *others = stimuli
+    for other in others:
+        for fact in ("width", "height", "fps", "n_frames"):
+            if getattr(other, fact) != getattr(first, fact):
+                raise StimuliError(
+                    f"{manifest}: {other.name} has {fact} {getattr(other, fact)}, {first.name} has"
+                    f" {getattr(first, fact)}; the stimuli of a dataset must be alike"
+                )
+    if first.width % 2 or first.height % 2:
+        raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")
 
 
 def _check_files(folder: Path, stimulus: Stimulus) -> None:

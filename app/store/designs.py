@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from sqlalchemy import Connection, Table, insert, select
 
 from app.stimuli import PairVideo, StimulusSet
 from app.store.keys import new_opaque_id
-from app.store.tables import condition, dataset, pair, stimulus
+from app.store.tables import condition, dataset, pair, practice_pair, stimulus
 from app.study.design import PlannedPair
 
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
@@ -22,6 +22,19 @@ class PairFile:
 
     file: str
     sha256: str
+
+
+@dataclass(frozen=True)
+class PracticePair:
+    """A pair to practise with, as its participant may know it."""
+
+    position: int
+    media: str
+    width: int
+    height: int
+    guard_rows: int
+    fps: float
+    n_frames: int
 
 
 def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs: Sequence[PairVideo]) -> None:
@@ -56,6 +69,21 @@ def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs:
         _insert(connection, pair, {**own, **ids, **facts})
 
 
+def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairVideo]) -> None:
+    """Insert the pairs that participants practise with."""
+    for position, video in enumerate(pairs):
+        facts = {name: value for name, value in asdict(video).items() if name not in ("top", "bottom")}
+        own = {"study_id": study_id, "position": position, "media": new_opaque_id()}
+        _insert(connection, practice_pair, {**own, **facts})
+
+
+def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
+    """The pairs that participants practise with, in order."""
+    columns = [practice_pair.c[one.name] for one in fields(PracticePair)]
+    rows = select(*columns).where(practice_pair.c.study_id == study_id).order_by(practice_pair.c.position)
+    return [PracticePair(**row._mapping) for row in connection.execute(rows)]
+
+
 def datasets_of(connection: Connection, study_id: int) -> list[str]:
     rows = select(dataset.c.name).where(dataset.c.study_id == study_id).order_by(dataset.c.position)
     return list(connection.scalars(rows))
@@ -79,8 +107,11 @@ def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
 
 
 def pair_file(connection: Connection, media: str) -> PairFile | None:
-    row = connection.execute(select(pair.c.file, pair.c.sha256).where(pair.c.media == media)).one_or_none()
-    return PairFile(row.file, row.sha256) if row else None
+    for table in (pair, practice_pair):
+        row = connection.execute(select(table.c.file, table.c.sha256).where(table.c.media == media)).one_or_none()
+        if row:
+            return PairFile(row.file, row.sha256)
+    return None
 
 
 def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> int:

@@ -140,6 +140,23 @@ pair = Table(
     UniqueConstraint("top_id", "bottom_id"),
 )
 
+practice_pair = Table(
+    "practice_pair",
+    metadata,
+    _id(),
+    _reference("study", index=False),
+    _required("position", Integer),
+    _required("media", String(32), unique=True),
+    _required("file", String(80)),
+    _digest("sha256"),
+    _required("width", Integer),
+    _required("height", Integer),
+    _required("guard_rows", Integer),
+    _required("fps", Float),
+    _required("n_frames", Integer),
+    UniqueConstraint("study_id", "position"),
+)
+
 invitation = Table(
     "invitation",
     metadata,

@@ -19,7 +19,7 @@ class StudyOptions:
 
     Parameters
     ----------
-    optional_stages : of screening, practice and interview, those that are on
+    optional_stages : of practice and interview, those that are on
     consent : what a participant agrees to, paragraphs apart by an empty line; empty: none is asked for
     consent_version : how its authors call this text
     comprehension : whether the instructions end with a question on them

@@ -1,4 +1,4 @@
-"""What must come with a completed stage: the consent as it was read, answers that fit their questions."""
+"""What must come with a completed stage: the consent as it was read, practice with switches, answers that fit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 from app.study.options import StudyOptions
 from app.study.questionnaire import InvalidAnswerError, check_answers
-from app.study.stages import INTERVIEW, INTRODUCTION
+from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
+
+N_PRACTICE = 2  # an obvious pair and an identical one
 
 
 class InvalidStageError(ValueError):
@@ -20,14 +22,26 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
     Raises
     ------
     InvalidStageError
-        If the consent is missing or to another text, or an answer does not fit.
+        If the consent is missing or to another text, a round of practice had no switch, or an answer does not fit.
     """
     if stage == INTRODUCTION and options.consent:
         expected = {"version": options.consent_version, "sha256": options.consent_sha256}
         if data.get("consent") != expected:
             raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
+    if stage == PRACTICE:
+        _check_practice(data)
     if stage == INTERVIEW:
         _check_interview(data, options)
+
+
+def _check_practice(data: Mapping[str, Any]) -> None:
+    rounds = data.get("rounds")
+    if not isinstance(rounds, list) or len(rounds) != N_PRACTICE:
+        raise InvalidStageError(f"expected {N_PRACTICE} rounds of practice")
+    for number, one in enumerate(rounds, start=1):
+        n_switches = one.get("n_switches") if isinstance(one, Mapping) else None
+        if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:
+            raise InvalidStageError(f"round {number} has {n_switches!r} switches, expected at least one")
 
 
 def _check_interview(data: Mapping[str, Any], options: StudyOptions) -> None:

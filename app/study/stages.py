@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 INTRODUCTION = "introduction"
-SCREENING = "screening"
 PRACTICE = "practice"
 TRIAL = "trial"
 INTERVIEW = "interview"
 FINISHED = "finished"
 WITHDRAWN = "withdrawn"  # stands beside the way: it is reached from any stage and leads nowhere
-ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
-OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
+ALL_STAGES = (INTRODUCTION, PRACTICE, TRIAL, INTERVIEW, FINISHED)
+OPTIONAL_STAGES = (PRACTICE, INTERVIEW)
 SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)
 
 

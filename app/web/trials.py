@@ -10,17 +10,19 @@ from fastapi import APIRouter, Path, Response
 from pydantic import BaseModel, Field
 
 from app.errors import ConflictError, GoneError
+from app.store.designs import PracticePair, practice_pairs
 from app.store.sessions import Done, Session, done_of
-from app.store.trials import NextTrial, mark_served, next_trials, void_trial
+from app.store.trials import MOST_ATTEMPTS, NextTrial, mark_served, next_trials, void_trial
 from app.store.votes import keep_vote
 from app.study.stages import TRIAL, is_past
+from app.study.trial import Half
 from app.study.votes import Vote
 from app.web.gates import Now, Participant, Store
 from app.web.participant import UUID, Strict
 
 log = logging.getLogger(__name__)
 
-router = APIRouter(prefix="/api/v1/session/trials", tags=["participants"])
+router = APIRouter(prefix="/api/v1/session", tags=["participants"])
 
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: whoever leaves a trial open overnight has still seen it
 MOST_SWITCHES = 2000
@@ -120,7 +122,7 @@ class VoteView(BaseModel):
     received_at: datetime
 
 
-@router.get("/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})
+@router.get("/trials/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})
 def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView | Response:
     """The trial to show now; the same one until its vote is in. 409: the trials have not begun."""
     session = signed_in.session
@@ -142,7 +144,18 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     return TrialView(**dict(views[0]), next_media=following.media.url if following else None, following=following)
 
 
-@router.put("/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}})
+@router.get("/practice")
+def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
+    """What to practise with; none where a study has no practice. What comes of it is told with the stage."""
+    session = signed_in.session
+    with database.reading() as connection:
+        pairs = practice_pairs(connection, session.study_id)
+    return [_practice_view(session, one, len(pairs)) for one in pairs]
+
+
+@router.put(
+    "/trials/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}}
+)
 def vote(
     trial: Annotated[str, Path(max_length=32)],
     body: VoteBody,
@@ -164,7 +177,7 @@ def vote(
     )
 
 
-@router.put("/{trial}/void", status_code=204)
+@router.put("/trials/{trial}/void", status_code=204)
 def void(
     trial: Annotated[str, Path(max_length=32)], body: VoidBody, signed_in: Participant, database: Store, now: Now
 ) -> None:
@@ -177,16 +190,6 @@ def void(
 
 
 def _trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> OneTrialView:
-    media = {
-        "url": media_url(current.media),
-        "layout": "stacked",
-        "a": current.a_half,
-        "width": current.width,
-        "height": current.height,
-        "guard_rows": current.guard_rows,
-        "fps": current.fps,
-        "n_frames": current.n_frames,
-    }
     return OneTrialView(
         trial=current.public_id,
         attempt=current.attempt,
@@ -194,7 +197,34 @@ def _trial_view(session: Session, current: NextTrial, done: Done, ahead: int) ->
         total=done.n_total,
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
-        media=MediaView.model_validate(media),
+        media=_media_view(current, "top" if current.a_half == "top" else "bottom"),
+    )
+
+
+def _practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialView:
+    """Whether the better one is A or B differs between participants, and no practice is ever repeated as a trial is."""
+    turn = (session.id + pair.position) % 2
+    return OneTrialView(
+        trial=f"practice-{pair.position + 1}",
+        attempt=MOST_ATTEMPTS,
+        number=pair.position + 1,
+        total=total,
+        exposure_s=session.exposure_s,
+        first_shown="b" if turn else "a",
+        media=_media_view(pair, "top" if session.id % 2 else "bottom"),
+    )
+
+
+def _media_view(of: NextTrial | PracticePair, a_half: Half) -> MediaView:
+    return MediaView(
+        url=media_url(of.media),
+        layout="stacked",
+        a=a_half,
+        width=of.width,
+        height=of.height,
+        guard_rows=of.guard_rows,
+        fps=of.fps,
+        n_frames=of.n_frames,
     )
 
 

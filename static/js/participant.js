@@ -5,7 +5,7 @@ import { Films } from "./films.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { display } from "./display.js";
-import { beginSession, completeStage, readNextTrial, readSession, withdraw } from "./session.js";
+import { beginSession, completeStage, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
 
@@ -32,6 +32,8 @@ let outbox; // of the session, once there is one
 /** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
 let ahead = null;
 let lastBreak = 0; // answers before it
+/** @type {object[]} rounds of practice */
+const practised = [];
 /** @type {Trial | null} */
 let trial = null; // that runs now
 let consentedAt = "";
@@ -40,7 +42,6 @@ let wrongAnswers = 0;
 /** What is shown in each stage of a session. @type {Record<import("./session.js").Stage, () => void>} */
 const STAGES = {
   introduction: introduce,
-  screening: () => show("screening"),
   practice: () => show("practice"),
   trial: () => guarded(runTrials),
   interview: () => show("interview"),
@@ -59,6 +60,8 @@ byId("try").addEventListener("click", switchTry);
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 document.getElementById("consent")?.addEventListener("submit", consent);
 document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
+for (const id of ["practise", "practise-again"]) document.getElementById(id)?.addEventListener("click", goOnWithPractice);
+document.getElementById("end-practice")?.addEventListener("click", endPractice);
 document.getElementById("questionnaire")?.addEventListener("submit", sendInterview);
 document.getElementById("questionnaire")?.addEventListener("keydown", stayOnEnter);
 for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => dialog().showModal());
@@ -84,6 +87,7 @@ function begin() {
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
     sessionStorage.removeItem(pageKey); // of the one before
+    practised.length = 0;
     await enterSession(session);
     goTo(session);
   });
@@ -177,6 +181,37 @@ function sendInterview(event) {
   event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (form.reportValidity()) guarded(() => completed("interview", { answers: readAnswers(form) }));
+}
+
+/** Practice: each pair again until it was switched; what is chosen is not judged. */
+async function practise() {
+  const pairs = await patiently(readPractice);
+  while (practised.length < pairs.length) {
+    const description = pairs[practised.length];
+    show("trial");
+    trial = new Trial(byId("trial"), description, films.get(description.media.url));
+    const { vote } = await trial.run();
+    trial = null;
+    if (!vote) throw new Error("practice is not interrupted");
+    if (vote.viewing.switches.length === 0) {
+      show("practice-again");
+      return;
+    }
+    const { choice, viewing } = vote;
+    const { shown_ms, response_ms, switches } = viewing;
+    practised.push({ trial: description.trial, choice, shown_ms, response_ms, n_switches: switches.length });
+  }
+  show("practice-done");
+}
+
+function goOnWithPractice() {
+  enterFullScreen();
+  guarded(practise);
+}
+
+function endPractice() {
+  enterFullScreen();
+  guarded(() => completed("practice", { rounds: practised }));
 }
 
 /** Enter in a field does not end the interview. @param {KeyboardEvent} event */

@@ -4,7 +4,7 @@ import { Unreachable, request } from "./connection.js";
 
 /**
  * @typedef {"a" | "b"} Letter
- * @typedef {"introduction" | "screening" | "practice" | "trial" | "interview" | "finished" | "withdrawn"} Stage
+ * @typedef {"introduction" | "practice" | "trial" | "interview" | "finished" | "withdrawn"} Stage
  * @typedef {object} Session
  * @property {string} session its id
  * @property {{slug: string, title: string, exposure_s: number}} study
@@ -77,6 +77,11 @@ export function readSession() {
 /** @param {string} stage @param {object} data @returns {Promise<Session>} */
 export function completeStage(stage, data) {
   return call("PUT", `/session/stages/${stage}`, { data });
+}
+
+/** @returns {Promise<TrialDescription[]>} what to practise with */
+export function readPractice() {
+  return call("GET", "/session/practice");
 }
 
 /** @returns {Promise<TrialDescription | null>} null when no trial is left */

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from http_checks import is_problem
 
+from app import operate
+from app.settings import Settings
 from app.simulate import simulate
+from app.study.options import parse_options
 
 NewStudy = Callable[[], dict[str, Any]]
 ABILITIES = {"id_fa": -12.0, "id_fb": 0.0, "pm_fb": 12.0}
@@ -66,3 +71,50 @@ def test_a_refusal_is_passed_on_in_the_servers_words(server: str, token: str, st
 def test_a_server_that_is_not_there_is_named(token: str) -> None:
     with pytest.raises(ValueError, match=r"http://127\.0\.0\.1:9.*does not answer"):
         simulate("http://127.0.0.1:9", "x", "x", token, 1, ABILITIES)
+
+
+def test_artificial_participants_take_every_stage_that_a_study_has(
+    server: str, token: str, settings: Settings, stimulus_set: Path
+) -> None:
+    content = {
+        "optional_stages": ["practice", "interview"],
+        "consent": "I agree.",
+        "questions": [
+            {"name": "hand", "text": "Which hand?", "kind": "choice", "options": ["l", "r"], "required": True}
+        ],
+    }
+    study = operate.create_study(settings, stimulus_set, "All stages", exposure_s=0.4, options=parse_options(content))
+    result = simulate(server, study["slug"], study["invitation"], token, 1, ABILITIES)
+    assert result["votes"] == 6
+    (listed,) = [one for one in operate.list_studies(settings) if one["slug"] == study["slug"]]
+    assert listed["n_finished"] == 1
+
+
+def test_a_stage_is_not_completed_without_what_it_asks_for(
+    client: httpx.Client, settings: Settings, stimulus_set: Path
+) -> None:
+    content = {"optional_stages": ["practice", "interview"], "consent": "I agree."}
+    study = operate.create_study(settings, stimulus_set, "Strict", exposure_s=0.4, options=parse_options(content))
+    begun = client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]}).json()
+    assert begun["stages"] == ["introduction", "practice", "trial", "interview", "finished"]
+    introduction, practice = (f"/api/v1/session/stages/{stage}" for stage in ("introduction", "practice"))
+    assert is_problem(client.put(introduction, json={"data": {}}), 422)
+    consent = client.get("/api/v1/session/asked").json()["consent"]
+    assert is_problem(client.put(introduction, json={"data": {"consent": consent | {"version": "x"}}}), 422)
+    assert client.put(introduction, json={"data": {"consent": consent}}).json()["stage"] == "practice"
+    pairs = client.get("/api/v1/session/practice").json()
+    assert [client.head(one["media"]["url"]).status_code for one in pairs] == [200, 200]
+    rounds = [{"n_switches": 1}, {"n_switches": 0}]
+    assert is_problem(client.put(practice, json={"data": {"rounds": rounds}}), 422)
+    assert client.put(practice, json={"data": {"rounds": rounds[:1] * 2}}).json()["stage"] == "trial"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"), [("consent = ", "options.toml"), ("stages = []", "'stages' is not known"), (None, "No such")]
+)
+def test_an_options_file_that_is_not_right_is_named(tmp_path: Path, text: str | None, complaint: str) -> None:
+    path = tmp_path / "options.toml"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=complaint):
+        operate.read_options(path)

@@ -103,3 +103,24 @@ def test_every_default_question_has_its_words(full_study: Study) -> None:
         for question in DEFAULT_QUESTIONS:
             assert f'data-question="{question.name}"' in text
             assert "<legend></legend>" not in text
+
+
+def test_practice_asks_for_a_switch_in_each_pair(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(short_films, 0.8, parse_options({"optional_stages": ["practice"]}))
+    visitor.begin(study)
+    visitor.sees("practice")
+    page.keyboard.press("Enter")
+    visitor.votes("1")
+    visitor.sees("practice-again")
+    page.keyboard.press("Enter")
+    for _ in ("an obvious pair", "an identical one"):
+        visitor.is_in("exposure")
+        page.keyboard.press("Space")
+        visitor.votes("2")
+    visitor.sees("practice-done")
+    assert study.read("votes") == []
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3")
