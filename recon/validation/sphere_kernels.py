@@ -1,0 +1,134 @@
+"""Compiled parts of the fit of a sphere of known radius."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, inline="always")
+def _next(state):  # type: ignore[no-untyped-def]  # numba
+    """One step of a 32-bit linear congruential generator (Numerical Recipes, "quick and dirty" 1664525)."""
+    return (state * np.int64(1664525) + np.int64(1013904223)) & np.int64(0xFFFFFFFF)
+
+
+@njit(cache=True)
+def local_consensus(
+    points: NDArray[np.float64],
+    seeds: NDArray[np.int64],
+    radius: float,
+    band: float,
+    n_trials: int,
+    seed: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The best sphere through each seed point: centres (S, 3) and scores (S,).
+
+    A sphere's points lie within its diameter of each other, so every seed looks only there. A trial takes the seed
+    and two such points; the two spheres of the known radius through them score one for a point on the surface,
+    falling to zero at the band's end, and lose one for a point inside.
+    """
+    n = len(points)
+    centres = np.zeros((len(seeds), 3))
+    scores = np.full(len(seeds), -np.inf)
+    near = np.empty((n, 3))
+    reach = (2 * radius + band) ** 2
+    shortest = 0.25 * radius**2
+    for index in range(len(seeds)):
+        p = points[seeds[index]]
+        n_near = 0
+        for i in range(n):
+            x, y, z = points[i, 0] - p[0], points[i, 1] - p[1], points[i, 2] - p[2]
+            if x * x + y * y + z * z < reach:
+                near[n_near, 0], near[n_near, 1], near[n_near, 2] = x, y, z
+                n_near += 1
+        if n_near < 12:
+            continue
+        state = (seed * 7919 + index * 104729 + 12345) & 0xFFFFFFFF
+        for _ in range(n_trials):
+            state = _next(state)
+            i = (state >> 8) % n_near
+            state = _next(state)
+            j = (state >> 8) % n_near
+            ax, ay, az = near[i, 0], near[i, 1], near[i, 2]
+            bx, by, bz = near[j, 0], near[j, 1], near[j, 2]
+            aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+            ab2 = (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2
+            if aa < shortest or bb < shortest or ab2 < shortest:
+                continue
+            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            nn = nx * nx + ny * ny + nz * nz
+            if nn < 0.01 * aa * bb:
+                continue
+            # The circle through 0, a and b has its centre at (|a|^2 b - |b|^2 a) x n / (2 n.n), n = a x b.
+            ux, uy, uz = aa * bx - bb * ax, aa * by - bb * ay, aa * bz - bb * az
+            cx = (uy * nz - uz * ny) / (2 * nn)
+            cy = (uz * nx - ux * nz) / (2 * nn)
+            cz = (ux * ny - uy * nx) / (2 * nn)
+            left = radius**2 - (cx * cx + cy * cy + cz * cz)
+            if left < 0:
+                continue
+            height = np.sqrt(left / nn)
+            for sign in (-1.0, 1.0):
+                x0, y0, z0 = cx + sign * height * nx, cy + sign * height * ny, cz + sign * height * nz
+                score = 0.0
+                for k in range(n_near):
+                    d = np.sqrt((near[k, 0] - x0) ** 2 + (near[k, 1] - y0) ** 2 + (near[k, 2] - z0) ** 2) - radius
+                    if abs(d) < band:
+                        score += 1 - (d / band) ** 2
+                    elif d < -2 * band:
+                        score -= 1.0
+                if score > scores[index]:
+                    scores[index] = score
+                    centres[index, 0], centres[index, 1], centres[index, 2] = p[0] + x0, p[1] + y0, p[2] + z0
+    return centres, scores
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tukey_sums(
+    points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
+) -> NDArray[np.float64]:
+    """float64 (15,): the sums of a Gauss-Newton step for centre and radius with Tukey's weights.
+
+    The upper triangle of the normal matrix (10) of (x, y, z, radius), the right side (4), and the number of points
+    within the cutoff.
+    """
+    low, high = max(radius - cutoff, 0.0) ** 2, (radius + cutoff) ** 2
+    s = np.zeros(15)
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        d2 = x * x + y * y + z * z
+        if d2 <= low or d2 >= high:
+            continue
+        d = np.sqrt(d2)
+        error = d - radius
+        u = error / cutoff
+        w = (1 - u * u) ** 2
+        x, y, z = x / d, y / d, z / d
+        wx, wy, wz = w * x, w * y, w * z
+        s[0] += wx * x
+        s[1] += wx * y
+        s[2] += wx * z
+        s[3] += wx
+        s[4] += wy * y
+        s[5] += wy * z
+        s[6] += wy
+        s[7] += wz * z
+        s[8] += wz
+        s[9] += w
+        s[10] += wx * error
+        s[11] += wy * error
+        s[12] += wz * error
+        s[13] += w * error
+        s[14] += 1.0
+    return s
+
+
+@njit(cache=True, nogil=True)
+def signed_errors(points: NDArray[np.float32], centre: NDArray[np.float64], radius: float) -> NDArray[np.float32]:
+    """float32 (N,), mm: distance of each point to the centre, minus the radius."""
+    errors = np.empty(len(points), np.float32)
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        errors[i] = np.sqrt(x * x + y * y + z * z) - radius
+    return errors
