@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts
+from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts, is_identified
 from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
@@ -104,6 +104,29 @@ def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bo
     design, start = fit.design, fit.theta
     if design.has_tie and not has_tie:
         design, start = Design(fit.counts, WITHOUT_TIES, has_tie=False, levels=design.levels), start[:-1]
+    is_possible = _is_possible(design, wins + losses + ties > 0)
+    if not is_possible.all():
+        wins, losses, ties = wins[is_possible], losses[is_possible], ties[is_possible]
+    scores = np.full((len(is_possible), len(fit.items)), np.nan)
+    is_there = np.zeros(len(is_possible), bool)
+    if is_possible.any():
+        scores[is_possible], is_there[is_possible] = _fit_possible(fit, design, start, wins, losses, ties)
+    return scores, is_there
+
+
+def _is_possible(design: Design, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether the pairs drawn in each replicate, bool (R, C), link all items; few different sets of pairs are drawn."""
+    result = np.ones(len(seen), bool)
+    partial = np.flatnonzero(~seen.all(axis=1))
+    if len(partial):
+        patterns, which = np.unique(seen[partial], axis=0, return_inverse=True)
+        result[partial] = np.array([is_identified(design, pattern) for pattern in patterns])[which]
+    return result
+
+
+def _fit_possible(
+    fit: Fit, design: Design, start: Array, wins: Array, losses: Array, ties: Array
+) -> tuple[Array, NDArray[np.bool_]]:
     found = maximise(design, wins, losses, ties, start=start, search=Search(TOLERANCE, RUNAWAY))
     effects = found.theta[:, : design.n_effects]
     scores = effects if design.levels is None else effects @ design.levels.T

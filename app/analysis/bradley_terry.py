@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 
 LARGEST_COVARIANCE = 3000  # items; beyond, a matrix of all covariances takes minutes and a gigabyte
 MANY_ITEMS = 100  # above, Newton's steps are cheaper by conjugate gradients
-RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper)
+ALIKE = 1e-12  # a variance between participants below this share of that of their votes is rounding
+LARGEST_FIRTH = 300  # parameters; each step inverts a matrix
+RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper, many parameters)
 
 
 class ConvergenceError(RuntimeError):
@@ -230,11 +232,15 @@ def _named(existence: Existence, items: tuple[str, ...]) -> tuple[tuple[str, ...
 def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
     """Return the status, and whether it was proved."""
     n = counts.n_items
+    if not design.n_parameters:
+        return Existence("ok", (tuple(range(n)),)), True
     graph = ford(counts)
-    if design.levels is None and graph.status != "ok":
+    if design.levels is None and graph.status == "disconnected":
         return graph, True
-    if design.levels is not None and not _is_identified(design):
-        return Existence("disconnected", graph.groups), True
+    if (design.levels is not None or design.has_order) and not is_identified(design):
+        return Existence("disconnected", (tuple(range(n)),)), True
+    if design.levels is None and graph.status == "separated":
+        return graph, True
     both_ways = bool(((counts.wins > 0) & (counts.losses > 0)).any())
     if design.levels is None and not design.has_order and (both_ways or not design.has_tie):
         return graph, True
@@ -246,9 +252,14 @@ def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
     return Existence("separated", _by_direction(scores if design.levels is None else design.levels @ scores)), True
 
 
-def _is_identified(design: Design) -> bool:
-    contrasts = design.effects[:, : design.n_effects].toarray()
-    return not contrasts.size or bool(np.linalg.matrix_rank(contrasts) == design.n_effects)
+def is_identified(design: Design, seen: NDArray[np.bool_] | None = None) -> bool:
+    """Whether the pairs (those `seen`, all by default) can tell the scores or effects and the order effect apart."""
+    if not design.n_parameters:
+        return True
+    effects = design.effects if seen is None else design.effects[np.flatnonzero(seen)]
+    gram = (effects.T @ effects).toarray()
+    n_wanted = design.n_free - design.has_tie
+    return bool(np.linalg.matrix_rank(gram, hermitian=True) == n_wanted)
 
 
 def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
@@ -261,7 +272,7 @@ def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
     table = counts.wins, counts.losses, counts.ties
     if not design.n_parameters:
         return _described(fit, np.zeros(0), 0)
-    if len(fit.items) > MANY_ITEMS and design.levels is None and not design.has_order:
+    if _is_for_gradients(design):
         found = maximise_many_items(design, *table)
     else:
         found = maximise(design, *(part[None] for part in table))
@@ -275,12 +286,20 @@ def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
     return _described(fit, found.theta[0], found.iterations)
 
 
+def _is_for_gradients(design: Design) -> bool:
+    return design.counts.n_items > MANY_ITEMS and design.levels is None and not design.has_order
+
+
 def _penalised(fit: Fit) -> Fit:
     counts, design = fit.counts, fit.design
-    if design.model.is_canonical:
+    if design.model.is_canonical and design.n_parameters <= LARGEST_FIRTH:
         theta, iterations = maximise_firth(design, counts)
         return _described(replace(fit, penalty="firth"), theta, iterations)
-    found = maximise(design, counts.wins[None], counts.losses[None], counts.ties[None], search=Search(ridge=RIDGE))
+    table = counts.wins, counts.losses, counts.ties
+    if _is_for_gradients(design):
+        found = maximise_many_items(design, *table, ridge=RIDGE)
+    else:
+        found = maximise(design, *(part[None] for part in table), search=Search(ridge=RIDGE))
     return _described(replace(fit, penalty=f"ridge {RIDGE}"), found.theta[0], found.iterations)
 
 
@@ -300,7 +319,7 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, i
     Returns
     -------
     covariance : float64 (P, P) or None
-        None with a single participant, or without a covariance to start from.
+        None with a single participant, without a covariance to start from, or if all participants voted alike.
 
     Source
     ------
@@ -312,7 +331,8 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, i
         return None, n
     influence = gradients @ fit.covariance  # (J, P)
     result: Array = influence.T @ influence * n / (n - 1)
-    return result, n
+    is_degenerate = bool((np.diag(result) <= ALIKE * np.diag(fit.covariance)).any())
+    return (None if is_degenerate else result), n
 
 
 def participant_gradients(fit: Fit, votes: VotesTable) -> Array:

@@ -202,12 +202,15 @@ def wald_p_value(
     Returns
     -------
     float or None
-        None without participants, or with no more of them than directions.
+        None without participants, with no more of them than directions, or if they differ in too few ways.
     """
     r = len(values)
     if covariance is None or n_participants is None or n_participants <= r:
         return None
-    t2 = float(values @ np.linalg.solve(directions @ covariance @ directions.T, values))
+    spread = directions @ covariance @ directions.T
+    if np.linalg.matrix_rank(spread, hermitian=True) < r:
+        return None
+    t2 = float(values @ np.linalg.solve(spread, values))
     return float(f_distribution.sf(t2 * (n_participants - r) / (r * (n_participants - 1)), r, n_participants - r))
 
 

@@ -18,7 +18,7 @@ CG_ROUNDING = 1e-13  # log-odds; a residual that would change the scores by less
 CG_STEPS = 2  # times the number of parameters; exact arithmetic would need one
 
 
-def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array) -> Maximum:
+def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array, *, ridge: float = 0.0) -> Maximum:
     """Maximise the likelihood of one table of many items, by Newton steps that are solved by conjugate gradients.
 
     Every pair costs a few operations per step, and nothing the square of the number of items: ten thousand items are no
@@ -29,6 +29,8 @@ def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array)
     design : Design
         Without levels and without an order effect.
     wins, losses, ties : float64 (C,)
+    ridge : float
+        Penalty ridge / 2 * sum of squared parameters.
     """
     n, first, second = design.counts.n_items, design.counts.first, design.counts.second
     theta = np.r_[_start_scores(design, wins, losses, ties), start_parameters(design, wins, losses, ties)[n:]]
@@ -39,7 +41,7 @@ def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array)
         by_pair = design.model.derivatives(*design.predictors(theta[None]), *table)
         by_pair = Derivatives(*(getattr(by_pair, part.name)[0] for part in fields(by_pair)))
         weights.data[:] = by_pair.dd[place]
-        step = _conjugate_gradients(design, by_pair, weights)
+        step = _conjugate_gradients(design, by_pair, weights, theta, ridge)
         step = shorten(design, theta[None], step[None])[0]
         theta = theta + step
         if np.abs(step).max() < Search.tolerance:
@@ -56,7 +58,7 @@ def _start_scores(design: Design, wins: Array, losses: Array, ties: Array) -> Ar
     return np.asarray(scores - scores.mean())
 
 
-def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_array) -> Array:
+def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_array, theta: Array, ridge: float) -> Array:
     """Return information^-1 gradient (P,) for one table, by conjugate gradients with the diagonal as preconditioner.
 
     Scores that all shift together are in the null space of both sides, so that the iteration never leaves sum zero.
@@ -67,9 +69,9 @@ def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_arra
     def by_item(values: Array) -> Array:
         return np.asarray(np.bincount(first, values, n) - np.bincount(second, values, n), np.float64)
 
-    degree = np.bincount(first, by_pair.dd, n) + np.bincount(second, by_pair.dd, n)
+    degree = np.bincount(first, by_pair.dd, n) + np.bincount(second, by_pair.dd, n) + ridge
     border = by_item(by_pair.dt) if ties else np.zeros(0)
-    corner = by_pair.tt.sum()
+    corner = by_pair.tt.sum() + ridge
     transposed = weights.T
 
     def times(x: Array) -> Array:
@@ -78,6 +80,7 @@ def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_arra
 
     residual = np.r_[by_item(by_pair.d), by_pair.t.sum()] if ties else by_item(by_pair.d)
     scale = np.r_[degree, corner] if ties else degree
+    residual = residual - ridge * theta
     residual[:n] -= residual[:n].mean()  # rounding; nothing could take it away later
     x = np.zeros_like(residual)
     ahead = residual / scale

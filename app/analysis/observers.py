@@ -27,7 +27,7 @@ CHANCE = 0.5  # pooled p-value of the triads above which there are as many contr
 BIASED = 0.05  # corrected p-value of a side or order bias below which it is flagged
 FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likelihood outliers
 FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
-MOST_REFITS = 500  # participants that are left out one at a time
+MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
 FASTEST_MS = 500.0  # a choice between two videos in less than half a second was not looked at
 
 
@@ -148,7 +148,7 @@ def _left_out_likelihoods(votes: VotesTable, own: dict[int, VotesTable], ties: s
 
     Datasets are fitted one by one; where the others' votes have no maximum, the penalised estimate is taken.
     """
-    if len(own) < 2 or len(own) > MOST_REFITS:
+    if len(own) < 2 or len(own) * len(votes.items) > MOST_REFITS:
         return [None] * len(own)
     total = dict.fromkeys(own, 0.0)
     known = dict.fromkeys(own, 0)

@@ -39,6 +39,7 @@ ALL = "all"
 LOG_ODDS_PER_JOD = float(
     np.log(3)
 )  # one just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017)
+MOST_PAIRS = 10_000  # of one comparison that are listed
 MANY_REPEATS = 5  # repeated votes that are named one by one
 
 
@@ -88,7 +89,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "measures": _measure_rows(compared, settings),
         "agreement": agreement_rows(used),
         "observers": observer_rows(used, screened, ties=settings.ties),
-        "pairs": [row for one in compared for row in _pair_rows(one)],
+        "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in _pair_rows(one)],
         "warnings": _warnings(votes, used, compared),
     }
 
@@ -439,7 +440,7 @@ def _warnings(votes: VotesTable, used: VotesTable, compared: list[Comparison]) -
 
 def _fit_warnings(one: Comparison) -> Iterator[str]:
     fit, where = one.fit, f"comparison {one.comparison}, dataset {one.dataset}"
-    if fit.status == "disconnected":
+    if fit.status == "disconnected" and len(fit.groups) > 1:
         islands = "; ".join(", ".join(group) for group in fit.groups)
         yield f"{where}: disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
     if fit.status == "separated" and len(fit.groups) > 1:
@@ -452,6 +453,12 @@ def _fit_warnings(one: Comparison) -> Iterator[str]:
         yield (
             f"{where}: no finite maximum, the tie parameter grows without limit; scores are the {fit.penalty} estimate"
         )
+    if fit.status == "disconnected" and len(fit.groups) == 1:
+        yield f"{where}: the votes cannot tell the scores and the other effects apart, so there are none"
+    if len(fit.counts.first) > MOST_PAIRS:
+        yield f"{where}: {len(fit.counts.first)} pairs are analysed and not listed"
+    if fit.theta is not None and fit.covariance is None:
+        yield f"{where}: no errors are given for as many as {len(fit.items)} items"
     if fit.n_participants == 1:
         yield f"{where}: a single participant voted, so nothing can be said about other people"
     if one.bootstrap is not None and one.bootstrap.n_without_maximum:

@@ -110,7 +110,7 @@ class VotesTable:
         """Whether the votes are divided into named datasets."""
         return self.datasets != ("",)
 
-    def where(self, rows: NDArray[np.bool_]) -> VotesTable:
+    def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]]) -> VotesTable:
         """Return the table with only these rows; the lists of names stay."""
         columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in NAMES}
         return replace(self, **columns)

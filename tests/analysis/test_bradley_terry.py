@@ -321,6 +321,7 @@ def test_many_items_have_the_same_scores_by_conjugate_gradients(tie: float, ties
     np.testing.assert_allclose(found.theta[0], fit.theta, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_chain_of_ten_thousand_items_is_solved() -> None:
     first = np.repeat(np.arange(9_999), 3)
     nobody = np.zeros(len(first), np.int64)

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
-from app.analysis.votes import VotesTable, read_votes
+from app.analysis.ties import TIE_MODELS
+from app.analysis.votes import VotesTable, read_votes, votes_from_indices
 
 KEYS = {
     "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",
@@ -135,6 +138,67 @@ def test_a_bootstrap_is_the_same_for_the_same_seed_and_close_to_the_participant_
     for sampled, computed in zip(first, plain, strict=True):
         width, expected = sampled["ci_high"] - sampled["ci_low"], computed["ci_high"] - computed["ci_low"]
         assert 0.6 < width / expected < 1.4
+
+
+def any_votes(seed: int) -> VotesTable:
+    """A small table of any shape: few or many votes, one or several people, ties or none."""
+    rng = np.random.default_rng(seed)
+    n_items, n_people, n_datasets, n = (int(rng.integers(*limits)) for limits in ((2, 6), (1, 6), (1, 3), (1, 30)))
+    first = rng.integers(0, n_items, n)
+    second = (first + rng.integers(1, n_items, n)) % n_items
+    names = tuple(
+        tuple(f"{kind}{k}" for k in range(size)) for kind, size in (("p", n_people), ("d", n_datasets), ("i", n_items))
+    )
+    return votes_from_indices(
+        rng.integers(0, n_people, n),
+        rng.integers(0, n_datasets, n),
+        first,
+        second,
+        rng.choice(3, n, p=rng.dirichlet([1, 1, 1])),
+        names=(names[0], names[1], names[2]),
+        first_shown=rng.integers(-1, 2, n),
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 100_000), st.sampled_from(list(TIE_MODELS)), st.booleans(), st.sampled_from([0, 10]), st.booleans()
+)
+def test_any_table_is_analysed_without_failing(
+    seed: int, ties: str, order_effect: bool, bootstrap: int, has_factors: bool
+) -> None:
+    votes = any_votes(seed)
+    levels = {"odd": {item: str(k % 2) for k, item in enumerate(votes.items)}}
+    levels["half"] = {item: str(k // 2) for k, item in enumerate(votes.items)}
+    chosen = AnalysisSettings(
+        ties=ties, order_effect=order_effect, bootstrap=bootstrap, factors=levels if has_factors else {}
+    )
+    analysis = analyse(votes, chosen)
+    json.dumps(analysis, allow_nan=False)
+    for row in analysis["models"]:
+        assert row["status"] in ("ok", "separated", "disconnected")
+    for row in analysis["scores"]:
+        assert (row["score"] is None) == (row["status"] == "disconnected")
+
+
+@pytest.mark.slow
+def test_ten_thousand_items_are_analysed() -> None:
+    rng = np.random.default_rng(3)
+    first = rng.integers(0, 10_000, 60_000)
+    second = (first + rng.integers(1, 10_000, len(first))) % 10_000
+    names = tuple(f"p{k}" for k in range(20)), ("",), tuple(f"i{k}" for k in range(10_000))
+    who = rng.integers(0, 20, len(first))
+    analysis = analyse(votes_from_indices(who, 0 * who, first, second, rng.integers(0, 3, len(first)), names=names))
+    assert len(analysis["scores"]) == 10_000
+    assert {row["status"] for row in analysis["models"]} <= {"ok", "separated"}
+    assert any("no errors are given" in warning for warning in analysis["warnings"])
+
+
+def test_nothing_left_after_practice_is_said() -> None:
+    votes = study(n_participants=1)
+    analysis = analyse(VotesTable(**{**vars(votes), "practice": np.ones(len(votes), bool)}))
+    assert analysis["scores"] == []
+    assert "nothing to analyse" in analysis["warnings"][0]
 
 
 def test_an_item_without_a_level_is_named() -> None:

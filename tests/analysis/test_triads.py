@@ -24,10 +24,11 @@ from app.analysis.triads import (
     max_circular,
     p_value,
     pooled_p_value,
+    preference_matrix,
     tournament_counts,
     triads,
 )
-from app.analysis.votes import read_votes, votes_from_rows
+from app.analysis.votes import read_votes, votes_from_indices, votes_from_rows
 
 # Kendall and Babington Smith (1940), p. 326: a dog's preferences among six foods.
 DOG = {
@@ -212,3 +213,16 @@ def test_303_students_have_the_cycles_counted_elsewhere(real_data: Path) -> None
 def test_a_published_study_of_tone_mapping_has_no_circular_triad(real_data: Path) -> None:
     rows = triads(read_votes(real_data / "votes" / "pwcmp_tone_mapping.csv"))
     assert sum(row.circular for row in rows) == 0
+
+
+def test_few_votes_between_many_items_are_counted_as_in_a_full_table() -> None:
+    rng = np.random.default_rng(2)
+    first = rng.integers(0, 150, 900)
+    second = (first + rng.integers(1, 150, 900)) % 150
+    names = ("p",), ("d",), tuple(map(str, range(150)))
+    votes = votes_from_indices(0 * first, 0 * first, first, second, rng.integers(0, 3, 900), names=names)
+    (row,) = triads(votes)
+    preferred = preference_matrix(votes, np.arange(900))
+    assert row.circular == count_circular(preferred) > 0
+    assert row.expected_ties == pytest.approx(expected_circular(preferred), abs=1e-9)
+    assert not row.complete
