@@ -145,13 +145,16 @@ def capture_segment(
         str | None, typer.Option(help="plate or threshold; default: plate where there is one, else threshold.")
     ] = None,
     threshold: Annotated[int | None, typer.Option(min=1, max=254, help="Grey levels above the background.")] = None,
+    scribbles: Annotated[
+        Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; instead of a method.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write foreground masks by clean plate, or by threshold against a dark background."""
+    """Write foreground masks by clean plate, by threshold against a dark background, or by scribbles."""
     from recon.capture.segment import segment_capture
 
     progress = ProgressLine()
-    made = segment_capture(capture, method=method, threshold=threshold, progress=progress)
+    made = segment_capture(capture, method=method, threshold=threshold, scribbles=scribbles, progress=progress)
     progress.close()
     result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
     print_result(

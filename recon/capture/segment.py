@@ -1,4 +1,4 @@
-"""Foreground masks: what differs from the clean plate, or what is brighter than a dark background.
+"""Foreground masks: what differs from the clean plate, is brighter than a dark background, or follows from scribbles.
 
 Masks are PNG files (255 foreground, 0 background) beside the images, and `capture.json` names them.
 """
@@ -21,12 +21,16 @@ from recon.capture.format import (
     Capture,
     CaptureError,
     SensorStream,
+    frame_pictures,
     image_path,
     read_capture,
     read_frame,
+    read_picture,
     read_plates,
     write_capture,
 )
+from recon.capture.outline import grown, tightened
+from recon.capture.scribbles import SIDES, Strokes, propagated, read_scribbles
 from recon.execute import Progress, silent
 
 SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
@@ -58,6 +62,8 @@ class CleanUp:
     min_part: float = 1e-3
 
 
+SCRIBBLES = CleanUp(max_hole=2e-4)
+_Mask = tuple[SensorStream, int, int, NDArray[np.bool_]]  # stream, side, frame, mask
 METHODS = {"plate": CleanUp(max_hole=2e-4), "threshold": CleanUp(max_hole=3e-3)}  # dark crevices look like background
 
 
@@ -67,6 +73,7 @@ def segment_capture(
     method: str | None = None,
     threshold: float | None = None,
     clean_up: CleanUp | None = None,
+    scribbles: Path | None = None,
     progress: Progress = silent,
 ) -> Capture:
     """Write the foreground masks of all sensors and frames, then name them in `capture.json`.
@@ -78,33 +85,72 @@ def segment_capture(
         background), or None: "plate" if every sensor has one, else "threshold"
     threshold : grey levels of difference or brightness above which a pixel is foreground, None to find one for
         each sensor
+    scribbles : folder or JSON file of strokes on key frames; then they make the masks, without a method
     progress : called with ("masks", done, total)
 
     Raises
     ------
     CaptureError
-        If the method is unknown, a plate or image is missing or unreadable, or a mask is empty; `capture.json` is
-        as it was, then.
+        If the method is unknown, a plate or image is missing or unreadable, scribbles are wrong, or a mask is empty;
+        `capture.json` is as it was, then.
     """
     capture = read_capture(folder)
-    method = _method(capture, method)
-    tasks = [(stream, frame) for stream in capture.sensors for frame in range(capture.n_frames)]
-    thresholds = {
-        stream.id: _found_threshold(capture, stream, method) if threshold is None else threshold
-        for stream in capture.sensors
-    }
+    if scribbles is not None:
+        masks = _by_scribbles(capture, read_scribbles(scribbles, capture))
+    else:
+        masks = _by_evidence(capture, _method(capture, method), threshold, clean_up)
+    n_pictures = len(SIDES) * len(capture.sensors) * capture.n_frames
     with _staged(folder) as staging:
-        for n_done, (stream, frame) in enumerate(tasks, start=1):
-            for side, evidence in enumerate(_evidence(capture, stream, frame, method)):
-                name = image_path(Path(), _mask_patterns(stream)[side], frame)
-                mask = clean_mask(evidence > thresholds[stream.id], clean_up or METHODS[method])
-                if not mask.any():
-                    raise CaptureError(f"{folder / name}: no foreground above {thresholds[stream.id]:.1f} grey levels")
-                _write_mask(staging / name, mask)
-            progress("masks", n_done, len(tasks))
+        for n_done, (stream, side, frame, mask) in enumerate(masks, start=1):
+            name = image_path(Path(), _mask_patterns(stream)[side], frame)
+            if not mask.any():
+                raise CaptureError(f"{folder / name}: no foreground is found")
+            _write_mask(staging / name, mask)
+            if n_done % len(SIDES) == 0:
+                progress("masks", n_done // len(SIDES), n_pictures // len(SIDES))
     segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
     write_capture(segmented)
     return segmented
+
+
+def _by_evidence(capture: Capture, method: str, threshold: float | None, clean_up: CleanUp | None) -> Iterator[_Mask]:
+    clean_up = clean_up or METHODS[method]
+    for stream in capture.sensors:
+        limit = _found_threshold(capture, stream, method) if threshold is None else threshold
+        for frame in range(capture.n_frames):
+            for side, evidence in enumerate(_evidence(capture, stream, frame, method)):
+                mask = clean_mask(evidence > limit, clean_up)
+                if method == "plate" and mask.any():
+                    mask = _refined(capture, stream, (frame, side), tightened(mask, evidence), limit, clean_up)
+                yield stream, side, frame, mask
+
+
+def _refined(
+    capture: Capture,
+    stream: SensorStream,
+    place: tuple[int, int],
+    mask: NDArray[np.bool_],
+    limit: float,
+    clean_up: CleanUp,
+) -> NDArray[np.bool_]:
+    """The mask with what may be a shadow or a dark part of the object: GrabCut decides by the colours."""
+    frame, side = place
+    picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
+    plates = read_plates(capture, stream.id)
+    assert plates is not None, "the method was chosen with plates"
+    changed = np.abs(_smooth(picture) - _smooth(plates[side])).max(axis=2) > limit
+    return clean_mask(grown(picture, mask, changed), clean_up)
+
+
+def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:
+    for stream in capture.sensors:
+        for side, name in enumerate(SIDES):
+
+            def read(frame: int, stream: SensorStream = stream, side: int = side) -> NDArray[np.uint8]:
+                return read_picture(frame_pictures(capture.folder, stream, frame)[side])
+
+            for frame, mask in propagated(read, strokes[stream.id, name], capture.n_frames):
+                yield stream, side, frame, clean_mask(mask, SCRIBBLES)
 
 
 def clean_mask(raw: NDArray[np.bool_], clean_up: CleanUp) -> NDArray[np.bool_]:
