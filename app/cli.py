@@ -103,7 +103,7 @@ def _demo_stimuli(out: Path, progress: ProgressLine) -> Path:
 
     capture, run = out / "capture", out / "run"
     if not (capture / CAPTURE_FILE).exists():
-        synthesise(capture, SynthParameters(scene="ball", n_frames=8, size=(720, 1280), fps=5.0), progress=progress)
+        synthesise(capture, SynthParameters(scene="ball", n_frames=6, size=(540, 960), fps=5.0), progress=progress)
         segment_capture(capture, progress=progress)
     reconstruct(capture, run, ReconstructOptions(), progress)
     options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
@@ -335,6 +335,9 @@ def analyse(
     votes: Annotated[Path, typer.Argument(help="Votes as CSV, Parquet or JSON.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
     items: Annotated[Path | None, typer.Option(help="CSV: item, then a column for each factor.")] = None,
+    measures: Annotated[
+        Path | None, typer.Option(help="CSV: dataset, item, then a column for each objective measure.")
+    ] = None,
     ties: Annotated[str, typer.Option(help="davidson, rao-kupper, half or drop.")] = "davidson",
     factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
     by: Annotated[str, typer.Option(help="dataset: also every dataset by itself; none: only pooled.")] = "dataset",
@@ -343,6 +346,9 @@ def analyse(
     ] = False,
     bootstrap: Annotated[int, typer.Option(min=0, help="Replicates over participants for the intervals.")] = 0,
     seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="Participant to leave out, as a recorded decision; may be repeated.")
+    ] = None,
     columns: Annotated[
         str | None, typer.Option(help="Where names differ: participant=judge,item_a=left,item_b=right.")
     ] = None,
@@ -355,7 +361,12 @@ def analyse(
     if by not in ("dataset", "none"):
         raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
     settings = AnalysisSettings(
-        ties=ties, order_effect=order_effect, bootstrap=bootstrap, seed=seed, by_dataset=by == "dataset"
+        ties=ties,
+        order_effect=order_effect,
+        bootstrap=bootstrap,
+        seed=seed,
+        by_dataset=by == "dataset",
+        exclude=tuple(exclude or ()),
     )
     analysis = analyse_file(
         votes,
@@ -365,8 +376,36 @@ def analyse(
         columns=_parse_mapping(columns, "--columns"),
         choices=_parse_mapping(choices, "--choices"),
         factors=factor,
+        measures=measures,
     )
     print_result(analysis, _score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+
+
+@app.command()
+def plan(
+    conditions: Annotated[int, typer.Option(min=2, help="Conditions compared within a dataset, every pair of them.")],
+    datasets: Annotated[int, typer.Option(min=1, help="Datasets.")],
+    participants: Annotated[int, typer.Option(min=2, help="Participants.")],
+    effect: Annotated[float, typer.Option(help="True difference of two conditions, JOD (log-odds / ln 3).")] = 0.5,
+    tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power.")] = 400,
+    seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Power and sample size of a study by simulation."""
+    import numpy as np
+
+    from app.analysis.power import StudyPlan, plan_study
+
+    design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
+    result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    sentences = (
+        f"{result['votes_per_participant']} votes by each of {participants} participants.\n"
+        f"A difference of {effect:g} JOD is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
+        f"{result['power_pooled']:.2f} over all.\nFound with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} "
+        f"in one dataset, {_jod(result['detectable_jod_pooled'])} over all."
+    )
+    print_result(result, sentences, as_json=as_json)
 
 
 def main() -> None:
@@ -430,6 +469,10 @@ def _score_sentences(analysis: Mapping[str, Any]) -> str:
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     width = max((len(row["item"]) for row in rows), default=0)
     return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
+
+
+def _jod(difference: float | None) -> str:
+    return "no difference considered" if difference is None else f"{difference:.2f} JOD"
 
 
 def _score_text(row: Mapping[str, Any]) -> str:
