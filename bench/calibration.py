@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests/recon"))
 from board_pictures import corners_seen, relative_error, studio_rig
 
 BOARD = parse_board("charuco:14x10:50:37")
+SIZE = (960, 540)
 N_VIEWS = 70
 NOISE_PX = 0.3
 SCENES = ("ball", "box", "people", "standing", "face")
@@ -62,7 +63,7 @@ def bench_segmentation(scenes: list[str]) -> None:
     """Mean and lowest intersection over union, by clean plate and by scribbles on one frame in twenty."""
     for scene in scenes:
         with tempfile.TemporaryDirectory() as folder:
-            parameters = SynthParameters(scene=scene, n_sensors=1, n_frames=20, size=(640, 360))
+            parameters = SynthParameters(scene=scene, n_sensors=1, n_frames=20, size=SIZE)
             capture = synthesise(Path(folder) / scene, parameters)
             strokes = Path(folder) / "strokes"
             for side in SIDES:

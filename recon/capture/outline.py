@@ -11,6 +11,11 @@ NEIGHBOURHOOD_PX = 4  # from which the object's typical evidence is taken
 HALF = 0.5  # a blurred edge is where half of the object's evidence is left
 REACH_PX = 16  # how far from the mask GrabCut may add, at 1000 pixels of picture height
 ROUNDS = 2  # of GrabCut
+RELIEF_PX = 3.0  # standard deviation; texture is what is finer
+RELIEF_WINDOW_PX = 5
+RELIEF_FACTOR = 11.0  # times that of an unchanged background, measured in bench/calibration.py
+MIN_RELIEF = 2.5  # grey levels, where there is no noise
+RELIEF_HALO_PX = 4  # how far an outline's step reaches beyond it
 MARGIN_PX = 20  # of background around, for GrabCut's colours
 Models = tuple[NDArray[np.float64], NDArray[np.float64]]
 """GrabCut's colours of background and foreground."""
@@ -44,6 +49,29 @@ def grown(picture: NDArray[np.uint8], mask: NDArray[np.bool_], doubtful: NDArray
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=reach) > 0
     seeds = np.where(mask, cv2.GC_FGD, np.where(near & doubtful, cv2.GC_PR_BGD, cv2.GC_BGD)).astype(np.uint8)
     return cut(picture, seeds, ROUNDS)[0] if (near & doubtful & ~mask).any() else mask
+
+
+def repatterned(
+    picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Changed pixels that do not show the plate's own pattern: a soft shadow keeps it, a dark object does not.
+
+    Parameters
+    ----------
+    picture, plate : float32 (H, W, 3), smoothed
+    changed : bool (H, W), where they differ
+    """
+    background = plate.mean(axis=2)
+    ratio = picture.mean(axis=2) / np.maximum(background, 1.0)
+    fine = (ratio - cv2.GaussianBlur(ratio, (0, 0), RELIEF_PX)) * background
+    relief = np.sqrt(cv2.blur(fine * fine, (RELIEF_WINDOW_PX, RELIEF_WINDOW_PX)))
+    quiet = relief[~changed]
+    if quiet.size == 0:
+        return np.zeros_like(changed)
+    differs = (changed & (relief > max(MIN_RELIEF, RELIEF_FACTOR * float(np.median(quiet))))).astype(np.uint8)
+    closed = cv2.morphologyEx(differs, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * RELIEF_HALO_PX + 1, 2 * RELIEF_HALO_PX + 1))
+    return np.asarray(cv2.erode(closed, disc) > 0)
 
 
 def cut(

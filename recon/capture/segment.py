@@ -29,7 +29,7 @@ from recon.capture.format import (
     read_plates,
     write_capture,
 )
-from recon.capture.outline import grown, tightened
+from recon.capture.outline import grown, repatterned, tightened
 from recon.capture.scribbles import SIDES, Strokes, propagated, read_scribbles
 from recon.execute import Progress, silent
 
@@ -138,8 +138,10 @@ def _refined(
     picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
     plates = read_plates(capture, stream.id)
     assert plates is not None, "the method was chosen with plates"
-    changed = np.abs(_smooth(picture) - _smooth(plates[side])).max(axis=2) > limit
-    return clean_mask(grown(picture, mask, changed), clean_up)
+    smooth, plate = _smooth(picture), _smooth(plates[side])
+    changed = np.abs(smooth - plate).max(axis=2) > limit
+    with_dark = clean_mask(mask | repatterned(smooth, plate, changed), clean_up)
+    return clean_mask(grown(picture, with_dark, changed), clean_up)
 
 
 def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:
