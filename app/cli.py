@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,13 +20,9 @@ from recon.cli import app as recon_app
 from recon.console import JsonOption, ProgressLine, print_result
 
 if TYPE_CHECKING:
-    from app.settings import Settings
+    pass
 
 DEMO_SECONDS = 5.0
-# What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
-DEMO_DEPTH = {"id": -0.8, "dr": 0.1, "pm": 0.7}
-DEMO_FUSION = {"fa": -0.4, "fb": 0.4}
-DEMO_ABILITIES = {f"{d}_{f}": round(x + y, 3) for d, x in DEMO_DEPTH.items() for f, y in DEMO_FUSION.items()}
 DEMO_PLAN = """The whole way once, into {out}:
   1. record an animated scene with three synthetic stereo sensors
   2. reconstruct it by every approach: depth maps, clouds, meshes
@@ -71,6 +66,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
+    from app.demo import ability_sentence, demo_analysis, demo_study, demo_votes
     from app.main import running_server
     from app.operate import add_experimenter
     from app.settings import Settings
@@ -78,16 +74,22 @@ def demo(
     progress = ProgressLine()
     progress.say(DEMO_PLAN.format(out=out, participants=participants))
     settings = Settings(data_dir=out / "study")
-    study = _demo_study(settings, _demo_stimuli(out, progress), progress)
+    study = demo_study(settings, _demo_stimuli(out, progress), DEMO_SECONDS, _counted(progress))
     with running_server(settings, port=_free_port(port)) as url:
-        analysis = _demo_votes(settings, study, url, out, participants, progress)
-        result = {
-            "out": str(out),
-            "scores": analysis and analysis["scores"],
+        links = {
             "participant": f"{url}/s/{study['invitations'][0]}",
             "experimenter": url + add_experimenter(settings, "demo")["path"],
         }
-        print_result(result, _demo_sentences(result, analysis), as_json=as_json)
+        result, sentences = {"out": str(out), **links}, ""
+        if demo_votes(settings, url, study, participants, _counted(progress)):
+            analysis = demo_analysis(settings, url, study["slug"], out / "analysis")
+            result["scores"] = analysis["scores"]
+            sentences = (
+                f"\nScores in natural log-odds, best first (simulated participants prefer {ability_sentence()}):\n"
+                f"{_score_sentences(analysis)}\nReport: {out / 'analysis/report.html'}\n"
+            )
+        sentences += f"\nAs a participant:    {links['participant']}\nAs an experimenter: {links['experimenter']}"
+        print_result(result, sentences, as_json=as_json)
         if serve:
             progress.say("Serving until you press Ctrl-C.")
             _wait_for_interrupt()
@@ -108,73 +110,6 @@ def _demo_stimuli(out: Path, progress: ProgressLine) -> Path:
     reconstruct(capture, run, ReconstructOptions(), progress)
     options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
     return render([run], out / "stimuli", options, progress)
-
-
-def _demo_study(settings: Settings, manifest: Path, progress: ProgressLine) -> dict[str, Any]:
-    """The demo's study, created unless it is there."""
-    from app.operate import create_study, list_studies
-
-    if not list_studies(settings):
-        create_study(settings, manifest, "Demo", exposure_s=DEMO_SECONDS, seed=1, progress=_counted(progress))
-    return list_studies(settings)[0]
-
-
-def _demo_votes(
-    settings: Settings, study: Mapping[str, Any], url: str, out: Path, participants: int, progress: ProgressLine
-) -> dict[str, Any] | None:
-    """Let simulated participants vote unless somebody did before, and fetch the analysis; None without votes."""
-    import httpx
-
-    from app.analysis import write_analysis
-
-    if participants and not study["n_votes"]:
-        _simulated_votes(settings, url, study["slug"], participants, DEMO_ABILITIES, 0.2, 1, progress)
-    elif not study["n_votes"]:
-        return None
-    headers = {"Authorization": f"Bearer {_own_token(settings, 'demo')}"}
-    answer = httpx.get(f"{url}/api/v1/studies/{study['slug']}/analysis", headers=headers, timeout=60)
-    analysis: dict[str, Any] = answer.raise_for_status().json()
-    write_analysis(analysis, out / "analysis", source="the demo's study")
-    return analysis
-
-
-def _simulated_votes(
-    settings: Settings,
-    url: str,
-    slug: str,
-    participants: int,
-    abilities: Mapping[str, float] | None,
-    tie_rate: float,
-    seed: int,
-    progress: ProgressLine,
-) -> dict[str, Any]:
-    from app.operate import list_studies
-    from app.simulate import simulate as take_part
-
-    found = [study for study in list_studies(settings) if study["slug"] == slug]
-    if not found:
-        raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
-    result = take_part(
-        url,
-        slug,
-        found[0]["invitations"][0],
-        _own_token(settings, "simulate"),
-        participants,
-        abilities,
-        tie_rate,
-        seed,
-        progress=_counted(progress),
-    )
-    progress.close()
-    return result
-
-
-def _own_token(settings: Settings, purpose: str) -> str:
-    """A token for this program's own use, named by purpose and time."""
-    from app.operate import add_token
-
-    now = datetime.now(UTC).isoformat(timespec="microseconds")
-    return str(add_token(settings, f"{purpose} {now}")["token"])
 
 
 @stimuli_app.command("check")
@@ -321,12 +256,16 @@ def simulate(
     """Artificial participants of known preference take the whole study over HTTP."""
     from app.main import running_server
     from app.settings import Settings
+    from app.simulate import simulate_study
 
     settings = Settings()
     known = None if abilities is None else _read_abilities(abilities)
     progress = ProgressLine()
     with nullcontext(url) if url else running_server(settings) as base_url:
-        result = _simulated_votes(settings, base_url, study, participants, known, tie_rate, seed, progress)
+        result = simulate_study(
+            settings, base_url, study, participants, known, tie_rate, seed, progress=_counted(progress)
+        )
+    progress.close()
     print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)
 
 
@@ -402,8 +341,9 @@ def plan(
     sentences = (
         f"{result['votes_per_participant']} votes by each of {participants} participants.\n"
         f"A difference of {effect:g} JOD is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
-        f"{result['power_pooled']:.2f} over all.\nFound with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} "
-        f"in one dataset, {_jod(result['detectable_jod_pooled'])} over all."
+        f"{result['power_pooled']:.2f} over all.\n"
+        f"Found with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} in one dataset, "
+        f"{_jod(result['detectable_jod_pooled'])} over all."
     )
     print_result(result, sentences, as_json=as_json)
 
@@ -464,15 +404,11 @@ def _read_abilities(path: Path) -> dict[str, float]:
 
 
 def _score_sentences(analysis: Mapping[str, Any]) -> str:
-    """The pooled scores, best first."""
+    """The pooled scores, a line each, best first."""
     rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     width = max((len(row["item"]) for row in rows), default=0)
     return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
-
-
-def _jod(difference: float | None) -> str:
-    return "no difference considered" if difference is None else f"{difference:.2f} JOD"
 
 
 def _score_text(row: Mapping[str, Any]) -> str:
@@ -482,17 +418,8 @@ def _score_text(row: Mapping[str, Any]) -> str:
     return f"{row['score']:+.3f}{interval}"
 
 
-def _demo_sentences(result: Mapping[str, Any], analysis: Mapping[str, Any] | None) -> str:
-    scores = (
-        ""
-        if analysis is None
-        else (
-            "\nScores in natural log-odds, best first (the simulated participants' own, by item: "
-            + ", ".join(f"{item} {ability:+.1f}" for item, ability in DEMO_ABILITIES.items())
-            + f"):\n{_score_sentences(analysis)}\nReport: {result['out']}/analysis/report.html"
-        )
-    )
-    return f"{scores}\nAs a participant: {result['participant']}\nAs an experimenter: {result['experimenter']}"
+def _jod(difference: float | None) -> str:
+    return "no difference considered" if difference is None else f"{difference:.2f} JOD"
 
 
 def _free_port(wanted: int) -> int:

@@ -185,6 +185,11 @@ def add_token(settings: Settings, name: str) -> dict[str, Any]:
     return {"name": name.strip(), "token": token, "scopes": list(SCOPES)}
 
 
+def add_own_token(settings: Settings, purpose: str) -> str:
+    """A bearer token for this program's own use, named by purpose and time."""
+    return str(add_token(settings, f"{purpose} {utc_now().isoformat(timespec='microseconds')}")["token"])
+
+
 def slugify(name: str) -> str:
     """A study's name as it stands in addresses.
 

@@ -14,6 +14,8 @@ from typing import Any
 import httpx
 import numpy as np
 
+from app.operate import add_own_token, list_studies
+from app.settings import Settings
 from app.study.simulate import choose, tie_weight
 from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, TRIAL
 
@@ -107,6 +109,33 @@ def simulate(
         "seed": seed,
         "abilities": dict(abilities),
     }
+
+
+def simulate_study(
+    settings: Settings,
+    base_url: str,
+    slug: str,
+    participants: int,
+    abilities: Mapping[str, float] | None,
+    tie_rate: float,
+    seed: int,
+    *,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """`simulate` on a study of this database, with its invitation and a token of our own.
+
+    Raises
+    ------
+    ValueError
+        If there is no such study; else as `simulate`.
+    """
+    invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
+    if slug not in invitations:
+        raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
+    token = add_own_token(settings, "simulate")
+    return simulate(
+        base_url, slug, invitations[slug][0], token, participants, abilities, tie_rate, seed, progress=progress
+    )
 
 
 def begin(client: httpx.Client, slug: str, invitation: str) -> dict[str, Any]:
