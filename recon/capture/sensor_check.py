@@ -21,9 +21,9 @@ from recon.capture.format import (
     read_mask,
     read_picture,
 )
-from recon.capture.matches import Matches, joined, match_pictures
+from recon.capture.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
-from recon.rig import Camera, bounds_corners
+from recon.rig import Camera, Sensor, bounds_corners
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
 MEASURED_FRAMES = 3  # first, middle, last
@@ -149,8 +149,10 @@ def check_sensor(
         with suppress(CaptureError):  # its pictures are listed already
             looks.append(_look(folder, stream, frame, rectification, bounds))
     rows = _rows(looks, rectification)
-    faults = diagnose(stream.sensor, joined([look.matches for look in looks]))
-    problems += faults or _row_problems(rectification, rows)
+    matches = joined([look.matches for look in looks])
+    faults = diagnose(stream.sensor, matches)
+    misfit = _misfit(stream.sensor, matches, rows)
+    problems += faults or _row_problems(rectification, rows, misfit)
     problems += _exposure_problems(stream.id, looks)
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
@@ -159,7 +161,7 @@ def check_sensor(
         rectified_size=rectification.left.size,
         n_disparities=rectification.n_disparities,
         depth_per_disparity_mm=per_pixel,
-        expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, rows.vertical_error_px or 0.0)),
+        expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, misfit)),
         textured=float(np.mean([look.textured for look in looks])) if looks else None,
         rows=rows,
     ), problems
@@ -262,11 +264,22 @@ def _rows(looks: list[_Look], rectification: Rectification) -> Rows:
     )
 
 
-def _row_problems(rectification: Rectification, rows: Rows) -> Iterator[str]:
+def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
+    """How far the calibration is off, pixels: on the object, or on all of the picture where that tells more.
+
+    A glossy or plain object gives few and wrong matches; the room behind it then shows that the calibration fits.
+    """
+    on_object = rows.vertical_error_px or 0.0
+    if len(matches) < max(MIN_MATCHES, rows.n_matches):
+        return on_object
+    return min(on_object, float(np.median(np.abs(epipolar_errors(sensor, matches)))))
+
+
+def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> Iterator[str]:
     if rows.n_matches < MIN_MATCHES or rows.vertical_error_px is None or rows.inside is None:
         return
     place = f"sensor {rectification.sensor_id}: {rows.n_matches} matched points"
-    if rows.vertical_error_px > MAX_VERTICAL_ERROR_PX:
+    if misfit > MAX_VERTICAL_ERROR_PX:
         yield (
             f"{place} differ vertically by {rows.vertical_error_px:.2f} px after rectification (median), expected at "
             f"most {MAX_VERTICAL_ERROR_PX:g}; the calibration does not fit the pictures"
