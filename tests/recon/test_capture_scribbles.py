@@ -12,7 +12,6 @@ from board import SIZE, record_board
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
-from recon.capture.outline import tightened
 from recon.capture.scribbles import read_scribbles
 from recon.capture.segment import segment_capture
 
@@ -122,13 +121,3 @@ def test_what_is_wrong_in_scribbles_is_named(
     change(entries)
     with pytest.raises(CaptureError, match=message):
         read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)
-
-
-def test_a_blurred_edge_is_put_where_half_of_the_evidence_is_left() -> None:
-    sharp = truth(0).astype(np.float32) * 200
-    evidence = cv2.GaussianBlur(sharp, (0, 0), 1.2)
-    wide = evidence > 10
-    tight = tightened(wide, evidence)
-    exact = truth(0)
-    assert (wide & ~exact).sum() > 100
-    assert (tight & ~exact).sum() + (exact & ~tight).sum() < 20
