@@ -9,7 +9,7 @@ Source: the study's Tables 1 and 2.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
 from recon.depth.consistency import consistent, lands_inside
-from recon.depth.hierarchy import halved, halved_mask, search_windows
+from recon.depth.hierarchy import TILE_BITS, halved, halved_mask, search_windows
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import MIN_SIDE, StereoPair
 from recon.depth.permeability import (
-    SURFACE_PAD,
+    FRAME,
     SURFACE_STEP,
     WORST,
+    Passages,
     aggregate_along_surface,
     aggregate_and_choose,
     guide_image,
@@ -39,6 +40,7 @@ from recon.depth.refinement import filled, local_planes, without_specks
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 Result = TypeVar("Result")
 
+WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 
 
@@ -66,6 +68,30 @@ class IdParameters:
             raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 0 or more pixels")
 
 
+@dataclass(frozen=True)
+class Level:
+    """What is searched at one level of the hierarchy."""
+
+    n_disparities: int
+    min_disparity: int
+
+    def halved(self) -> Level:
+        """The same disparities at half the size."""
+        lowest = self.min_disparity // 2
+        highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
+        return Level(highest - lowest + 1, lowest)
+
+    @property
+    def before(self) -> int:
+        """Places needed before a row of the other view."""
+        return max(-self.min_disparity, 0) + FRAME
+
+    @property
+    def after(self) -> int:
+        """Places needed after a row of the other view."""
+        return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + FRAME
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """One image of a pair at one level, its background black.
@@ -78,6 +104,7 @@ class View:
     mask: NDArray[np.bool_] | None
     noise: float
     sigma: float
+    level: Level
     is_right: bool
 
     @property
@@ -92,35 +119,37 @@ class View:
     def halved(self) -> View:
         """The view at the next coarser level."""
         mask = None if self.mask is None else halved_mask(self.mask)
-        return View(halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.is_right)
+        return View(
+            halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.level.halved(), self.is_right
+        )
 
     @cached_property
-    def codes(self) -> NDArray[np.uint32]:
-        """Census codes (2, H, W), mirrored in the right view, flagged on the background."""
+    def framed_codes(self) -> NDArray[np.uint32]:
+        """Census codes (2, H, before + W + after), mirrored in the right view, flagged on the background.
+
+        Beyond the image the outermost code is repeated: no disparity is favoured there, and ties remain ties.
+        """
         codes = census_pair(self.grey)
         if self.mask is not None:
             codes[:, ~self.mask] |= BEHIND
-        return np.ascontiguousarray(codes[:, :, ::-1]) if self.is_right else codes
+        mirrored = codes[:, :, ::-1] if self.is_right else codes
+        return np.pad(mirrored, ((0, 0), (0, 0), (self.level.before, self.level.after)), mode="edge")
+
+    @property
+    def codes(self) -> NDArray[np.uint32]:
+        """Census codes (2, H, W), mirrored in the right view."""
+        return self.framed_codes[:, :, self.level.before : self.level.before + self.shape[1]]
+
+    @property
+    def origin(self) -> int:
+        """Where in the framed codes the last pixel of a row of the other view finds disparity index 0."""
+        return self.level.before + self.level.min_disparity
 
     @cached_property
-    def permeabilities(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Across and down (H, W), mirrored in the right view."""
+    def passages(self) -> Passages:
+        """How freely costs pass between neighbours, mirrored in the right view."""
         mask = None if self.mask is None else self.mirrored(self.mask)
         return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
-
-
-@dataclass(frozen=True)
-class Level:
-    """What is searched at one level of the hierarchy."""
-
-    n_disparities: int
-    min_disparity: int
-
-    def halved(self) -> Level:
-        """The same disparities at half the size."""
-        lowest = self.min_disparity // 2
-        highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
-        return Level(highest - lowest + 1, lowest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +179,7 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        left, _ = match_views(
-            views_of(pair, parameters.sigma), Level(pair.n_disparities, pair.min_disparity), parameters
-        )
+        left, _ = match_views(views_of(pair, parameters.sigma), parameters)
         disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
     return disparity
 
@@ -191,25 +218,27 @@ def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDA
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        views, level = views_of(pair, parameters.sigma), Level(pair.n_disparities, pair.min_disparity)
-        left, right = match_views(views, level, parameters)
+        views = views_of(pair, parameters.sigma)
+        left, right = match_views(views, parameters)
         if left.valid.any():
-            surface, valid = refined(views, left, right, level, parameters)
+            surface, valid = refined(views, left, right, parameters)
             disparity[pair.foreground()] = np.where(valid, surface + np.float32(pair.min_disparity), np.nan)
     return disparity
 
 
 def refined(
-    views: tuple[View, View], left: Matches, right: Matches, level: Level, parameters: DrParameters
+    views: tuple[View, View], left: Matches, right: Matches, parameters: DrParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
+    level = views[0].level
     surface = filled(left.index + left.offset, left.valid)
     surface = local_planes(without_specks(surface, 5), left.valid)
     surface = np.clip(surface, 0, level.n_disparities - 1)
     surface = aggregate_along_surface(
         views[0].codes,
-        _candidates(views[1].codes, level, before=SURFACE_PAD, after=SURFACE_PAD + 2),
-        *views[0].permeabilities,
+        views[1].framed_codes,
+        views[1].origin,
+        views[0].passages,
         surface,
         level.n_disparities,
         in_bands,
@@ -240,29 +269,32 @@ def has_texture(pair: StereoPair) -> bool:
 
 def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
     """The left and the right view of the part of a pair that is matched."""
-    box = pair.foreground()
+    box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
     return (
-        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, is_right=False),
-        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, is_right=True),
+        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, level, is_right=False),
+        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, level, is_right=True),
     )
 
 
-def _view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, *, is_right: bool) -> View:
+def _view(
+    image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, level: Level, *, is_right: bool
+) -> View:
     if mask is not None:
         image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
     noise = noise_level(grey_image(image), mask)
-    return View(image, fine_grey_image(image), mask, noise, sigma, is_right)
+    return View(image, fine_grey_image(image), mask, noise, sigma, level, is_right)
 
 
-def match_views(views: tuple[View, View], level: Level, parameters: IdParameters) -> tuple[Matches, Matches]:
+def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
     """Both views' matches, from the coarsest level to the finest."""
+    level = views[0].level
     coarser: tuple[Matches, Matches] | tuple[None, None] = (None, None)
     if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
         coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
-        coarser = match_views((views[0].halved(), views[1].halved()), level.halved(), coarse)
-    codes = in_both(lambda side: views[side].codes)
-    found = in_both(lambda side: _search(views[side], (codes[side], codes[1 - side]), coarser[side], level))
-    valid = [_confirmed(views[side], found[side][0], found[1 - side][0], level, parameters) for side in (0, 1)]
+        coarser = match_views((views[0].halved(), views[1].halved()), coarse)
+    in_both(lambda side: views[side].framed_codes)
+    found = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
+    valid = [_confirmed(views[side], found[side][0], found[1 - side][0], parameters) for side in (0, 1)]
     return Matches(*found[0], valid[0]), Matches(*found[1], valid[1])
 
 
@@ -273,54 +305,53 @@ def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
     return left, right
 
 
-def _search(
-    view: View,
-    codes: tuple[NDArray[np.uint32], NDArray[np.uint32]],
-    coarser: Matches | None,
-    level: Level,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def _search(view: View, other: View, coarser: Matches | None) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """The cheapest disparity index of every pixel, int32 (H, W), and the offset to its parabola's vertex."""
-    across, down = view.permeabilities
-    candidates = _candidates(codes[1], level)
-    windows = _full_search(level.n_disparities, view.shape) if coarser is None else _near_coarser(coarser, level, view)
+    codes, level = view.codes, view.level
+    # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
+    flip = N_LANES - 1 if view.is_right else 0
     downward = np.empty((view.shape[0] + 1) * view.shape[1] * N_LANES, np.float32)
     best = np.full(view.shape, WORST, np.int32)
     winner, offset = np.zeros(view.shape, np.int32), np.zeros(view.shape, np.float32)
-    # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
-    flip = N_LANES - 1 if view.is_right else 0
-    for start in reversed(windows) if view.is_right else windows:
+    for start, tile_bits in _windows(view, coarser):
         aggregate_and_choose(
-            codes[0], candidates, across, down, start, level.n_disparities, flip, downward, best, winner, offset
+            codes,
+            other.framed_codes,
+            other.origin,
+            view.passages,
+            start,
+            tile_bits,
+            level.n_disparities,
+            flip,
+            downward,
+            best,
+            winner,
+            offset,
         )
     return winner, offset
 
 
-def _full_search(n_disparities: int, shape: tuple[int, int]) -> list[NDArray[np.int32]]:
-    """Windows over the whole range; each overlaps the last by the two lanes that only serve as neighbours."""
-    last = max(n_disparities - N_LANES, 0)
-    firsts = [*range(0, last, N_LANES - 2), last]
-    return [np.broadcast_to(np.int32(first), shape).copy() for first in firsts]
+def _windows(view: View, coarser: Matches | None) -> Iterator[tuple[NDArray[np.int32], int]]:
+    """Where the windows of sixteen disparities of each tile begin, and the tiles' size in bits.
 
-
-def _near_coarser(coarser: Matches, level: Level, view: View) -> list[NDArray[np.int32]]:
-    shift = 2 * level.halved().min_disparity - level.min_disparity
-    return list(search_windows(coarser.index, coarser.valid, view.shape, level.n_disparities, shift=shift))
-
-
-def _candidates(codes: NDArray[np.uint32], level: Level, *, before: int = 0, after: int = 0) -> NDArray[np.uint32]:
-    """The other view's codes as the reference view faces them, (2, H, W - 1 + D): see `aggregate_and_choose`.
-
-    Either view sees the other mirrored, so the codes stay in order. Beyond the image the outermost code is repeated:
-    no disparity is favoured there, and ties remain ties.
+    From far to near, in the right view from near to far. A full search has one tile; its windows overlap by the two
+    lanes that only serve as neighbours.
     """
-    width = codes.shape[2]
-    columns = np.arange(-before, width - 1 + max(level.n_disparities, N_LANES) + after) + level.min_disparity
-    return np.ascontiguousarray(codes[:, :, np.clip(columns, 0, width - 1)])
+    towards, level = -1 if view.is_right else 1, view.level
+    if coarser is None:
+        last = max(level.n_disparities - N_LANES, 0)
+        for first in [*range(0, last, N_LANES - 2), last][::towards]:
+            yield np.full((1, 1), first, np.int32), WHOLE_IMAGE_BITS
+    else:
+        shift = 2 * level.halved().min_disparity - level.min_disparity
+        windows = search_windows(coarser.index, coarser.valid, view.shape, level.n_disparities, shift=shift)
+        for start in windows[::towards]:
+            yield start, TILE_BITS
 
 
 def _confirmed(
-    view: View, index: NDArray[np.int32], other: NDArray[np.int32], level: Level, parameters: IdParameters
+    view: View, index: NDArray[np.int32], other: NDArray[np.int32], parameters: IdParameters
 ) -> NDArray[np.bool_]:
     threshold = parameters.consistency_threshold
-    valid = consistent(index, other, min_disparity=level.min_disparity, threshold=threshold)
+    valid = consistent(index, other, min_disparity=view.level.min_disparity, threshold=threshold)
     return valid if view.mask is None else valid & view.mirrored(view.mask)

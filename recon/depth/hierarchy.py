@@ -18,7 +18,8 @@ from recon.depth.lanes import N_LANES
 
 Depth = TypeVar("Depth", np.uint8, np.uint16)
 
-TILE = 4  # coarse pixels: the pixels of a tile search the same windows
+TILE_BITS = 3  # a tile of 8x8 fine pixels searches the same windows
+TILE = 4  # the same in coarse pixels
 REACH = 4  # coarse pixels: how far around its tile a pixel looks for disparities
 MARGIN = 2  # fine disparities searched beyond those found
 UNKNOWN = np.int32(np.iinfo(np.int32).max)
@@ -39,7 +40,7 @@ def halved_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def search_windows(
     found: NDArray[np.int32], valid: NDArray[np.bool_], shape: tuple[int, int], n_disparities: int, *, shift: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Where the two windows of sixteen disparities of each pixel of the finer level begin.
+    """Where the two windows of sixteen disparities of each tile of the finer level begin.
 
     Parameters
     ----------
@@ -51,13 +52,13 @@ def search_windows(
 
     Returns
     -------
-    far, near : int32 (H, W), the first disparity index of each window; equal where one window covers all
+    far, near : int32 (H / 8, W / 8), rounded up: the first disparity index of each window of a tile of 8x8 pixels;
+        equal where one window covers all
     """
-    n_rows, n_columns = -(-found.shape[0] // TILE), -(-found.shape[1] // TILE)
+    n_rows, n_columns = -(-shape[0] // (2 * TILE)), -(-shape[1] // (2 * TILE))
     starts = np.empty((2, n_rows, n_columns), np.int32)
     _window_kernel(found, valid, shift, max(n_disparities - N_LANES, 0), starts)
-    fine = np.repeat(np.repeat(starts, 2 * TILE, axis=1), 2 * TILE, axis=2)[:, : shape[0], : shape[1]]
-    return np.ascontiguousarray(fine[0]), np.ascontiguousarray(fine[1])
+    return starts[0], starts[1]
 
 
 @njit(cache=True, nogil=True)

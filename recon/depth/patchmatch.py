@@ -114,10 +114,10 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if not has_texture(pair):
         return disparity
-    views, level = views_of(pair, parameters.seed.sigma), Level(pair.n_disparities, pair.min_disparity)
-    planes = _seeded(views, level, parameters.seed) if parameters.is_seeded else _random(views, level)
+    views = views_of(pair, parameters.seed.sigma)
+    planes = _seeded(views, parameters.seed) if parameters.is_seeded else _random(views)
     if planes is not None:
-        found = [field_[..., 0] for field_ in _swept(views, planes, level, parameters)]
+        found = [field_[..., 0] for field_ in _swept(views, planes, parameters)]
         valid = consistent(found[0], found[1], threshold=parameters.consistency_threshold)
         if views[0].mask is not None:
             valid &= views[0].mask
@@ -128,17 +128,17 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
 
 
 def _seeded(
-    views: tuple[View, View], level: Level, parameters: DrParameters
+    views: tuple[View, View], parameters: DrParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
     """Planes (H, W, 3) of both views along DR's surface; None where nothing was matched."""
-    left, right = match_views(views, level, parameters)
+    left, right = match_views(views, parameters)
     if not (left.valid.any() and right.valid.any()):
         return None
     surfaces = (
-        refined(views, left, right, level, parameters)[0],
-        refined((views[1], views[0]), right, left, level, parameters)[0],
+        refined(views, left, right, parameters)[0],
+        refined((views[1], views[0]), right, left, parameters)[0],
     )
-    in_left, in_right = (_planes_along(surface + np.float32(level.min_disparity)) for surface in surfaces)
+    in_left, in_right = (_planes_along(surface + np.float32(views[0].level.min_disparity)) for surface in surfaces)
     return in_left, in_right
 
 
@@ -156,8 +156,9 @@ def _planes_along(surface: NDArray[np.float32]) -> NDArray[np.float32]:
     return planes
 
 
-def _random(views: tuple[View, View], level: Level) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _random(views: tuple[View, View]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Random planes (H, W, 3) of both views, always the same."""
+    level = views[0].level
     lowest = (level.min_disparity, -SLOPE_SHARE, -SLOPE_SHARE)
     highest = (level.min_disparity + level.n_disparities - 1, SLOPE_SHARE, SLOPE_SHARE)
     rng = np.random.default_rng(0)
@@ -168,20 +169,19 @@ def _random(views: tuple[View, View], level: Level) -> tuple[NDArray[np.float32]
 def _swept(
     views: tuple[View, View],
     planes: tuple[NDArray[np.float32], NDArray[np.float32]],
-    level: Level,
     parameters: PmParameters,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The planes after all sweeps."""
     textures = [texture_of(view) for view in views]
     affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
-    settings = _settings(level, parameters)
+    settings = _settings(views[0].level, parameters)
     costs = [_unknown_costs(view) for view in views]
     for sweep_number in range(parameters.sweeps):
         for side in (0, 1):
             seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)
             for turn in (0, 1):
                 seed = 4 * sweep_number + 2 * side + turn
-                work = partial(_sweep, seen, views[side].permeabilities, settings, planes[1 - side], turn, seed)
+                work = partial(_sweep, seen, views[side].passages, settings, planes[1 - side], turn, seed)
                 in_bands(views[side].shape[0], partial(work, planes[side], costs[side]))
     return planes
 
@@ -288,7 +288,7 @@ def _sweep(seen, passages, settings, others, turn, seed, planes, costs, first, l
     ----------
     seen : colours and words of `Texture`; the other view's `fine`, which this view faces mirrored; float32, the
         weight of a tap by its distance in colour, summed over channels
-    passages : across, down float32 (H, W), permeabilities: how much neighbours should agree
+    passages : Passages: how much neighbours should agree
     settings : Settings
     others : float32 (H, W, 3), the planes of the other view, which is mirrored
     turn : 0 or 1, the colour of the chessboard
@@ -429,17 +429,17 @@ def _see_from_other(others, disparity, y, x, trial):  # type: ignore[no-untyped-
 @njit(cache=True, nogil=True)
 def _roughness(planes, plane, passages, y, x, settings):  # type: ignore[no-untyped-def]  # tuples
     """How far a plane is from those of the four neighbours, where the picture is smooth."""
-    across, down = passages
+    across, down, passage = passages
     height, width = across.shape
     limit, rough = settings.distance_limit, np.float32(0)
     if x > 0:
-        rough += across[y, x - 1] * _gap(plane, planes[y, x - 1], -1, 0, limit)
+        rough += passage[across[y, x - 1]] * _gap(plane, planes[y, x - 1], -1, 0, limit)
     if x + 1 < width:
-        rough += across[y, x] * _gap(plane, planes[y, x + 1], 1, 0, limit)
+        rough += passage[across[y, x]] * _gap(plane, planes[y, x + 1], 1, 0, limit)
     if y > 0:
-        rough += down[y - 1, x] * _gap(plane, planes[y - 1, x], 0, -1, limit)
+        rough += passage[down[y - 1, x]] * _gap(plane, planes[y - 1, x], 0, -1, limit)
     if y + 1 < height:
-        rough += down[y, x] * _gap(plane, planes[y + 1, x], 0, 1, limit)
+        rough += passage[down[y, x]] * _gap(plane, planes[y + 1, x], 0, 1, limit)
     return settings.smoothness * rough
 
 

@@ -9,6 +9,8 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,6 +22,7 @@ from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, s
 Bands = Callable[[int, Callable[[int, int], None]], None]
 
 LANE_BITS = np.int32(N_LANES - 1)
+CLOSED = 255  # a change of the guide that nothing passes
 WORST = np.int32(0x7F800000)  # the bits of infinity
 GUIDE_WINDOW = 5  # pixels, of the bilateral filter
 GUIDE_REACH = 2.0  # pixels, its spatial deviation
@@ -28,7 +31,7 @@ MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
 SURFACE_LANE = 7  # of sixteen, the one that stands for the surface itself
 SURFACE_REACH = 2  # pixels of disparity by which a surface may move
 SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
-SURFACE_PAD = 8  # places before disparity index 0
+FRAME = 10  # places before the first and after the last disparity that `aggregate_along_surface` may look at
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
 
@@ -61,10 +64,20 @@ def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
     return np.asarray(smooth, dtype=np.uint8)
 
 
-def permeabilities(
-    guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """How freely costs pass from each pixel to its right and its lower neighbour.
+class Passages(NamedTuple):
+    """How freely costs pass from each pixel to its right and its lower neighbour: `passage[across]`, `passage[down]`.
+
+    across, down : uint8 (H, W), how much the guide changes, grey levels; 255 where nothing passes
+    passage : float32 (256,), exp(-change / sigma), 0 for 255
+    """
+
+    across: NDArray[np.uint8]
+    down: NDArray[np.uint8]
+    passage: NDArray[np.float32]
+
+
+def permeabilities(guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None) -> Passages:
+    """How freely costs pass between neighbours; not at all beyond the last column and the last row.
 
     Parameters
     ----------
@@ -72,28 +85,25 @@ def permeabilities(
     sigma : grey levels
     mask : bool (H, W); nothing passes its border
 
-    Returns
-    -------
-    across, down : float32 (H, W), exp(-|difference| / sigma); zero in the last column and the last row
-
     Source
     ------
     Cigla and Alatan 2013, equation 2.
     """
     passage = np.exp(-np.arange(256, dtype=np.float64) / sigma).astype(np.float32)
-    across, down = np.empty(guide.shape[:2], np.float32), np.empty(guide.shape[:2], np.float32)
-    _permeability_kernel(guide.reshape(*guide.shape[:2], -1), passage, across, down)
+    passage[CLOSED] = 0
+    across, down = np.empty(guide.shape[:2], np.uint8), np.empty(guide.shape[:2], np.uint8)
+    _change_kernel(guide.reshape(*guide.shape[:2], -1), across, down)
     if mask is not None:
-        across[:, :-1] *= mask[:, 1:] == mask[:, :-1]
-        down[:-1] *= mask[1:] == mask[:-1]
-    return across, down
+        across[:, :-1][mask[:, 1:] != mask[:, :-1]] = CLOSED
+        down[:-1][mask[1:] != mask[:-1]] = CLOSED
+    return Passages(across, down, passage)
 
 
 @njit(cache=True, nogil=True)
-def _permeability_kernel(
-    guide: NDArray[np.uint8], passage: NDArray[np.float32], across: NDArray[np.float32], down: NDArray[np.float32]
-) -> None:
+def _change_kernel(guide: NDArray[np.uint8], across: NDArray[np.uint8], down: NDArray[np.uint8]) -> None:
     height, width, n_channels = guide.shape
+    across[:, width - 1] = CLOSED
+    down[height - 1] = CLOSED
     for y in range(height):
         for x in range(width):
             to_right, to_below = np.int32(0), np.int32(0)
@@ -103,8 +113,10 @@ def _permeability_kernel(
                     to_right = max(to_right, abs(here - np.int32(guide[y, x + 1, channel])))
                 if y + 1 < height:
                     to_below = max(to_below, abs(here - np.int32(guide[y + 1, x, channel])))
-            across[y, x] = passage[to_right] if x + 1 < width else np.float32(0)
-            down[y, x] = passage[to_below] if y + 1 < height else np.float32(0)
+            if x + 1 < width:
+                across[y, x] = to_right
+            if y + 1 < height:
+                down[y, x] = to_below
 
 
 @njit(inline="always")
@@ -130,10 +142,11 @@ def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes ha
 @njit(cache=True, nogil=True)
 def aggregate_and_choose(
     codes: NDArray[np.uint32],
-    candidates: NDArray[np.uint32],
-    across: NDArray[np.float32],
-    down: NDArray[np.float32],
+    facing_codes: NDArray[np.uint32],
+    origin: int,
+    passages: Passages,
     start: NDArray[np.int32],
+    tile_bits: int,
     n_disparities: int,
     flip: int,
     downward: NDArray[np.float32],
@@ -146,10 +159,12 @@ def aggregate_and_choose(
     Parameters
     ----------
     codes : uint32 (2, H, W), two census codes of the reference view, whose Hamming distances are added
-    candidates : uint32 (2, H, W - 1 + D): pixel x at disparity index k faces `candidates[:, y, W - 1 - x + k]`
-    across, down : float32 (H, W), see `permeabilities`
-    start : int32 (H, W), the first of the sixteen disparity indices of each pixel; where it changes from one pixel
-        to the next, costs flow from lane to lane of the same disparity, and beyond the window its outermost cost
+    facing_codes : uint32 (2, H, n), those of the other view, mirrored and framed: pixel x at disparity index k faces
+        `facing_codes[:, y, origin + W - 1 - x + k]`
+    passages : see `permeabilities`
+    start : int32, the first of the sixteen disparity indices of each square tile of 2 ** tile_bits pixels; where it
+        changes from one pixel to the next, costs flow from lane to lane of the same disparity, and beyond the window
+        its outermost cost
     n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
         because a winner needs both neighbours for its parabola
     flip : 0, the first of equally cheap disparities wins; 15, the last
@@ -158,54 +173,55 @@ def aggregate_and_choose(
     winner : int32 (H, W), its disparity index; updated
     offset : float32 (H, W), pixels, from it to the vertex of the parabola through it and its neighbours; updated
     """
+    across, down, passage = passages
     height, width = across.shape
-    pitch = candidates.shape[2]
-    sharp, blurred = candidates[0].reshape(-1), candidates[1].reshape(-1)
+    pitch = facing_codes.shape[2]
+    sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
     forward = np.empty(width * N_LANES, np.float32)
     upward = np.zeros(width * N_LANES, np.float32)
     scratch = np.empty(3 * N_LANES, np.float32)
     downward[: width * N_LANES] = 0
     for y in range(height):
         flow = zeros()
-        passage = np.float32(0)
-        window = start[y, 0]
+        open_ = np.float32(0)
+        window = start[y >> tile_bits, 0]
         for x in range(width):
-            if start[y, x] != window:
-                flow = _shifted(scratch, flow, start[y, x] - window)
-                window = start[y, x]
-            facing = y * pitch + width - 1 - x + window
+            if start[y >> tile_bits, x >> tile_bits] != window:
+                flow = _shifted(scratch, flow, start[y >> tile_bits, x >> tile_bits] - window)
+                window = start[y >> tile_bits, x >> tile_bits]
+            facing = y * pitch + origin + width - 1 - x + window
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
-            flow = add_scaled(cost, passage, flow)
+            flow = add_scaled(cost, open_, flow)
             store(forward, x * N_LANES, flow)
-            passage = across[y, x]
+            open_ = passage[across[y, x]]
         flow = zeros()
         for x in range(width - 1, -1, -1):
-            if start[y, x] != window:
-                flow = _shifted(scratch, flow, start[y, x] - window)
-                window = start[y, x]
-            facing = y * pitch + width - 1 - x + window
+            if start[y >> tile_bits, x >> tile_bits] != window:
+                flow = _shifted(scratch, flow, start[y >> tile_bits, x >> tile_bits] - window)
+                window = start[y >> tile_bits, x >> tile_bits]
+            facing = y * pitch + origin + width - 1 - x + window
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
-            in_row = add_scaled(load(forward, x * N_LANES), across[y, x], flow)
-            flow = add_scaled(cost, across[y, x], flow)
+            in_row = add_scaled(load(forward, x * N_LANES), passage[across[y, x]], flow)
+            flow = add_scaled(cost, passage[across[y, x]], flow)
             if y > 0:
                 above = load(downward, (y * width + x) * N_LANES)
-                if start[y - 1, x] != window:
-                    above = _shifted(scratch, above, window - start[y - 1, x])
-                in_row = add_scaled(in_row, down[y - 1, x], above)
+                if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
+                    above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
+                in_row = add_scaled(in_row, passage[down[y - 1, x]], above)
             store(downward, ((y + 1) * width + x) * N_LANES, in_row)
     for y in range(height - 1, -1, -1):
         for x in range(width):
-            window = start[y, x]
+            window = start[y >> tile_bits, x >> tile_bits]
             below = load(upward, x * N_LANES)
-            if y + 1 < height and start[y + 1, x] != window:
-                below = _shifted(scratch, below, window - start[y + 1, x])
-            total = add_scaled(load(downward, ((y + 1) * width + x) * N_LANES), down[y, x], below)
+            if y + 1 < height and start[(y + 1) >> tile_bits, x >> tile_bits] != window:
+                below = _shifted(scratch, below, window - start[(y + 1) >> tile_bits, x >> tile_bits])
+            total = add_scaled(load(downward, ((y + 1) * width + x) * N_LANES), passage[down[y, x]], below)
             without_above = total
             if y > 0:
                 above = load(downward, (y * width + x) * N_LANES)
-                if start[y - 1, x] != window:
-                    above = _shifted(scratch, above, window - start[y - 1, x])
-                without_above = add_scaled(total, -down[y - 1, x], above)
+                if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
+                    above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
+                without_above = add_scaled(total, -passage[down[y - 1, x]], above)
             store(upward, x * N_LANES, without_above)
             first = 0 if window == 0 else 1
             last = min(n_disparities - window, N_LANES) - 1
@@ -222,9 +238,9 @@ def aggregate_and_choose(
 
 def aggregate_along_surface(
     codes: NDArray[np.uint32],
-    candidates: NDArray[np.uint32],
-    across: NDArray[np.float32],
-    down: NDArray[np.float32],
+    facing_codes: NDArray[np.uint32],
+    origin: int,
+    passages: Passages,
     surface: NDArray[np.float32],
     n_disparities: int,
     in_bands: Bands,
@@ -236,8 +252,7 @@ def aggregate_along_surface(
 
     Parameters
     ----------
-    codes, across, down : as in `aggregate_and_choose`
-    candidates : uint32 (2, H, W - 1 + D), the first 8 places and the last 10 beyond the range of disparities
+    codes, facing_codes, origin, passages : as in `aggregate_and_choose`
     surface : float32 (H, W), disparity indices
     in_bands : does the work given for rows or columns first to last, in as many parts as there are threads
 
@@ -248,61 +263,64 @@ def aggregate_along_surface(
     height, width = surface.shape
     flows = np.empty(height * width * N_LANES, np.float32)
     refined = np.empty((height, width), np.float32)
-    in_bands(height, lambda first, last: _surface_rows(codes, candidates, across, surface, first, last, flows))
-    in_bands(width, lambda first, last: _surface_columns(down, surface, n_disparities, first, last, flows, refined))
+    in_bands(height, partial(_surface_rows, codes, facing_codes, origin, passages, surface, flows))
+    in_bands(width, partial(_surface_columns, passages, surface, n_disparities, flows, refined))
     return refined
 
 
 @njit(cache=True, nogil=True)
 def _surface_rows(
     codes: NDArray[np.uint32],
-    candidates: NDArray[np.uint32],
-    across: NDArray[np.float32],
+    facing_codes: NDArray[np.uint32],
+    origin: int,
+    passages: Passages,
     surface: NDArray[np.float32],
+    flows: NDArray[np.float32],
     first: int,
     last: int,
-    flows: NDArray[np.float32],
 ) -> None:
+    across, passage = passages.across, passages.passage
     width = surface.shape[1]
-    pitch = candidates.shape[2]
-    sharp, blurred = candidates[0].reshape(-1), candidates[1].reshape(-1)
+    pitch = facing_codes.shape[2]
+    sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
     costs = np.empty(width * N_LANES, np.float32)
     for y in range(first, last):
         flow = zeros()
-        passage = np.float32(0)
+        open_ = np.float32(0)
         for x in range(width):
             whole = np.int64(np.floor(surface[y, x]))
             part = surface[y, x] - np.float32(whole)
-            facing = y * pitch + width - 1 - x + whole + SURFACE_PAD - SURFACE_LANE
+            facing = y * pitch + origin + width - 1 - x + whole - SURFACE_LANE
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
             next_cost = add(hamming(codes[0, y, x], sharp, facing + 1), hamming(codes[1, y, x], blurred, facing + 1))
             cost = add_scaled(add_scaled(cost, part, next_cost), -part, cost)
             store(costs, x * N_LANES, cost)
-            flow = add_scaled(cost, passage, flow)
+            flow = add_scaled(cost, open_, flow)
             store(flows, (y * width + x) * N_LANES, flow)
-            passage = across[y, x]
+            open_ = passage[across[y, x]]
             if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
-                passage = np.float32(0)
+                open_ = np.float32(0)
         flow = zeros()
         for x in range(width - 1, -1, -1):
-            passage = across[y, x]
+            open_ = passage[across[y, x]]
             if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
-                passage = np.float32(0)
+                open_ = np.float32(0)
             place = (y * width + x) * N_LANES
-            store(flows, place, add_scaled(load(flows, place), passage, flow))
-            flow = add_scaled(load(costs, x * N_LANES), passage, flow)
+            store(flows, place, add_scaled(load(flows, place), open_, flow))
+            flow = add_scaled(load(costs, x * N_LANES), open_, flow)
 
 
 @njit(cache=True, nogil=True)
 def _surface_columns(
-    down: NDArray[np.float32],
+    passages: Passages,
     surface: NDArray[np.float32],
     n_disparities: int,
-    first: int,
-    last: int,
     flows: NDArray[np.float32],
     refined: NDArray[np.float32],
+    first: int,
+    last: int,
 ) -> None:
+    down, passage = passages.down, passages.passage
     height, width = surface.shape
     upward = np.zeros((last - first) * N_LANES, np.float32)
     scratch = np.empty(N_LANES, np.float32)
@@ -311,17 +329,17 @@ def _surface_columns(
             if abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
                 place = (y * width + x) * N_LANES
                 above = load(flows, place - width * N_LANES)
-                store(flows, place, add_scaled(load(flows, place), down[y - 1, x], above))
+                store(flows, place, add_scaled(load(flows, place), passage[down[y - 1, x]], above))
     for y in range(height - 1, -1, -1):
         for x in range(first, last):
             place = (y * width + x) * N_LANES
             total = load(flows, place)
             if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
-                total = add_scaled(total, down[y, x], load(upward, (x - first) * N_LANES))
+                total = add_scaled(total, passage[down[y, x]], load(upward, (x - first) * N_LANES))
             without_above = total
             if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
                 above = load(flows, place - width * N_LANES)
-                without_above = add_scaled(total, -down[y - 1, x], above)
+                without_above = add_scaled(total, -passage[down[y - 1, x]], above)
             store(upward, (x - first) * N_LANES, without_above)
             lane = lowest(total, SURFACE_LANE - SURFACE_REACH, SURFACE_LANE + SURFACE_REACH, 0) & LANE_BITS
             store(scratch, 0, total)

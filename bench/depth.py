@@ -1,0 +1,267 @@
+"""Accuracy, speed and memory of the depth methods beside OpenCV's semi-global matcher, mode HH, in the same run.
+
+    python bench/depth.py FOLDER...          accuracy and speed on pairs with truth
+    python bench/depth.py --synthetic        the same on a made-up pair
+    python bench/depth.py --full-hd          time and peak memory at 1920x1080, 128 and 256 disparities
+
+A pair is a folder of the Middlebury kind: im2 and im6, im3 and im4 or view1 and view5, with disp2, disp3 or disp1
+(and disp6 or disp5). Unmatched pixels are filled with the smaller of the nearest valid disparities left and right;
+non-occluded is where left and right truth agree within a pixel, or what the truth's forward warp leaves visible.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.depth import MATCHERS, StereoPair
+from recon.depth.cvf import IdParameters, match_id
+
+Disparity = NDArray[np.float32]
+# left, right, left truth, right truth, truth values a pixel, disparities, unscored border
+LAYOUTS = (
+    ("im2", "im6", "disp2", "disp6", 4, 60, 0),
+    ("im3", "im4", "disp3", "disp4", 16, 16, 18),
+    ("view1", "view5", "disp1", "disp5", 2, 96, 0),
+)
+HH_BLOCK = 5
+FULL_HD = (1920, 1080)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A pair with its truth: disparities float32 (H, W) of both views, NaN where unknown."""
+
+    name: str
+    pair: StereoPair
+    truth: Disparity
+    right_truth: Disparity | None
+
+
+def read_scene(folder: Path) -> Scene:
+    """Read a pair with truth.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no known pair.
+    """
+    for left, right, truth, right_truth, scale, n_disparities, border in LAYOUTS:
+        found = [next(iter(sorted(folder.glob(f"{name}.p[ngp]*"))), None) for name in (left, right, truth, right_truth)]
+        if found[0] and found[1] and found[2]:
+            pair = StereoPair(_image(found[0]), _image(found[1]), n_disparities)
+            known = _truth(found[2], scale)
+            if border:
+                known[:border] = known[-border:] = np.nan
+                known[:, :border] = known[:, -border:] = np.nan
+            return Scene(folder.name, pair, known, None if found[3] is None else _truth(found[3], scale))
+    raise ValueError(f"{folder}: no pair with truth here; expected im2 + im6, im3 + im4 or view1 + view5 with disp*")
+
+
+def _image(path: Path) -> NDArray[np.uint8]:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"{path}: is not readable as an image")
+    return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def _truth(path: Path, scale: int) -> Disparity:
+    values = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if values is None:
+        raise ValueError(f"{path}: is not readable as an image")
+    return np.where(values == 0, np.nan, values / scale).astype(np.float32)
+
+
+def synthetic_scene(width: int = 450, height: int = 375, n_disparities: int = 60, seed: int = 0) -> Scene:
+    """A textured background with slanted rectangles in front of it, with the truth of both views."""
+    rng = np.random.default_rng(seed)
+    images = np.zeros((2, height, width, 3), np.float32)
+    truths = np.full((2, height, width), -np.inf, np.float32)
+    y, x = (grid.astype(np.float32) for grid in np.indices((height, width)))
+    for layer in range(9):
+        slope_x, slope_y = rng.uniform(-0.03, 0.03, 2) if layer else (0.0, 0.0)
+        centre = rng.uniform((0.1, 0.1), (0.9, 0.9)) * (width, height)
+        half = rng.uniform(0.05, 0.2, 2) * (width, height) if layer else np.array([width, height]) * 2.0
+        depth = n_disparities * (0.15 + 0.08 * layer)
+        texture = _texture(rng, height, width + n_disparities)
+        for view in (0, 1):
+            shifted = x if view == 0 else (x + depth - slope_x * centre[0] + slope_y * (y - centre[1])) / (1 - slope_x)
+            disparity = depth + slope_x * (shifted - centre[0]) + slope_y * (y - centre[1])
+            inside = (np.abs(shifted - centre[0]) < half[0]) & (np.abs(y - centre[1]) < half[1])
+            seen = inside & (disparity > truths[view])
+            colour = cv2.remap(texture, shifted.astype(np.float32), y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            images[view][seen], truths[view][seen] = colour[seen], disparity[seen]
+    noisy = np.clip(images + rng.normal(0, 1, images.shape), 0, 255).round().astype(np.uint8)
+    return Scene("synthetic", StereoPair(noisy[0], noisy[1], n_disparities), truths[0], truths[1])
+
+
+def _texture(rng: np.random.Generator, height: int, width: int) -> NDArray[np.float32]:
+    """Noise of several scales in one hue."""
+    total = np.zeros((height, width), np.float32)
+    for scale in (1, 3, 9, 27):
+        noise = rng.normal(size=(height // scale + 2, width // scale + 2)).astype(np.float32)
+        total += cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC) * scale**0.5
+    grey = 128 + total * rng.uniform(4, 14)
+    return np.asarray(grey[..., None] * rng.uniform(0.5, 1.2, 3), np.float32)
+
+
+def semi_global(pair: StereoPair) -> Disparity:
+    """OpenCV's SGBM, mode HH, on colour, block 5; framed on the left so that it covers the whole image."""
+    n_disparities = -(-pair.n_disparities // 16) * 16
+    smoothness = 3 * HH_BLOCK * HH_BLOCK
+    matcher = cv2.StereoSGBM.create(
+        0, n_disparities, HH_BLOCK, 8 * smoothness, 32 * smoothness, 1, mode=cv2.STEREO_SGBM_MODE_HH
+    )
+    left, right = (cv2.copyMakeBorder(i, 0, 0, n_disparities, 0, cv2.BORDER_REPLICATE) for i in (pair.left, pair.right))
+    sixteenths = np.asarray(matcher.compute(left, right)[:, n_disparities:], dtype=np.float32)
+    return np.where(sixteenths >= 0, sixteenths / np.float32(16), np.float32(np.nan))
+
+
+def filled(disparity: Disparity) -> Disparity:
+    """Unmatched pixels filled with the smaller of the nearest valid disparities left and right."""
+    towards: list[Disparity] = []
+    for values in (disparity, disparity[:, ::-1]):
+        valid = np.isfinite(values)
+        nearest = np.maximum.accumulate(np.where(valid, np.arange(values.shape[1]), -1), axis=1)
+        taken = np.take_along_axis(values, np.maximum(nearest, 0), axis=1)
+        towards.append(np.where(nearest >= 0, taken, np.float32(np.inf)))
+    lower = np.minimum(towards[0], towards[1][:, ::-1])
+    return np.where(np.isfinite(lower), lower, 0).astype(np.float32)
+
+
+def non_occluded(truth: Disparity, right_truth: Disparity | None) -> NDArray[np.bool_]:
+    """Where both views see the scene."""
+    known = np.isfinite(truth)
+    rows, columns = np.arange(truth.shape[0])[:, None], np.arange(truth.shape[1])[None]
+    there = np.rint(columns - np.where(known, truth, 0)).astype(np.intp)
+    rows = np.broadcast_to(rows, there.shape)
+    inside = known & (there >= 0)
+    there = np.clip(there, 0, truth.shape[1] - 1)
+    if right_truth is not None:
+        return np.asarray(inside & (np.abs(right_truth[rows, there] - truth) <= 1))
+    nearest = np.full(truth.shape, -np.inf)
+    np.maximum.at(nearest, (rows[inside], there[inside]), truth[inside])
+    return np.asarray(inside & (truth >= nearest[rows, there] - 1))
+
+
+def accuracy(disparity: Disparity, scene: Scene) -> dict[str, float]:
+    """Bad pixels in percent, root mean square errors in pixels, density in percent."""
+    error = np.abs(filled(disparity) - scene.truth)
+    visible, known = non_occluded(scene.truth, scene.right_truth), np.isfinite(scene.truth)
+    scores: dict[str, float] = {}
+    for name, region in (("nonocc", visible), ("all", known)):
+        scores |= {f"bad-{limit} {name}": 100 * float((error[region] > limit).mean()) for limit in (0.5, 1, 2)}
+        scores[f"rms {name}"] = float(np.sqrt((error[region] ** 2).mean()))
+    kept = visible & np.isfinite(disparity)
+    inliers = kept & (error <= 1)
+    scores["density"] = 100 * float(kept.sum() / visible.sum())
+    scores["bad-1 kept"] = 100 * float((error[kept] > 1).mean())
+    scores["rms inliers"] = float(np.sqrt((error[inliers] ** 2).mean()))
+    return scores
+
+
+METHODS: dict[str, Callable[[StereoPair], Disparity]] = {
+    "sgbm hh": semi_global,
+    "id full": lambda pair: match_id(pair, IdParameters(levels=0)),
+    **MATCHERS,
+}
+
+
+def seconds(methods: list[str], pair: StereoPair, *, rounds: int) -> dict[str, float]:
+    """Median wall time of each method, taken in turns so that a busy machine slows all alike."""
+    taken: dict[str, list[float]] = {name: [] for name in methods}
+    for name in methods:
+        METHODS[name](pair)
+    for _ in range(rounds):
+        for name in methods:
+            begin = time.perf_counter()
+            METHODS[name](pair)
+            taken[name].append(time.perf_counter() - begin)
+    return {name: float(np.median(times)) for name, times in taken.items()}
+
+
+def print_scene(scene: Scene, *, rounds: int) -> None:
+    """One table: a line a method."""
+    fast = [name for name in METHODS if name != "pm"]
+    times = seconds(fast, scene.pair, rounds=rounds) | seconds(["pm"], scene.pair, rounds=1)
+    print(f"\n{scene.name}: {scene.pair.width}x{scene.pair.height}, {scene.pair.n_disparities} disparities")
+    for row, name in enumerate(METHODS):
+        scores = accuracy(METHODS[name](scene.pair), scene)
+        if row == 0:
+            print(" ".join(["method  ", *(f"{key:>13s}" for key in scores), "           ms", "        ratio"]))
+        cells = [*scores.values(), 1000 * times[name], times[name] / times["sgbm hh"]]
+        print(f"{name:8s} " + " ".join(f"{cell:13.3f}" for cell in cells))
+
+
+def print_full_hd(*, rounds: int) -> None:
+    """Time in turns, and peak memory each in its own process."""
+    for n_disparities in (128, 256):
+        pair = full_hd_pair(n_disparities)
+        methods = ["sgbm hh", "id full", "id", "dr"]
+        times = seconds(methods, pair, rounds=rounds)
+        print(f"\nfull HD, {n_disparities} disparities\nmethod              ms        ratio     peak MiB")
+        for name in methods:
+            memory = peak_memory(name, n_disparities)
+            print(f"{name:8s} {1000 * times[name]:13.1f} {times[name] / times['sgbm hh']:12.3f} {memory:12.0f}")
+
+
+def full_hd_pair(n_disparities: int) -> StereoPair:
+    """A made-up pair of 1920x1080."""
+    return synthetic_scene(*FULL_HD, n_disparities).pair
+
+
+def peak_memory(method: str, n_disparities: int) -> float:
+    """Peak resident memory of a process that reads a pair and matches it, MiB."""
+    pair = full_hd_pair(n_disparities)
+    path = Path(f"/tmp/bench-depth-{os.getpid()}.npz")
+    np.savez(path, left=pair.left, right=pair.right)
+    try:
+        command = [sys.executable, __file__, "--peak-of", method, str(n_disparities), str(path)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+    finally:
+        path.unlink()
+    return float(json.loads(done.stdout))
+
+
+def print_peak(method: str, n_disparities: int, path: Path) -> None:
+    """In a process of its own: match once, print the peak in MiB."""
+    images = np.load(path)
+    METHODS[method](StereoPair(images["left"], images["right"], n_disparities))
+    status = Path("/proc/self/status").read_text(encoding="ascii")  # getrusage would count the parent's peak too
+    print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="*", type=Path)
+    parser.add_argument("--synthetic", action="store_true")
+    parser.add_argument("--full-hd", action="store_true")
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--peak-of", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.peak_of:
+        method, n_disparities, path = options.peak_of
+        print_peak(method, int(n_disparities), Path(path))
+        return
+    for folder in options.folders:
+        print_scene(read_scene(folder), rounds=options.rounds)
+    if options.synthetic:
+        print_scene(synthetic_scene(), rounds=options.rounds)
+    if options.full_hd:
+        print_full_hd(rounds=max(options.rounds // 3, 1))
+
+
+if __name__ == "__main__":
+    main()
