@@ -25,10 +25,12 @@ from recon.execute import Progress, run_tasks, silent
 from recon.files import remove_leftovers
 from recon.flythrough import RenderOptions, make_video
 from recon.manifest import Stimulus, write_manifest
-from recon.products import filter_sequence, make_cloud, make_mesh, match_frame
+from recon.products import compare_colours, filter_sequence, make_cloud, make_mesh, match_frame
 from recon.render.frames import choose_renderer
 from recon.run import Run, log, read_run, versions, write_run
 from recon.surface import SurfaceParameters
+
+PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class ReconstructOptions:
     frames : which frames; None for all
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
+    balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     workers : local processes; 1 works in this process with all threads
     """
 
@@ -50,6 +53,7 @@ class ReconstructOptions:
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
+    balance_colours: bool = False
     workers: int = 1
 
 
@@ -93,7 +97,8 @@ def reconstruct(
     for method in options.depths:
         _matcher(method)
     frames = _chosen_frames(capture, options.frames)
-    surface = replace(options.surface, voxel_mm=options.surface.voxel_mm or depth_resolution(capture))
+    voxel = options.surface.voxel_mm or depth_resolution(capture)
+    surface = replace(options.surface, voxel_mm=voxel)
     sequences = [(method, stream.id) for method in options.depths for stream in capture.sensors]
     views = [(*sequence, frame) for sequence in sequences for frame in frames]
 
@@ -103,11 +108,17 @@ def reconstruct(
         "matching": [partial(match_frame, capture, run, *view) for view in views],
         "depth maps": [partial(filter_sequence, capture, run, *ids, frames, options.temporal) for ids in sequences],
         "clouds": [partial(make_cloud, capture, run, *view, options.cloud) for view in views],
+        "colours": [partial(compare_colours, capture, run, options.depths[-1], frames[0], PLACE_VOXELS * voxel)]
+        * options.balance_colours,
         "meshes": [
-            partial(make_mesh, capture, run, approach, frame, surface) for approach in wanted for frame in frames
+            partial(make_mesh, capture, run, approach, frame, surface, balanced=options.balance_colours)
+            for approach in wanted
+            for frame in frames
         ],
     }
-    timings = {stage: _run_stage(stage, tasks, run, options.workers, progress) for stage, tasks in stages.items()}
+    timings = {
+        stage: _run_stage(stage, tasks, run, options.workers, progress) for stage, tasks in stages.items() if tasks
+    }
     finished = Run(run, capture, tuple(map(str, wanted)), tuple(frames), versions())
     return write_run(finished, options=_as_json(replace(options, surface=surface)), timings=timings)
 

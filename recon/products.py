@@ -22,11 +22,13 @@ from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
+from recon.files import read_json, write_json
 from recon.fusion import FUSIONS
 from recon.mesh import read_cloud, write_cloud, write_mesh
 from recon.rig import Camera
-from recon.run import cloud_name, depth_name, matched_name, mesh_name
+from recon.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name
 from recon.surface import SurfaceParameters
+from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 
 
 def match_frame(capture: Capture, run: Path, method: str, sensor_id: str, frame: int) -> list[str]:
@@ -100,18 +102,40 @@ def make_cloud(
     return [name] if Artefacts(run).make(name, key, write) else []
 
 
-def make_mesh(capture: Capture, run: Path, approach: Approach, frame: int, parameters: SurfaceParameters) -> list[str]:
-    """The mesh that one approach fuses from the clouds of all sensors."""
+def compare_colours(capture: Capture, run: Path, method: str, frame: int, place_mm: float) -> list[str]:
+    """What makes the sensors' colours agree, estimated once for a run, so that all approaches get the same colours."""
+    clouds = [cloud_name(method, stream.id, frame) for stream in capture.sensors]
+    key = {
+        "clouds": Artefacts(run).digests(clouds),
+        "place_mm": place_mm,
+        "code": code_version("surface/colours.py"),
+    }
+
+    def write(path: Path) -> None:
+        colours = estimate_colours([read_cloud(run / cloud) for cloud in clouds], place_mm)
+        write_json(path, {"gain": colours.gain.tolist(), "offset": colours.offset.tolist()})
+
+    return [COLOURS_NAME] if Artefacts(run).make(COLOURS_NAME, key, write) else []
+
+
+def make_mesh(
+    capture: Capture, run: Path, approach: Approach, frame: int, parameters: SurfaceParameters, *, balanced: bool
+) -> list[str]:
+    """The mesh that one approach fuses from the clouds of all sensors, their colours made to agree if `balanced`."""
     clouds = [cloud_name(approach.depth, stream.id, frame) for stream in capture.sensors]
     key = {
         "clouds": Artefacts(run).digests(clouds),
+        "colours": Artefacts(run).digest(COLOURS_NAME) if balanced else None,
         "fusion": approach.fusion,
         "parameters": asdict(parameters),
         "code": code_version("surface", "fusion.py", "mesh.py"),
     }
 
     def write(path: Path) -> None:
-        write_mesh(path, FUSIONS[approach.fusion]([read_cloud(run / cloud) for cloud in clouds], parameters))
+        sensors = [read_cloud(run / cloud) for cloud in clouds]
+        if balanced:
+            sensors = balance_colours(sensors, _colours(run))
+        write_mesh(path, FUSIONS[approach.fusion](sensors, parameters))
 
     name = mesh_name(str(approach), frame)
     return [name] if Artefacts(run).make(name, key, write) else []
@@ -132,6 +156,11 @@ def _filtered(
         return
     pairs = (_stereo_pair(capture, rectification, sensor_id, frame) for frame in frames)
     yield from zip(frames, match_sequence(pairs, lambda _pair: next(matched), parameters), strict=True)
+
+
+def _colours(run: Path) -> SensorColours:
+    content = read_json(run / COLOURS_NAME)
+    return SensorColours(np.array(content["gain"]), np.array(content["offset"]))
 
 
 def _rectification(capture: Capture, sensor_id: str) -> Rectification:

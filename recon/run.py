@@ -21,6 +21,7 @@ from recon.files import read_json, write_json
 
 SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
+COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 
 
 def matched_name(method: str, sensor_id: str, frame: int) -> str:

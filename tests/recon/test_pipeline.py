@@ -6,6 +6,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ from recon.artefacts import file_digest
 from recon.capture.format import Capture
 from recon.files import read_json
 from recon.flythrough import RenderOptions, shown_frames
+from recon.mesh import read_mesh
 from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.video import probe_video
 from recon.run import read_run
 from recon.studio import SynthParameters, synthesise
+from recon.surface import SurfaceParameters
 
 WHOLE_WAY = """
 import sys
@@ -70,10 +73,6 @@ def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Captur
 
 
 def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, tmp_path: Path) -> None:
-    from shutil import copytree
-
-    from recon.surface import SurfaceParameters
-
     again = tmp_path / "run"
     copytree(run, again)
     n_made = len((again / "log.jsonl").read_text().splitlines())
@@ -88,6 +87,17 @@ def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path
     for path in (run / "depth/id").rglob("*.npy"):
         disparity = np.load(path)
         assert np.array_equal(disparity, np.rint(disparity), equal_nan=True)
+
+
+def test_balanced_colours_make_other_colours_and_the_same_shapes(capture: Capture, run: Path, tmp_path: Path) -> None:
+    again = Path(copytree(run, tmp_path / "run"))
+    reconstruct(capture.folder, again, ReconstructOptions(depths=("id",), balance_colours=True))
+    gain = np.array(read_json(again / "colours.json")["gain"])
+    assert gain.shape == (2, 3)
+    assert np.allclose(gain.mean(axis=0), 1)
+    before, after = (read_mesh(folder / "meshes/id_fb/0000.ply") for folder in (run, again))
+    assert np.array_equal(before.vertices, after.vertices)
+    assert not np.array_equal(before.colours, after.colours)
 
 
 @pytest.mark.slow
