@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True)
 capture_app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, segment, check.")
 app.add_typer(capture_app, name="capture")
+validate_app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres.")
+app.add_typer(validate_app, name="validate")
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
@@ -209,6 +211,7 @@ def reconstruct(
     frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
     voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
     temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time, against flicker.")] = True,
+    balance: Annotated[bool, typer.Option("--balance-colours", help="Make the sensors' colours agree.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Local processes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -225,6 +228,7 @@ def reconstruct(
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel),
+        balance_colours=balance,
         workers=workers,
     )
     progress = ProgressLine()
@@ -272,6 +276,49 @@ def render(
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
     sentences = [f"Rendered {len(stimuli)} videos: {manifest}", *(f"below the bar for encoding: {f}" for f in faults)]
     print_result({"manifest": str(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)
+
+
+@validate_app.command("sphere")
+def validate_sphere(
+    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one per sensor and placed ball.")],
+    radius: Annotated[float, typer.Option(help="Known radius of the ball, mm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    sensor: Annotated[
+        list[str] | None, typer.Option(help="Sensors of the clouds, in their order; fewer names repeat.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="robust or super4pcs.")] = "robust",
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use whatever the rule says.")] = None,
+    drop: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out whatever the rule says.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit spheres of a known radius; signed errors and inlier ratios per sensor and combined."""
+    from recon.validation.sphere_report import write_sphere_report
+    from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
+
+    settings = SphereSettings(
+        radius, parse_thresholds(thresholds), method, unit, tuple(keep or ()), tuple(drop or ()), seed
+    )
+    progress = ProgressLine()
+    report = measure_spheres(sphere_clouds(clouds, sensor or ()), settings, progress)
+    progress.close()
+    page = write_sphere_report(report, out)
+    print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
+
+
+def parse_thresholds(text: str) -> tuple[float, ...]:
+    """The thresholds of "FROM:TO" in steps of 2.5 mm, or of "FROM:TO:STEP"."""
+    try:
+        low, high, step = [float(value) for value in text.split(":")] + [2.5] * (text.count(":") == 1)
+    except ValueError:
+        low, high, step = 0.0, 0.0, 0.0
+    if not (0 < low <= high < 1e6 and step > 0 and (high - low) / step < 10_000):
+        raise typer.BadParameter(
+            f"{text!r} are no thresholds; expected FROM:TO or FROM:TO:STEP in mm, for example 5:100"
+        )
+    return tuple(low + step * index for index in range(int((high - low) / step + 1e-9) + 1))
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -329,3 +376,14 @@ def parse_bounds(text: str | None) -> Any:
 def _check_sentences(folder: Path, report: CheckReport) -> str:
     verdict = "\n".join(f"problem: {problem}" for problem in report.problems) or "Nothing is wrong."
     return f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors\n{report.as_text()}\n{verdict}"
+
+
+def _sphere_sentences(report: dict[str, Any], page: Path) -> str:
+    lines = [
+        f"{row['sensor']} ({row['subset']}): {row['inliers']:.2%} within {row['threshold_mm']:g} mm "
+        f"in {row['n_samples']} samples"
+        for row in report["table"]
+    ]
+    lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]
+    failed = {row["name"]: row["failure"] for row in report["reconstructions"] if row["failure"]}
+    return "\n".join([*lines, *(f"no fit: {name}: {why}" for name, why in failed.items()), f"Report: {page}"])

@@ -113,7 +113,7 @@ def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SpherePa
         If no sphere of this radius is there, or two are. The message says what was found instead.
     """
     points, parameters = checked_points(points, radius), parameters or SphereParameters()
-    sample = _sample(points, parameters.seed)
+    sample = subsample(points, parameters.seed)
     try:
         return _fit(points, sample, radius, parameters)
     except FitError as error:
@@ -133,13 +133,30 @@ def refine_sphere(
     FitError
         If the steps do not converge or what they reach is not a sphere of this radius.
     """
-    return _fit_from(points, _sample(points, parameters.seed), centre, radius, parameters)
+    return _fit_from(points, subsample(points, parameters.seed), centre, radius, parameters)
 
 
 def inlier_curve(errors: NDArray[np.floating], thresholds: Sequence[float]) -> NDArray[np.float64]:
     """Share of the points whose error is at most each threshold (T,), mm, on either side."""
     ordered = np.sort(np.abs(errors))
     return np.asarray(np.searchsorted(ordered, np.asarray(thresholds, dtype=ordered.dtype), side="right") / len(errors))
+
+
+def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
+    """The centre to which other points (N, 3) move a fit that keeps its cutoff.
+
+    Raises
+    ------
+    FitError
+        If the points do not determine it.
+    """
+    centre = fit.centre
+    for _ in range(MAX_STEPS):
+        moved = _step(points, centre, fit.radius, parameters.cutoff * fit.scale)
+        change, centre = float(np.linalg.norm(moved - centre)), moved
+        if change < STEP_MM:
+            break
+    return centre
 
 
 def checked_points(points: NDArray[np.floating], radius: float) -> NDArray[np.float32]:
@@ -393,7 +410,7 @@ def _band(radius: float, parameters: SphereParameters) -> float:
     return parameters.band or BAND_SHARE * radius
 
 
-def _sample(points: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
+def subsample(points: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
     """At most LARGEST_SAMPLE of the points, one out of each run of equal length."""
     if len(points) <= LARGEST_SAMPLE:
         return points

@@ -1,0 +1,172 @@
+"""Compiled search for congruent 4-point bases: the two steps of Super4PCS that its name comes from.
+
+Source: Mellado, Aiger, Mitra, "Super 4PCS: fast global pointcloud registration via smart indexing" (2014), sections
+4.1 (pairs at a given distance, by a rasterised sphere) and 4.2 (intersections of pairs at a given angle, by a grid).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _cell_of(point, low, cell):  # type: ignore[no-untyped-def]  # numba
+    return (
+        int(np.floor((point[0] - low[0]) / cell)),
+        int(np.floor((point[1] - low[1]) / cell)),
+        int(np.floor((point[2] - low[2]) / cell)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def cell_table(
+    points: NDArray[np.float64], cell: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Points sorted into a grid: lowest corner (3,), shape (3,), first entry of each cell (C + 1,), entries (N,)."""
+    low = np.empty(3)
+    shape = np.empty(3, np.int64)
+    for axis in range(3):
+        low[axis] = points[:, axis].min() - 0.5 * cell
+        shape[axis] = int((points[:, axis].max() - low[axis]) / cell) + 1
+    starts = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
+    keys = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        x, y, z = _cell_of(points[i], low, cell)
+        keys[i] = (x * shape[1] + y) * shape[2] + z
+        starts[keys[i] + 1] += 1
+    for k in range(len(starts) - 1):
+        starts[k + 1] += starts[k]
+    filled = starts.copy()
+    entries = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        entries[filled[keys[i]]] = i
+        filled[keys[i]] += 1
+    return low, shape, starts, entries
+
+
+@njit(cache=True, nogil=True)
+def pairs_at_distance(points: NDArray[np.float64], distance: float, tolerance: float, most: int) -> NDArray[np.int64]:
+    """Ordered pairs (P, 2) of points `distance` apart, give or take; at most `most` of them.
+
+    Around each point only those cells of a grid are looked into that the sphere of that radius crosses: the list of
+    their offsets is the rasterised sphere, the same for every point.
+    """
+    cell = max(distance / 8, tolerance)
+    low, shape, starts, entries = cell_table(points, cell)
+    reach = int((distance + tolerance) / cell) + 1
+    offsets = np.empty(((2 * reach + 1) ** 3, 3), np.int64)
+    n_offsets = 0
+    for x in range(-reach, reach + 1):
+        for y in range(-reach, reach + 1):
+            for z in range(-reach, reach + 1):
+                near = cell * np.sqrt(max(abs(x) - 1, 0) ** 2 + max(abs(y) - 1, 0) ** 2 + max(abs(z) - 1, 0) ** 2)
+                far = cell * np.sqrt((abs(x) + 1) ** 2 + (abs(y) + 1) ** 2 + (abs(z) + 1) ** 2)
+                if near <= distance + tolerance and far >= distance - tolerance:
+                    offsets[n_offsets] = x, y, z
+                    n_offsets += 1
+    pairs = np.empty((most, 2), np.int64)
+    n = 0
+    least, largest = max(distance - tolerance, 0.0) ** 2, (distance + tolerance) ** 2
+    for i in range(len(points)):
+        cx, cy, cz = _cell_of(points[i], low, cell)
+        for k in range(n_offsets):
+            x, y, z = cx + offsets[k, 0], cy + offsets[k, 1], cz + offsets[k, 2]
+            if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
+                continue
+            key = (x * shape[1] + y) * shape[2] + z
+            for entry in range(starts[key], starts[key + 1]):
+                j = entries[entry]
+                d2 = 0.0
+                for axis in range(3):
+                    d2 += (points[i, axis] - points[j, axis]) ** 2
+                if least <= d2 <= largest:
+                    pairs[n] = i, j
+                    n += 1
+                    if n == most:
+                        return pairs
+    return pairs[:n]
+
+
+@njit(cache=True, nogil=True)
+def congruent_bases(
+    points: NDArray[np.float64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    at: NDArray[np.float64],
+    cosine: float,
+    tolerance: float,
+    most: int,
+) -> NDArray[np.int64]:
+    """Quadruples (B, 4) of points: a pair of each list that cross where the base's diagonals do, at their angle.
+
+    Parameters
+    ----------
+    first, second : int64 (P, 2), ordered pairs as long as the base's diagonals
+    at : float64 (2,), where on either diagonal the other crosses it, as a share of its length
+    cosine : of the angle between the diagonals
+    tolerance : mm, between the two crossings; divided by the diagonals' lengths it is that of the cosine as well
+    most : of the quadruples
+    """
+    found = np.empty((most, 4), np.int64)
+    if len(first) == 0 or len(second) == 0:
+        return found[:0]
+    crossings = np.empty((len(first), 3))
+    for k in range(len(first)):
+        for axis in range(3):
+            a, b = points[first[k, 0], axis], points[first[k, 1], axis]
+            crossings[k, axis] = a + at[0] * (b - a)
+    cell = max(tolerance, 0.01 * (crossings.max() - crossings.min()))  # a table of a million cells at most
+    low, shape, starts, entries = cell_table(crossings, cell)
+    n = 0
+    for k in range(len(second)):
+        c, d = points[second[k, 0]], points[second[k, 1]]
+        e = c + at[1] * (d - c)
+        cx, cy, cz = _cell_of(e, low, cell)
+        length_cd = np.sqrt(((d - c) ** 2).sum())
+        for x in range(max(cx - 1, 0), min(cx + 2, shape[0])):
+            for y in range(max(cy - 1, 0), min(cy + 2, shape[1])):
+                for z in range(max(cz - 1, 0), min(cz + 2, shape[2])):
+                    key = (x * shape[1] + y) * shape[2] + z
+                    for entry in range(starts[key], starts[key + 1]):
+                        m = entries[entry]
+                        gap, dot, length_ab = 0.0, 0.0, 0.0
+                        for axis in range(3):
+                            gap += (crossings[m, axis] - e[axis]) ** 2
+                            along = points[first[m, 1], axis] - points[first[m, 0], axis]
+                            dot += along * (d[axis] - c[axis])
+                            length_ab += along * along
+                        length_ab = np.sqrt(length_ab)
+                        slack = 2 * tolerance / min(length_ab, length_cd)
+                        if gap > tolerance * tolerance or abs(dot / (length_ab * length_cd) - cosine) > slack:
+                            continue
+                        found[n] = first[m, 0], first[m, 1], second[k, 0], second[k, 1]
+                        n += 1
+                        if n == most:
+                            return found
+    return found[:n]
+
+
+@njit(cache=True, nogil=True)
+def overlaps(
+    transforms: NDArray[np.float64],
+    points: NDArray[np.float64],
+    near: NDArray[np.bool_],
+    low: NDArray[np.float64],
+    cell: float,
+) -> NDArray[np.float64]:
+    """Share (T,) of the points that each transform (T, 3, 4) brings into cells of `near`, the model's surroundings."""
+    shares = np.zeros(len(transforms))
+    for t in range(len(transforms)):
+        count = 0
+        m = transforms[t]
+        for i in range(len(points)):
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            x = int(np.floor((m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3] - low[0]) / cell))
+            y = int(np.floor((m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3] - low[1]) / cell))
+            z = int(np.floor((m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3] - low[2]) / cell))
+            if 0 <= x < near.shape[0] and 0 <= y < near.shape[1] and 0 <= z < near.shape[2] and near[x, y, z]:
+                count += 1
+        shares[t] = count / len(points)
+    return shares

@@ -1,0 +1,220 @@
+"""Super4PCS: a rigid model registered to a cloud without a starting guess.
+
+Source: Mellado, Aiger, Mitra (2014). A base of four coplanar points of the cloud is looked for in the model by the
+invariants that a rigid motion leaves: the diagonals' lengths, where they cross, and their angle. Each congruent base
+gives a motion; the motion that brings most of the cloud onto the model wins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.congruent import congruent_bases, overlaps, pairs_at_distance
+
+MOST_PAIRS = 20_000
+MIN_SAMPLE = 20
+LARGEST_GRID = 96  # cells along the longest side of the model's surroundings
+FLATTEST = 0.3  # sine between the base's sides below which its points are nearly in line
+BASE_TRIES = 200
+
+
+@dataclass(frozen=True)
+class Super4PCSParameters:
+    """How long and how finely is searched.
+
+    Parameters
+    ----------
+    delta : mm, how far a point may lie from the model and still count; also the congruence's tolerance
+    overlap : share of the cloud that belongs to the model; the widest bases are this share of the cloud's extent
+    n_samples : points of the cloud and of the model that are used
+    n_trials : bases; every one is tried unless the time is over
+    n_congruent : congruent bases that are checked per trial
+    seconds : time budget; None for none, and then the same seed gives the same result on every machine
+    seed : of samples and bases
+    """
+
+    delta: float
+    overlap: float = 0.6
+    n_samples: int = 400
+    n_trials: int = 30
+    n_congruent: int = 2000
+    seconds: float | None = None
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if not self.delta > 0:
+            raise ValueError(f"delta is {self.delta} mm, expected more than zero")
+        if not 0 < self.overlap <= 1:
+            raise ValueError(f"overlap is {self.overlap}, expected more than 0 and at most 1")
+        if self.n_trials < 1 or self.n_congruent < 1 or self.n_samples < MIN_SAMPLE:
+            raise ValueError(
+                f"n_trials {self.n_trials} and n_congruent {self.n_congruent} must be at least 1, "
+                f"n_samples {self.n_samples} at least {MIN_SAMPLE}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Where a model is in a cloud.
+
+    Parameters
+    ----------
+    cloud_from_model : float64 (4, 4)
+    overlap : share of the sampled cloud within delta of the model
+    n_trials : bases that were tried
+    n_checked : motions that were checked
+    is_out_of_time : whether the time budget ended the search
+    """
+
+    cloud_from_model: NDArray[np.float64]
+    overlap: float
+    n_trials: int
+    n_checked: int
+    is_out_of_time: bool
+
+
+def super4pcs(
+    model: NDArray[np.floating],
+    cloud: NDArray[np.floating],
+    parameters: Super4PCSParameters,
+    clock: Callable[[], float] = time.monotonic,
+) -> Registration:
+    """Register a model's points (M, 3) to a cloud (N, 3), mm.
+
+    Raises
+    ------
+    ValueError
+        If either has too few points, or no base of the cloud is congruent to one of the model.
+    """
+    started, rng = clock(), np.random.default_rng(parameters.seed)
+    model_sample = _spread(model, parameters.n_samples, rng)
+    cloud_sample = _spread(cloud, parameters.n_samples, rng)
+    near, low, cell = _surroundings(np.asarray(model, dtype=np.float64), parameters.delta)
+    best, best_share, n_checked, n_trials = np.eye(4)[:3], -1.0, 0, 0
+    for _ in range(parameters.n_trials):
+        if parameters.seconds is not None and clock() - started > parameters.seconds:
+            break
+        n_trials += 1
+        motions = _motions(_base(cloud_sample, model_sample, parameters, rng), model_sample, parameters, rng)
+        if not len(motions):
+            continue
+        shares = overlaps(motions, cloud_sample, near, low, cell)
+        n_checked += len(motions)
+        if shares.max() > best_share:
+            best, best_share = motions[int(np.argmax(shares))], float(shares.max())
+    if best_share <= 0:
+        raise ValueError(
+            f"no base of the cloud is congruent to one of the model in {n_trials} trials; delta "
+            f"{parameters.delta:g} mm may be too small, or the model is not in the cloud"
+        )
+    model_from_cloud = np.vstack([best, (0, 0, 0, 1)])
+    is_out_of_time = n_trials < parameters.n_trials
+    return Registration(np.linalg.inv(model_from_cloud), best_share, n_trials, n_checked, is_out_of_time)
+
+
+def _motions(
+    base: NDArray[np.float64], model: NDArray[np.float64], parameters: Super4PCSParameters, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Motions (T, 3, 4) that bring the base (4, 3) onto congruent points of the model."""
+    a, b, c, d = base
+    at = _crossing(base)
+    length_ab, length_cd = float(np.linalg.norm(b - a)), float(np.linalg.norm(d - c))
+    cosine = float((b - a) @ (d - c)) / (length_ab * length_cd)
+    first = pairs_at_distance(model, length_ab, parameters.delta, MOST_PAIRS)
+    second = pairs_at_distance(model, length_cd, parameters.delta, MOST_PAIRS)
+    most = 20 * parameters.n_congruent
+    found = congruent_bases(model, first, rng.permutation(second), at, cosine, parameters.delta, most)
+    if len(found) > parameters.n_congruent:
+        found = found[rng.choice(len(found), parameters.n_congruent, replace=False)]
+    return rigid_motions(base, model[found])
+
+
+def rigid_motions(sources: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rigid motions (T, 3, 4) that bring points (K, 3) nearest to each of targets (T, K, 3).
+
+    Source: Arun, Huang, Blostein, "Least-squares fitting of two 3-D point sets" (1987).
+    """
+    middle, middles = sources.mean(axis=0), targets.mean(axis=1)
+    covariance = np.einsum("ki,tkj->tij", sources - middle, targets - middles[:, None])
+    u, _, vt = np.linalg.svd(covariance)
+    turn = np.swapaxes(vt, 1, 2) @ np.swapaxes(u, 1, 2)
+    flip = np.where(np.linalg.det(turn) < 0, -1.0, 1.0)
+    vt[:, 2] *= flip[:, None]
+    turn = np.swapaxes(vt, 1, 2) @ np.swapaxes(u, 1, 2)
+    return np.concatenate([turn, (middles - turn @ middle)[:, :, None]], axis=2)
+
+
+def _base(
+    cloud: NDArray[np.float64], model: NDArray[np.float64], parameters: Super4PCSParameters, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Four nearly coplanar points (4, 3) whose diagonals ab and cd cross, as wide as the overlap allows."""
+    widest = parameters.overlap * min(_extent(cloud), _extent(model))
+    best, best_gap = cloud[:4], np.inf
+    for _ in range(BASE_TRIES):
+        a, b, c = cloud[rng.choice(len(cloud), 3, replace=False)]
+        sides = np.array([np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b)])
+        normal = np.cross(b - a, c - a)
+        size = float(np.linalg.norm(normal))
+        if sides.max() > widest or sides.min() < widest / 4 or size < FLATTEST * sides[0] * sides[1]:
+            continue
+        fourth, gap = _fourth(cloud, np.stack([a, b, c]), normal / size, widest)
+        if gap < best_gap:
+            best, best_gap = np.stack([a, b, c, fourth]), gap
+        if best_gap < parameters.delta / 2:
+            break
+    return best
+
+
+def _fourth(
+    cloud: NDArray[np.float64], triangle: NDArray[np.float64], normal: NDArray[np.float64], widest: float
+) -> tuple[NDArray[np.float64], float]:
+    """The point nearest to the triangle's plane that makes ab and cd cross, and its distance to the plane."""
+    a, b, c = triangle
+    in_plane = np.stack([b - a, c - a], axis=1)
+    s, t = np.linalg.lstsq(in_plane, (cloud - a).T, rcond=None)[0]
+    crossing = s / np.where(np.abs(1 - t) < 1e-9, np.inf, 1 - t)  # where cd meets ab, as a share of ab
+    suits = (t < -0.25) & (crossing > 0.1) & (crossing < 0.9)
+    suits &= np.linalg.norm(cloud - c, axis=1) < widest
+    if not suits.any():
+        return c, np.inf
+    gaps = np.where(suits, np.abs((cloud - a) @ normal), np.inf)
+    return cloud[int(np.argmin(gaps))], float(gaps.min())
+
+
+def _crossing(base: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the lines ab and cd are nearest to each other, as shares (2,) of either."""
+    a, b, c, d = base
+    return np.asarray(np.linalg.lstsq(np.stack([b - a, c - d], axis=1), c - a, rcond=None)[0])
+
+
+def _surroundings(model: NDArray[np.float64], delta: float) -> tuple[NDArray[np.bool_], NDArray[np.float64], float]:
+    """Which cells of a grid around the model lie within delta of one of its points; its lowest corner, its cell."""
+    from scipy.spatial import cKDTree
+
+    low, high = model.min(axis=0) - delta, model.max(axis=0) + delta
+    cell = max(delta / 2, float((high - low).max()) / LARGEST_GRID)
+    shape = np.ceil((high - low) / cell).astype(int)
+    centres = low + (np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) + 0.5) * cell
+    distances, _ = cKDTree(model).query(centres.reshape(-1, 3), distance_upper_bound=delta)
+    return np.isfinite(distances).reshape(shape), low, cell
+
+
+def _spread(points: NDArray[np.floating], n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """About n of the points, evenly spread over the surface: one a cell, of the cells that are there."""
+    if len(points) < MIN_SAMPLE:
+        raise ValueError(f"registering needs at least {MIN_SAMPLE} points, found {len(points)}")
+    chosen = rng.permutation(len(points)) if len(points) <= 50 * n else rng.choice(len(points), 50 * n, replace=False)
+    few: NDArray[np.float64] = points[chosen].astype(np.float64)
+    cell = _extent(few) / (2 * n**0.5)
+    _, first = np.unique(np.floor((few - few.min(axis=0)) / cell).astype(np.int64), axis=0, return_index=True)
+    first = rng.permutation(first) if len(first) >= MIN_SAMPLE else np.arange(len(few))
+    return few[first[:n]]
+
+
+def _extent(points: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))

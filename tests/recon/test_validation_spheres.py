@@ -1,0 +1,135 @@
+"""The evaluation on many placed balls: tables, exclusion, report."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from recon.cli import app, parse_thresholds
+from recon.validation.caps import CapParameters, simulate_cap
+from recon.validation.measured import read_measured
+from recon.validation.sphere import FitError
+from recon.validation.sphere_report import write_sphere_report
+from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
+
+SETTINGS = SphereSettings(150.0, (5.0, 12.5, 50.0))
+SENSORS = ("S1", "S2", "S3")
+
+
+def write_caps(
+    folder: Path, n_samples: int = 2, spoilt: tuple[int, int] | None = None, spoil: str = "patch"
+) -> list[Path]:
+    """Text clouds of balls, each seen by three sensors; at most one cap is spoilt."""
+    paths = []
+    for sample in range(n_samples):
+        place = np.random.default_rng(sample).uniform(-300, 300, 3)
+        for index, azimuth in enumerate(np.deg2rad((-42.0, 0.0, 42.0))):
+            kind = spoil if (sample, index) == spoilt else "none"
+            parameters = CapParameters(n_points=6000, outliers=0.1, spoil=kind)
+            towards = np.array([np.sin(azimuth), 0.1, np.cos(azimuth)])
+            points, centre = simulate_cap(parameters, np.random.default_rng((sample, index)), towards)
+            paths.append(folder / f"{sample}_{index}.xyz")
+            np.savetxt(paths[-1], points - centre + place, fmt="%.4f")
+    return paths
+
+
+def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
+    paths = [Path(name) for name in "abcd"]
+    assert [cloud.name for cloud in sphere_clouds(paths, ("L", "R"))] == ["1/L", "1/R", "2/L", "2/R"]
+    assert [cloud.name for cloud in sphere_clouds(paths, ("L", "L", "R", "R"))] == ["1/L", "2/L", "1/R", "2/R"]
+    assert [cloud.name for cloud in sphere_clouds(paths, ())] == ["1/S1", "2/S1", "3/S1", "4/S1"]
+    with pytest.raises(ValueError, match="4 clouds cannot be shared among 3 sensors"):
+        sphere_clouds(paths, SENSORS)
+
+
+def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
+    paths = write_caps(tmp_path)
+    report = measure_spheres(sphere_clouds(paths, SENSORS), SETTINGS)
+    for row in report["reconstructions"]:
+        place = np.random.default_rng(row["sample"] - 1).uniform(-300, 300, 3)
+        errors = np.linalg.norm(read_measured(Path(row["file"])) - place, axis=1) - 150
+        assert np.linalg.norm(np.array(row["centre_mm"]) - place) < 1.0
+        assert row["inliers"] == pytest.approx(np.mean(np.abs(errors) <= 12.5), abs=0.01)
+    assert report["excluded"] == []
+    assert {row["sensor"] for row in report["table"]} == {*SENSORS, "combined"}
+
+
+def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None:
+    report = measure_spheres(sphere_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
+    for sensor in (*SENSORS, "combined"):
+        rows = [row for row in report["curve"] if row["sensor"] == sensor and row["subset"] == "used"]
+        assert [row["inliers"] for row in rows] == sorted(row["inliers"] for row in rows)
+        assert all(row["ci_low"] <= row["inliers"] <= row["ci_high"] for row in rows)
+
+
+@pytest.mark.parametrize("spoil", ["wedge", "patch", "pushed"])
+def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Path, spoil: str) -> None:
+    clouds = sphere_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
+    report = measure_spheres(clouds, SETTINGS)
+    assert [row["name"] for row in report["excluded"]] == ["1/S2"]
+    assert report["excluded"][0]["reasons"]
+    used = {row["sensor"] for row in report["table"] if row["subset"] == "used"}
+    assert "S2" not in used
+    assert "S2" in {row["sensor"] for row in report["table"] if row["subset"] == "all"}
+    kept = measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2",)))
+    assert kept["excluded"] == []
+    assert next(row for row in kept["reconstructions"] if row["name"] == "1/S2")["reasons"]
+
+
+def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
+    clouds = sphere_clouds(write_caps(tmp_path, 1), SENSORS)
+    report = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))
+    assert report["excluded"] == [{"name": "1/S3", "reasons": ["left out on request"]}]
+    with pytest.raises(ValueError, match="no reconstruction 9/S1"):
+        measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("9/S1",)))
+
+
+def test_a_cloud_without_a_sphere_is_a_failure_beside_the_others(tmp_path: Path) -> None:
+    paths = write_caps(tmp_path, 1)
+    np.savetxt(paths[1], np.random.default_rng(0).uniform(-300, 300, (5000, 3)))
+    report = measure_spheres(sphere_clouds(paths, SENSORS), SETTINGS)
+    assert report["failed"] == ["1/S2"]
+    with pytest.raises(FitError, match="no sphere was found in any of 1 clouds"):
+        measure_spheres(sphere_clouds(paths[1:2], ()), SETTINGS)
+
+
+@pytest.mark.parametrize("content", ["", "1 2\n3 4\n", "a b c\n", "ply\nformat ascii 1.0\n"])
+@pytest.mark.parametrize("suffix", [".ply", ".xyz"])
+def test_an_unreadable_cloud_is_named(tmp_path: Path, content: str, suffix: str) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(ValueError, match=f"cloud{suffix}"):
+        measure_spheres(sphere_clouds([path], ()), SETTINGS)
+
+
+def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
+    report = measure_spheres(sphere_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
+    page = write_sphere_report(report, tmp_path / "out").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "out/report.json").read_text())["table"] == report["table"]
+    with (tmp_path / "out/sensors.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(report["table"])
+    for name in ("curve.svg", "curve.png", "curve.pdf", "curve.csv", "reconstructions.csv", "sphere_1_S1.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+    assert 'src="data:image/png' in page
+    assert 'src="http' not in page
+    assert "<script" not in page
+
+
+def test_the_command_prints_its_report_as_json(tmp_path: Path) -> None:
+    paths = [str(path) for path in write_caps(tmp_path, 1)]
+    sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]
+    arguments = ["validate", "sphere", *paths, "--radius", "150", *sensors, "-o", str(tmp_path / "out"), "--json"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["kind"] == "sphere"
+
+
+def test_thresholds_are_steps_of_two_and_a_half_unless_asked_for() -> None:
+    assert parse_thresholds("5:100")[:3] == (5.0, 7.5, 10.0)
+    assert parse_thresholds("5:100")[-1] == 100.0
+    assert parse_thresholds("1:2:0.5") == (1.0, 1.5, 2.0)
