@@ -156,12 +156,12 @@ class View:
 class Matches:
     """What one view found, mirrored in the right view.
 
-    index : int32 (H, W), disparity minus the smallest; offset : float32 (H, W), pixels, to the parabola's vertex;
-    valid : bool (H, W), where the other view agrees.
+    found : float32 (H, W), disparity minus the smallest, at the vertex of the costs' parabola; index : int32 (H, W),
+    the same, whole; valid : bool (H, W), where the other view agrees.
     """
 
+    found: NDArray[np.float32]
     index: NDArray[np.int32]
-    offset: NDArray[np.float32]
     valid: NDArray[np.bool_]
 
 
@@ -231,7 +231,7 @@ def refined(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
     level = views[0].level
-    surface = filled(left.index + left.offset, left.valid)
+    surface = filled(left.found, left.valid)
     surface = local_planes(without_specks(surface, 5), left.valid)
     surface = np.clip(surface, 0, level.n_disparities - 1)
     surface = aggregate_along_surface(
@@ -294,8 +294,9 @@ def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Mat
         coarser = match_views((views[0].halved(), views[1].halved()), coarse)
     in_both(lambda side: views[side].framed_codes)
     found = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
-    valid = [_confirmed(views[side], found[side][0], found[1 - side][0], parameters) for side in (0, 1)]
-    return Matches(*found[0], valid[0]), Matches(*found[1], valid[1])
+    index = [np.rint(vertices).astype(np.int32) for vertices in found]
+    valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
+    return Matches(found[0], index[0], valid[0]), Matches(found[1], index[1], valid[1])
 
 
 def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
@@ -305,30 +306,15 @@ def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
     return left, right
 
 
-def _search(view: View, other: View, coarser: Matches | None) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """The cheapest disparity index of every pixel, int32 (H, W), and the offset to its parabola's vertex."""
-    codes, level = view.codes, view.level
+def _search(view: View, other: View, coarser: Matches | None) -> NDArray[np.float32]:
+    """The vertex of the parabola at the cheapest disparity index of every pixel, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
-    downward = np.empty((view.shape[0] + 1) * view.shape[1] * N_LANES, np.float32)
-    best = np.full(view.shape, WORST, np.int32)
-    winner, offset = np.zeros(view.shape, np.int32), np.zeros(view.shape, np.float32)
-    for start, tile_bits in _windows(view, coarser):
-        aggregate_and_choose(
-            codes,
-            other.framed_codes,
-            other.origin,
-            view.passages,
-            start,
-            tile_bits,
-            level.n_disparities,
-            flip,
-            downward,
-            best,
-            winner,
-            offset,
-        )
-    return winner, offset
+    best, found = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
+    facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
+    for windows in _windows(view, coarser):
+        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, best, found)
+    return found
 
 
 def _windows(view: View, coarser: Matches | None) -> Iterator[tuple[NDArray[np.int32], int]]:

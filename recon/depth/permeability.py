@@ -22,6 +22,9 @@ from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, s
 Bands = Callable[[int, Callable[[int, int], None]], None]
 
 LANE_BITS = np.int32(N_LANES - 1)
+MAX_OFFSET = 0.4999  # pixels from a winner to its parabola's vertex: the vertex rounds to the winner
+CHECKPOINT_ROWS = 16
+MAX_HELD = 6 << 20  # float32, 24 MiB: images whose flows are smaller are held whole
 CLOSED = 255  # a change of the guide that nothing passes
 WORST = np.int32(0x7F800000)  # the bits of infinity
 GUIDE_WINDOW = 5  # pixels, of the bilateral filter
@@ -121,13 +124,13 @@ def _change_kernel(guide: NDArray[np.uint8], across: NDArray[np.uint8], down: ND
 
 @njit(inline="always")
 def _vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
-    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, within a half."""
+    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, less than a half."""
     before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
     bend = before - np.float32(2) * here + after
     if bend <= 0:
         return np.float32(0)
     vertex = np.float32(0.5) * (before - after) / bend
-    return min(max(vertex, np.float32(-0.5)), np.float32(0.5))
+    return min(max(vertex, np.float32(-MAX_OFFSET)), np.float32(MAX_OFFSET))
 
 
 @njit(inline="always")
@@ -149,12 +152,13 @@ def aggregate_and_choose(
     tile_bits: int,
     n_disparities: int,
     flip: int,
-    downward: NDArray[np.float32],
     best: NDArray[np.int32],
-    winner: NDArray[np.int32],
-    offset: NDArray[np.float32],
+    found: NDArray[np.float32],
 ) -> None:
     """Aggregate sixteen Hamming costs for every pixel and keep the cheapest if it beats the best so far.
+
+    The upward pass needs the downward flows from the last row to the first. Of a large image only one row in sixteen
+    is kept and those between are computed again: that is faster than the way to memory and back.
 
     Parameters
     ----------
@@ -168,20 +172,41 @@ def aggregate_and_choose(
     n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
         because a winner needs both neighbours for its parabola
     flip : 0, the first of equally cheap disparities wins; 15, the last
-    downward : float32 ((H + 1) * W * 16,), scratch
     best : int32 (H, W), the winner's cost so far, see `lanes.lowest`; updated
-    winner : int32 (H, W), its disparity index; updated
-    offset : float32 (H, W), pixels, from it to the vertex of the parabola through it and its neighbours; updated
+    found : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
+        rounds to the winner; updated
     """
-    across, down, passage = passages
-    height, width = across.shape
-    pitch = facing_codes.shape[2]
+    height, width = passages.across.shape
+    pitch = width * N_LANES
+    n_held = height if height * pitch <= MAX_HELD else CHECKPOINT_ROWS
+    n_chunks = (height + n_held - 1) // n_held
+    held = np.zeros((n_held + 1) * pitch, np.float32)
+    checkpoints = np.zeros(n_chunks * pitch, np.float32)
+    upward = np.zeros(pitch, np.float32)
+    view = (codes, facing_codes, origin, passages, start, tile_bits)
+    for chunk in range(n_chunks):
+        checkpoints[chunk * pitch : (chunk + 1) * pitch] = held[:pitch]
+        last = min((chunk + 1) * n_held, height)
+        _flow_down(view, chunk * n_held, last, held)
+        if chunk + 1 < n_chunks:
+            held[:pitch] = held[n_held * pitch :]
+    for chunk in range(n_chunks - 1, -1, -1):
+        first, last = chunk * n_held, min((chunk + 1) * n_held, height)
+        if chunk + 1 < n_chunks:
+            held[:pitch] = checkpoints[chunk * pitch : (chunk + 1) * pitch]
+            _flow_down(view, first, last, held)
+        _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, found)
+
+
+@njit(cache=True, nogil=True)
+def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tuple of arrays
+    """The costs of rows first to last, aggregated along rows and from above; held[0] is the row above the first."""
+    codes, facing_codes, origin, (across, down, passage), start, tile_bits = view
+    width, pitch = across.shape[1], facing_codes.shape[2]
     sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
     forward = np.empty(width * N_LANES, np.float32)
-    upward = np.zeros(width * N_LANES, np.float32)
     scratch = np.empty(3 * N_LANES, np.float32)
-    downward[: width * N_LANES] = 0
-    for y in range(height):
+    for y in range(first, last):
         flow = zeros()
         open_ = np.float32(0)
         window = start[y >> tile_bits, 0]
@@ -201,39 +226,49 @@ def aggregate_and_choose(
                 window = start[y >> tile_bits, x >> tile_bits]
             facing = y * pitch + origin + width - 1 - x + window
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
-            in_row = add_scaled(load(forward, x * N_LANES), passage[across[y, x]], flow)
-            flow = add_scaled(cost, passage[across[y, x]], flow)
+            open_ = passage[across[y, x]]
+            in_row = add_scaled(load(forward, x * N_LANES), open_, flow)
+            flow = add_scaled(cost, open_, flow)
             if y > 0:
-                above = load(downward, (y * width + x) * N_LANES)
+                above = load(held, ((y - first) * width + x) * N_LANES)
                 if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
                     above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
                 in_row = add_scaled(in_row, passage[down[y - 1, x]], above)
-            store(downward, ((y + 1) * width + x) * N_LANES, in_row)
-    for y in range(height - 1, -1, -1):
+            store(held, ((y - first + 1) * width + x) * N_LANES, in_row)
+
+
+@njit(cache=True, nogil=True)
+def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, found):  # type: ignore[no-untyped-def]  # a tuple of arrays
+    """Add what flows up to rows last to first, and keep each pixel's cheapest disparity; `upward` is carried on."""
+    _, _, _, (_, down, passage), start, tile_bits = view
+    height, width = down.shape
+    scratch = np.empty(3 * N_LANES, np.float32)
+    for y in range(last - 1, first - 1, -1):
         for x in range(width):
             window = start[y >> tile_bits, x >> tile_bits]
             below = load(upward, x * N_LANES)
             if y + 1 < height and start[(y + 1) >> tile_bits, x >> tile_bits] != window:
                 below = _shifted(scratch, below, window - start[(y + 1) >> tile_bits, x >> tile_bits])
-            total = add_scaled(load(downward, ((y + 1) * width + x) * N_LANES), passage[down[y, x]], below)
+            total = add_scaled(load(held, ((y - first + 1) * width + x) * N_LANES), passage[down[y, x]], below)
             without_above = total
             if y > 0:
-                above = load(downward, (y * width + x) * N_LANES)
+                above = load(held, ((y - first) * width + x) * N_LANES)
                 if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
                     above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
                 without_above = add_scaled(total, -passage[down[y - 1, x]], above)
             store(upward, x * N_LANES, without_above)
-            first = 0 if window == 0 else 1
-            last = min(n_disparities - window, N_LANES) - 1
+            lowest_lane = 0 if window == 0 else 1
+            highest_lane = min(n_disparities - window, N_LANES) - 1
             if window + N_LANES < n_disparities:
-                last -= 1
-            key = lowest(total, first, last, flip)
+                highest_lane -= 1
+            key = lowest(total, lowest_lane, highest_lane, flip)
             if key & ~LANE_BITS < best[y, x] & ~LANE_BITS:
                 lane = (key & LANE_BITS) ^ np.int32(flip)
                 best[y, x] = key
-                winner[y, x] = window + lane
-                store(scratch, 0, total)
-                offset[y, x] = _vertex(scratch, lane) if 0 < window + lane < n_disparities - 1 else np.float32(0)
+                found[y, x] = np.float32(window + lane)
+                if 0 < window + lane < n_disparities - 1:
+                    store(scratch, 0, total)
+                    found[y, x] += _vertex(scratch, lane)
 
 
 def aggregate_along_surface(
