@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True)
 capture_app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, segment, check.")
 app.add_typer(capture_app, name="capture")
-validate_app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres.")
+validate_app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres, meshes against the truth.")
 app.add_typer(validate_app, name="validate")
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
@@ -306,6 +306,29 @@ def validate_sphere(
     progress.close()
     page = write_sphere_report(report, out)
     print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
+
+
+@validate_app.command("mesh")
+def validate_mesh(
+    mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
+    truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same frame.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP, mm.")] = "1:20:1",
+    seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Accuracy, completeness and F-score against the truth."""
+    from recon.validation.ground_truth import measure_mesh
+    from recon.validation.mesh_report import write_mesh_report
+
+    report = measure_mesh(mesh, truth, parse_thresholds(thresholds), seed)
+    page = write_mesh_report(report, out)
+    best = report["scores"][len(report["scores"]) // 2]
+    sentence = (
+        f"accuracy {report['accuracy']['mean_mm']:.3g} mm, completeness {report['completeness']['mean_mm']:.3g} mm, "
+        f"F-score {best['f_score']:.2%} at {best['threshold_mm']:g} mm: {page}"
+    )
+    print_result({"report": str(page), **report}, sentence, as_json=as_json)
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.sphere_kernels import local_consensus, signed_errors, tukey_sums
+from recon.validation.sphere_kernels import extent, local_consensus, signed_errors, tukey_sums
 
 MIN_POINTS = 50
 BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's table 4, for its 150 mm
 LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
-CELL_SHARE = 1 / 15  # of the radius: one point a cell is searched, so that dense walls count by their area
-SEED_SHARE = 1 / 2  # of the radius: spacing of the points that spheres are tried through
-FINAL_STEPS = 2  # over all points
+CELL_SHARE = 1 / 12  # of the radius: one point a cell is searched, so that dense walls count by their area
+SEED_SHARE = 0.6  # of the radius: spacing of the points that spheres are tried through
+FINAL_STEPS = 1  # over all points
 MAX_STEPS = 60
 STEP_MM = 1e-3
 SMALLEST_SCALE = 1e-6  # of the radius: a perfect cloud still gets a cutoff
@@ -60,7 +60,7 @@ class SphereParameters:
 
     band: float | None = None
     cutoff: float = 2.5
-    n_trials: int = 24
+    n_trials: int = 16
     seed: int = 1
 
 
@@ -167,11 +167,10 @@ def checked_points(points: NDArray[np.floating], radius: float) -> NDArray[np.fl
         raise ValueError(f"points have shape {points.shape}, expected (N, 3)")
     if len(points) < MIN_POINTS:
         raise ValueError(f"the cloud has {len(points)} points, expected at least {MIN_POINTS}")
-    low, high = points.min(axis=0), points.max(axis=0)  # NaN comes through
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        row = int(np.argmin(np.isfinite(points).all(axis=1)))
+    low, high, row = extent(points)
+    if row >= 0:
         raise ValueError(f"point {row} is {points[row].tolist()}: not a finite number; remove such points first")
-    largest = float(max(-low.min(), high.max()))
+    largest = max(-low, high)
     if largest > 1e5 * radius:
         raise ValueError(
             f"a coordinate is {largest:.3g} mm where the radius is {radius:g} mm: too far away to be measured in "
@@ -268,7 +267,7 @@ def _stretch(offsets: NDArray[np.floating], radius: float) -> float:
     The largest coefficient of the quadratic forms of the direction that explain the errors beside a moved centre and
     another radius. On a cap only the two forms across it can be told from these.
     """
-    offsets = offsets[:: max(1, len(offsets) // 8000)].astype(np.float64)
+    offsets = offsets[:: max(1, len(offsets) // 4000)].astype(np.float64)
     distances = np.linalg.norm(offsets, axis=1)
     directions, errors = offsets / distances[:, None], distances - radius
     x, y, z = (directions @ np.linalg.eigh(_moments(directions))[1]).T
@@ -278,7 +277,8 @@ def _stretch(offsets: NDArray[np.floating], radius: float) -> float:
     terms = np.column_stack([np.ones_like(x), x, y, z, *forms])
     weights = np.ones(len(errors))
     for _ in range(5):
-        solution = np.linalg.lstsq(terms * weights[:, None], errors * weights, rcond=None)[0]
+        weighted = terms * weights[:, None]
+        solution = np.linalg.lstsq(weighted.T @ weighted, weighted.T @ (errors * weights), rcond=None)[0]
         left = np.abs(errors - terms @ solution)
         weights = np.sqrt(np.clip(1 - (left / max(4.0 * float(np.median(left)), 1e-6)) ** 2, 0, None))
     return float(np.abs(solution[4:]).max())

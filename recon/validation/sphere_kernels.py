@@ -125,6 +125,19 @@ def tukey_sums(
 
 
 @njit(cache=True, nogil=True)
+def extent(points: NDArray[np.floating]) -> tuple[float, float, int]:
+    """Lowest and highest coordinate of points (N, 3), and the row of the first that is not finite, else -1."""
+    low, high = np.inf, -np.inf
+    for i in range(len(points)):
+        for axis in range(3):
+            value = points[i, axis]
+            if not np.isfinite(value):
+                return low, high, i
+            low, high = min(low, value), max(high, value)
+    return low, high, -1
+
+
+@njit(cache=True, nogil=True)
 def signed_errors(points: NDArray[np.float32], centre: NDArray[np.float64], radius: float) -> NDArray[np.float32]:
     """float32 (N,), mm: distance of each point to the centre, minus the radius."""
     errors = np.empty(len(points), np.float32)

@@ -1,0 +1,104 @@
+"""Accuracy, completeness and F-score against shapes whose distances are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from recon.cli import app
+from recon.mesh import Cloud, Mesh, write_cloud, write_mesh
+from recon.validation.ground_truth import (
+    Shape,
+    compare_points,
+    measure_mesh,
+    nearest_distances,
+    read_shape,
+    sample_evenly,
+)
+
+
+def square(height: float, side: float = 100.0) -> Mesh:
+    corners = np.array([[0, height, 0], [side, height, 0], [side, height, side], [0, height, side]], np.float32)
+    up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
+    return Mesh(corners, np.array([[0, 2, 1], [0, 3, 2]], np.int32), up, np.full((4, 3), 128, np.uint8))
+
+
+def test_distances_are_those_of_the_full_search() -> None:
+    rng = np.random.default_rng(1)
+    points, others = rng.random((200, 3)), rng.random((300, 3))
+    expected = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
+    assert np.allclose(nearest_distances(points, others), expected)
+
+
+def test_scores_follow_their_definition() -> None:
+    truth = np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0], [30, 0, 0]])
+    measured = np.array([[0.0, 1, 0], [10, 4, 0]])
+    low, high = compare_points(measured, truth, [2.0, 5.0])["scores"]
+    assert (low["precision"], low["recall"]) == (0.5, 0.25)
+    assert low["f_score"] == pytest.approx(2 * 0.5 * 0.25 / 0.75)
+    assert (high["precision"], high["recall"]) == (1.0, 0.5)
+
+
+def test_nothing_within_the_threshold_scores_zero() -> None:
+    (score,) = compare_points(np.zeros((5, 3)), np.full((5, 3), 100.0), [1.0])["scores"]
+    assert score["f_score"] == 0.0
+
+
+def test_samples_are_spread_by_area() -> None:
+    triangles = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 3, 5]], dtype=np.float64)
+    points = sample_evenly(
+        Shape(triangles, np.array([[0, 1, 2], [3, 4, 5]], np.int32)), 20_000, np.random.default_rng(2)
+    )
+    is_large = points[:, 2] > 2
+    assert is_large.mean() == pytest.approx(0.9, abs=0.01)
+    assert np.allclose(points[is_large].mean(axis=0), (1, 1, 5), atol=0.03)
+
+
+def test_a_shifted_square_is_off_by_its_shift(tmp_path: Path) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
+    report = measure_mesh(mesh, truth, [2.5, 3.5])
+    assert report["accuracy"]["mean_mm"] == pytest.approx(3.0, abs=0.05)
+    assert [score["f_score"] for score in report["scores"]] == [0.0, 1.0]
+
+
+def test_half_of_the_truth_is_half_complete(tmp_path: Path) -> None:
+    half = square(0.0)
+    half = Mesh(half.vertices * np.array([0.5, 1, 1], np.float32), half.faces, half.normals, half.colours)
+    mesh, truth = write_mesh(tmp_path / "a.ply", half), write_mesh(tmp_path / "b.ply", square(0.0))
+    (score,) = measure_mesh(mesh, truth, [2.0])["scores"]
+    assert score["precision"] == 1.0
+    assert score["recall"] == pytest.approx(0.52, abs=0.01)
+
+
+def test_a_cloud_is_compared_by_its_own_points(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).random((60, 3)).astype(np.float32)
+    colours = np.zeros((60, 3), np.uint8)
+    path = write_cloud(
+        tmp_path / "cloud.ply", Cloud(points, np.tile(np.array([0, 0, 1], np.float32), (60, 1)), colours)
+    )
+    assert len(read_shape(path).faces) == 0
+    assert np.array_equal(read_shape(path).points, points.astype(np.float64))
+
+
+def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.ply").write_text("ply\n", encoding="utf-8")
+    for name in ("bad.ply", "absent.ply"):
+        with pytest.raises(ValueError, match=name):
+            read_shape(tmp_path / name)
+    with pytest.raises(ValueError, match="positive lengths"):
+        measure_mesh(tmp_path / "bad.ply", tmp_path / "bad.ply", [0.0])
+
+
+def test_the_command_writes_its_report(tmp_path: Path) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
+    out = tmp_path / "out"
+    words = ["validate", "mesh", str(mesh), "--truth", str(truth), "--thresholds", "1:5:1", "-o", str(out), "--json"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert len(json.loads(result.stdout)["scores"]) == 5
+    for name in ("report.json", "scores.csv", "scores.svg", "scores.png", "scores.pdf", "report.html"):
+        assert (out / name).stat().st_size > 0
