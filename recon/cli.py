@@ -212,6 +212,9 @@ def reconstruct(
     voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
     temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time, against flicker.")] = True,
     balance: Annotated[bool, typer.Option("--balance-colours", help="Make the sensors' colours agree.")] = False,
+    close_holes: Annotated[
+        float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm; default: leave them open.")
+    ] = 0.0,
     workers: Annotated[int, typer.Option(min=1, help="Local processes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -227,7 +230,7 @@ def reconstruct(
         fusions=parse_names(fusion),
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
-        surface=SurfaceParameters(voxel_mm=voxel),
+        surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
         balance_colours=balance,
         workers=workers,
     )
@@ -236,6 +239,21 @@ def reconstruct(
     progress.close()
     made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
     print_result(result, f"Reconstructed {result['dataset']} ({made}): {out}", as_json=as_json)
+
+
+@app.command()
+def export(
+    mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
+    out: Annotated[Path, typer.Argument(help="OUT.glb for viewers and the web, or OUT.ply.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Write a mesh in another format: GLB opens in any 3D viewer, turned by hand."""
+    from recon.mesh import read_mesh, write_mesh
+
+    model = read_mesh(mesh)
+    write_mesh(out, model)
+    result = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
+    print_result(result, f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}", as_json=as_json)
 
 
 @app.command()

@@ -25,6 +25,7 @@ from recon.execute import Progress, run_tasks, silent
 from recon.files import remove_leftovers
 from recon.flythrough import RenderOptions, make_video
 from recon.manifest import Stimulus, write_manifest
+from recon.preview import make_preview
 from recon.products import compare_colours, filter_sequence, make_cloud, make_mesh, match_frame
 from recon.render.frames import choose_renderer
 from recon.run import Run, log, read_run, versions, write_run
@@ -120,7 +121,9 @@ def reconstruct(
         stage: _run_stage(stage, tasks, run, options.workers, progress) for stage, tasks in stages.items() if tasks
     }
     finished = Run(run, capture, tuple(map(str, wanted)), tuple(frames), versions())
-    return write_run(finished, options=_as_json(replace(options, surface=surface)), timings=timings)
+    content = write_run(finished, options=_as_json(replace(options, surface=surface)), timings=timings)
+    make_preview(read_run(run), frames[0])
+    return content
 
 
 def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = silent) -> Path:

@@ -2,7 +2,7 @@
 
 A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it was made with), ``matched/`` and
 ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time), ``clouds/<method>/<sensor>/<frame>.ply``
-and ``meshes/<approach>/<frame>.ply``.
+``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
 """
 
 from __future__ import annotations

@@ -212,6 +212,13 @@ def test_a_bad_picture_is_named(command: Command, capture: Path, tmp_path: Path,
     assert not list((tmp_path / "run").rglob("*.part*"))
 
 
+def test_a_mesh_is_exported_for_viewers(command: Command, recorded: Path, tmp_path: Path) -> None:
+    told = command("export", recorded / "truth/mesh/0000.ply", tmp_path / "model.glb", "--json")
+    assert told.code == 0, told.err
+    assert (tmp_path / "model.glb").read_bytes()[:4] == b"glTF"
+    assert json.loads(told.out)["faces"] > 100
+
+
 def test_a_study_is_created_and_listed(command: Command, stimuli: Path) -> None:
     created = command("study", "create", stimuli, "--name", "Tiny", "--seed", 1, "--json")
     assert created.code == 0, created.err

@@ -25,7 +25,7 @@ STAGES = [
     {"manifest"},
     {"run"},
     {"products"},
-    {"flythrough"},
+    {"flythrough", "preview"},
     {"validation"},
     {"pipeline"},
     {"console", "cli"},

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from recon.artefacts import file_digest
 from recon.capture.format import Capture
+from recon.capture.images import read_image
 from recon.files import read_json
 from recon.flythrough import RenderOptions, shown_frames
 from recon.mesh import read_mesh
@@ -60,6 +61,13 @@ def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
     assert described.frames == (0, 1)
     assert len(digests(run / "meshes", "*.ply")) == 4
     assert len(digests(run / "clouds", "*.ply")) == 4
+
+
+def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
+    sheet = read_image(run / "previews/0000.png")
+    assert sheet.shape[0] > 2 * 480  # a row of four pictures for each of two approaches
+    assert sheet.shape[1] > 4 * 480
+    assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000
 
 
 def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Capture, run: Path) -> None:

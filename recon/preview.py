@@ -1,0 +1,86 @@
+"""The contact sheet of a run: depth, cloud, mesh and video frame of every approach side by side, to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.approaches import parse_approach
+from recon.artefacts import Artefacts, code_version
+from recon.cloud import merge_clouds
+from recon.depth.disparity_io import colour_preview, read_disparity
+from recon.files import whole_file
+from recon.mesh import Cloud, read_cloud, read_mesh
+from recon.render.camera_path import camera_path
+from recon.render.frames import render_frames
+from recon.render.scene import scene_around
+from recon.render.sheet import contact_sheet
+from recon.rig import Camera
+from recon.run import Run, cloud_name, depth_name, mesh_name
+
+SIZE = (480, 480)  # of each picture, pixels
+PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
+VIEW = 1
+PAPER = 128  # grey of the background "plain", also behind clouds
+
+
+def make_preview(run: Run, frame: int) -> Path:
+    """Write ``previews/<frame>.png`` of a run, unless it is there already, and return its path."""
+    name = f"previews/{frame:04d}.png"
+    meshes = [mesh_name(approach, frame) for approach in run.approaches]
+    key = {"meshes": Artefacts(run.folder).digests(meshes), "code": code_version("preview.py", "render")}
+
+    def write(path: Path) -> None:
+        done, encoded = cv2.imencode(".png", _sheet(run, frame)[..., ::-1])
+        assert done  # an image in memory can always be encoded
+        with whole_file(path) as temporary:
+            temporary.write_bytes(encoded.tobytes())
+
+    Artefacts(run.folder).make(name, key, write)
+    return run.folder / name
+
+
+def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
+    """A cloud as a camera sees it, one pixel a point, the nearest on top: uint8 (H, W, 3), sRGB."""
+    width, height = camera.size
+    picture = np.full((height, width, 3), PAPER, np.uint8)
+    depth = camera.points_in_camera(cloud.points)[:, 2]
+    far_first = np.argsort(-depth)
+    far_first = far_first[depth[far_first] > 0]
+    pixels = np.rint(camera.project(cloud.points[far_first])).astype(int)
+    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    picture[pixels[inside, 1], pixels[inside, 0]] = cloud.colours[far_first[inside]]
+    return picture
+
+
+def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
+    cameras = camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
+    scenes = [scene_around(run.capture.bounds, cameras, background) for background in ("plain", "studio")]
+    camera = cameras[VIEW]
+    sensors = [stream.id for stream in run.capture.sensors]
+    middle = sensors[len(sensors) // 2]
+    pictures, labels = [], []
+    for approach in run.approaches:
+        method = parse_approach(approach).depth
+        clouds = [read_cloud(run.folder / cloud_name(method, sensor, frame)) for sensor in sensors]
+        mesh = read_mesh(run.folder / mesh_name(approach, frame))
+        pictures += [
+            _fitted(colour_preview(read_disparity(run.folder / depth_name(method, middle, frame)))),
+            draw_cloud(merge_clouds(clouds), camera),
+            *(next(render_frames([mesh], [camera], scene, renderer="software")) for scene in scenes),
+        ]
+        labels += [f"{approach}: depth of {middle}", f"{approach}: cloud", f"{approach}: mesh", f"{approach}: video"]
+    return contact_sheet(pictures, labels, columns=4, width=SIZE[0])
+
+
+def _fitted(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image scaled to fit `SIZE`, centred on black."""
+    scale = min(SIZE[0] / image.shape[1], SIZE[1] / image.shape[0])
+    scaled = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)[: SIZE[1], : SIZE[0]]
+    top, left = (SIZE[1] - scaled.shape[0]) // 2, (SIZE[0] - scaled.shape[1]) // 2
+    fitted = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    fitted[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
+    return fitted
