@@ -307,6 +307,10 @@ def validate_sphere(
     method: Annotated[str, typer.Option(help="robust or super4pcs.")] = "robust",
     thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
     unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    viewpoint: Annotated[
+        list[str] | None,
+        typer.Option(help="[SENSOR=]x,y,z of a sensor, mm: count only points in front of or behind the ball."),
+    ] = None,
     keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use whatever the rule says.")] = None,
     drop: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out whatever the rule says.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
@@ -317,7 +321,14 @@ def validate_sphere(
     from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
 
     settings = SphereSettings(
-        radius, parse_thresholds(thresholds), method, unit, tuple(keep or ()), tuple(drop or ()), seed
+        radius=radius,
+        thresholds=parse_thresholds(thresholds),
+        method=method,
+        unit=unit,
+        viewpoints=dict(parse_viewpoint(text) for text in viewpoint or ()),
+        keep=tuple(keep or ()),
+        drop=tuple(drop or ()),
+        seed=seed,
     )
     progress = ProgressLine()
     report = measure_spheres(sphere_clouds(clouds, sensor or ()), settings, progress)
@@ -360,6 +371,18 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
             f"{text!r} are no thresholds; expected FROM:TO or FROM:TO:STEP in mm, for example 5:100"
         )
     return tuple(low + step * index for index in range(int((high - low) / step + 1e-9) + 1))
+
+
+def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
+    """Sensor and place of "SENSOR=x,y,z", or of "x,y,z" for the only sensor, S1."""
+    name, _, place = text.rpartition("=")
+    try:
+        x, y, z = (float(value) for value in place.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
+        ) from error
+    return name or "S1", (x, y, z)
 
 
 def parse_size(text: str) -> tuple[int, int]:

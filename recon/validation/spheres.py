@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,7 @@ class SphereSettings:
     thresholds : mm, of the inlier curve
     method : a key of METHODS
     unit : of the clouds' coordinates
+    viewpoints : by sensor, where it stands, mm; then only points on lines of sight that meet the ball are counted
     keep : names of reconstructions that stay in whatever the rule says
     drop : names of reconstructions that are left out whatever it says
     seed : of the fit and the bootstrap
@@ -66,6 +67,7 @@ class SphereSettings:
     thresholds: tuple[float, ...]
     method: str = "robust"
     unit: str = "mm"
+    viewpoints: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     keep: tuple[str, ...] = ()
     drop: tuple[str, ...] = ()
     seed: int = 1
@@ -164,6 +166,7 @@ def measure_spheres(
             "table_threshold_mm": TABLE_THRESHOLD,
             "method": settings.method,
             "unit": settings.unit,
+            "viewpoints_mm": {sensor: list(place) for sensor, place in settings.viewpoints.items()},
             "seed": settings.seed,
             "replicates": N_REPLICATES,
         },
@@ -186,6 +189,9 @@ def _check(clouds: Sequence[SphereCloud], settings: SphereSettings) -> None:
         raise ValueError(f"the radius is {settings.radius:g} mm, expected a positive number")
     if not settings.thresholds or min(settings.thresholds) <= 0:
         raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    strangers = set(settings.viewpoints) - {cloud.sensor for cloud in clouds}
+    if strangers:
+        raise ValueError(f"viewpoints are given for {', '.join(sorted(strangers))}, of which there is no cloud")
     unknown = {*settings.keep, *settings.drop} - {cloud.name for cloud in clouds}
     if unknown:
         known = ", ".join(cloud.name for cloud in clouds)
@@ -195,12 +201,42 @@ def _check(clouds: Sequence[SphereCloud], settings: SphereSettings) -> None:
 def _measure(cloud: SphereCloud, settings: SphereSettings) -> _Measured:
     try:
         points = read_measured(cloud.path, settings.unit)
-        return _Measured(cloud, points, METHODS[settings.method](points, settings.radius, settings.seed))
+        measured = _Measured(cloud, points, METHODS[settings.method](points, settings.radius, settings.seed))
+        return _on_the_ball(measured, settings)
     except FitError as error:
         return _Measured(cloud, points, failure=str(error))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(cloud.path)) else f"{cloud.path}: {text}") from error
+
+
+def _on_the_ball(measured: _Measured, settings: SphereSettings) -> _Measured:
+    """Only those points whose line of sight meets the ball, if it is known where the sensor stands."""
+    viewpoint, fit = settings.viewpoints.get(measured.cloud.sensor), measured.fit
+    if viewpoint is None or fit is None:
+        return measured
+    return replace(
+        measured, points=measured.points[meets_sphere(measured.points, np.asarray(viewpoint), fit.centre, fit.radius)]
+    )
+
+
+def meets_sphere(
+    points: NDArray[np.floating], viewpoint: NDArray[np.floating], centre: NDArray[np.float64], radius: float
+) -> NDArray[np.bool_]:
+    """Whether the line of sight through each of points (N, 3) meets a sphere.
+
+    Raises
+    ------
+    ValueError
+        If the viewpoint lies inside the sphere.
+    """
+    towards = centre - viewpoint
+    distance = float(np.linalg.norm(towards))
+    if distance <= radius:
+        raise ValueError(f"the viewpoint {np.round(viewpoint, 1).tolist()} mm lies inside the fitted sphere")
+    rays = points - viewpoint
+    cosine = (rays @ towards) / (np.linalg.norm(rays, axis=1) * distance + 1e-12)
+    return np.asarray(cosine >= np.sqrt(1 - (radius / distance) ** 2))
 
 
 def _sample_rows(
@@ -304,7 +340,7 @@ def _joint_errors(
 ) -> list[NDArray[np.float32]]:
     if len(rows) < 2:
         return [errors[row["name"]] for row in rows]
-    points = [read_measured(Path(row["file"]), settings.unit) for row in rows]
+    points = [_counted(row, settings) for row in rows]
     parameters = SphereParameters(seed=settings.seed)
     start = np.median([row["centre_mm"] for row in rows], axis=0)
     even = np.concatenate([subsample(cloud, settings.seed) for cloud in points])
@@ -314,6 +350,14 @@ def _joint_errors(
         centred = [cloud - start.astype(np.float32) for cloud in points]
         return [np.concatenate([np.linalg.norm(c, axis=1) - np.float32(settings.radius) for c in centred])]
     return [np.concatenate([fit.errors(cloud) for cloud in points])]
+
+
+def _counted(row: Mapping[str, Any], settings: SphereSettings) -> NDArray[np.float32]:
+    """The points of a reconstruction that its errors are of."""
+    points, viewpoint = read_measured(Path(row["file"]), settings.unit), settings.viewpoints.get(row["sensor"])
+    if viewpoint is None:
+        return points
+    return points[meets_sphere(points, np.asarray(viewpoint), np.asarray(row["centre_mm"]), settings.radius)]
 
 
 def _group_rows(

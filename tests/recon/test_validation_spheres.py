@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from recon.cli import app, parse_thresholds
+from recon.cli import app, parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.measured import read_measured
 from recon.validation.sphere import FitError
@@ -133,3 +133,24 @@ def test_thresholds_are_steps_of_two_and_a_half_unless_asked_for() -> None:
     assert parse_thresholds("5:100")[:3] == (5.0, 7.5, 10.0)
     assert parse_thresholds("5:100")[-1] == 100.0
     assert parse_thresholds("1:2:0.5") == (1.0, 1.5, 2.0)
+
+
+def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path: Path) -> None:
+    points, centre = simulate_cap(CapParameters(n_points=6000, outliers=0.0), np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([rng.uniform(-2000, 2000, (6000, 2)), np.full(6000, -1500.0)])
+    path = tmp_path / "scene.xyz"
+    np.savetxt(path, np.concatenate([points - centre, wall]))
+    settings = SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 2500.0)})
+    (row,) = measure_spheres(sphere_clouds([path], ()), settings)["reconstructions"]
+    behind = np.hypot(wall[:, 0], wall[:, 1]) < 4000 * np.tan(np.arcsin(150 / 2500))
+    assert row["n_points"] == pytest.approx(6000 + behind.sum(), abs=3)
+    with pytest.raises(ValueError, match="inside the fitted sphere"):
+        measure_spheres(sphere_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    with pytest.raises(ValueError, match="viewpoints are given for S7"):
+        measure_spheres(sphere_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S7": (0.0, 0.0, 1e3)}))
+
+
+def test_a_viewpoint_names_its_sensor_or_means_the_only_one() -> None:
+    assert parse_viewpoint("S2=1,-2,3.5") == ("S2", (1.0, -2.0, 3.5))
+    assert parse_viewpoint("0,0,0") == ("S1", (0.0, 0.0, 0.0))
