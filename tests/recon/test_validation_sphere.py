@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from recon.capture.format import Capture, SensorStream
+from recon.files import read_json
+from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import read_depth
 from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.sphere import FitError, fit_sphere, inlier_curve
 
@@ -148,3 +152,23 @@ def test_no_ball_is_found_in_a_lidar_scan_that_it_is_cut_out_of(real_data: Path,
     fit = fit_sphere(points, 300.0)
     with pytest.raises(FitError):
         fit_sphere(points[np.linalg.norm(points - fit.centre, axis=1) > 450.0], 300.0)
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (120.0, -80.0, 60.0)])
+def test_the_studios_sphere_is_where_its_truth_says(tmp_path: Path, position: tuple[float, float, float]) -> None:
+    parameters = SynthParameters(scene="sphere", n_frames=1, n_sensors=2, size=(320, 240), noise=0.0, position=position)
+    capture = synthesise(tmp_path / "capture", parameters)
+    centre = np.array(read_json(tmp_path / "capture/truth/truth.json")["objects"][0][0])[:3, 3]
+    for stream in capture.sensors:
+        fit = fit_sphere(true_points(capture, stream), capture.object["radius_mm"])
+        assert np.linalg.norm(fit.centre - centre) < 0.1
+        assert abs(fit.free_radius - capture.object["radius_mm"]) < 0.1
+
+
+def true_points(capture: Capture, stream: SensorStream) -> NDArray[np.float64]:
+    """World points of a left camera's true depth map."""
+    camera, depth = stream.left.camera, read_depth(capture, stream.id, "left", 0)
+    rows, columns = np.nonzero(np.isfinite(depth))
+    pixels = np.stack([columns, rows, np.ones_like(rows)]).astype(np.float64)
+    in_camera = np.linalg.solve(camera.K, pixels).T * depth[rows, columns][:, None]
+    return np.asarray((in_camera - camera.cam_from_world[:3, 3]) @ camera.rotation)
