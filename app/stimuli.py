@@ -31,9 +31,10 @@ WORKERS = 2  # encoders at once, each on one thread, so that files are reproduci
 GOP = 25
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 CRF = 18
-PRACTICE_S = 5  # of the videos made for practice; they are played over and over
+PRACTICE_S = 2  # of the videos made for practice; they are played over and over
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
-PRACTICE_BLUR = 80  # the blur's sigma is the width divided by it: nobody overlooks that
+PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
+PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # without loss
 PAIR_RECIPE = "stacked-1"  # part of every pair's key: change it when a pair would be encoded otherwise
 
 ENCODING = (
@@ -222,7 +223,7 @@ def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVid
     """Make the videos to practise with: an obvious pair, then an identical one.
 
     The set's practice stimuli are taken where it has them. Else a picture that is not of the study is made: a zoom into
-    a fractal, sharp and blurred, in the size of the study's videos.
+    a grey fractal, sharp and blurred, in the size of the study's videos.
 
     Raises
     ------
@@ -245,12 +246,12 @@ def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVid
 def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
     like = stimulus_set.stimuli[0]
     n_frames = min(like.n_frames, max(1, round(PRACTICE_S * like.fps)))
-    size = f"{like.width}:{like.height}"
-    sharp = f"mandelbrot=size={PRACTICE_SIZE}:rate={like.fps:g}:maxiter=400,scale={size}:flags=lanczos,format=yuv420p"
+    drawn = f"mandelbrot=size={PRACTICE_SIZE}:rate={like.fps:g}:maxiter=400,hue=s=0"
+    enlarged = f"scale={like.width}:{like.height},format=yuv420p"
     stimuli = []
-    for name, graph in (("sharp", sharp), ("blurred", f"{sharp},gblur=sigma={like.width / PRACTICE_BLUR:.2f}")):
+    for name, graph in (("sharp", f"{drawn},{enlarged}"), ("blurred", f"{drawn},{PRACTICE_BLUR},{enlarged}")):
         path = folder / f"{name}.mkv"
-        command = ["-f", "lavfi", "-i", graph, "-frames:v", str(n_frames), "-c:v", "libx264", "-qp", "0", str(path)]
+        command = ["-f", "lavfi", "-i", graph, "-frames:v", str(n_frames), *PRACTICE_ENCODING, str(path)]
         _ffmpeg(command, f"the practice video {name} cannot be made")
         changes = {"approach": name, "video": path.name, "master": None, "n_frames": n_frames}
         stimuli.append(like.model_copy(update=changes))

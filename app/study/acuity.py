@@ -1,0 +1,159 @@
+"""Visual acuity by an adaptive test with Landolt rings (screening, not a diagnosis).
+
+A ring with a gap in one of eight directions is shown at a size that the answers so far make most telling; the server
+chooses direction and size and marks the answer. Sizes are logMAR: the common logarithm of the gap in arc minutes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+N_DIRECTIONS = 8  # ISO 8596
+GUESSING = 1 / N_DIRECTIONS
+LAPSING = 0.02  # answers that go wrong however large the ring is
+SLOPE = 18.0  # of the logistic, per logMAR: from 20 to 80 % seen within 0.15 logMAR
+PRIOR_MEAN, PRIOR_SD = 0.0, 0.4  # logMAR, wide: it only keeps an early slip or a lucky guess from leading far away
+THRESHOLDS = np.round(np.arange(-0.6, 1.6001, 0.01), 2)  # logMAR
+LARGEST_FIRST = 1.0  # logMAR of the first ring: nearly everybody sees it
+EASY_EVERY = 6  # every so many-th ring is easier, which keeps people at ease
+EASIER_BY = 0.3  # logMAR
+FEWEST_GAP_PIXELS = 2.0  # a smaller gap is drawn by grey levels rather than by its shape
+INTERVAL = 0.95
+
+Verdict = Literal["passed", "failed", "cannot be certified"]
+
+
+@dataclass(frozen=True)
+class AcuityTest:
+    """How a test is done.
+
+    Parameters
+    ----------
+    limit : logMAR that must be reached; larger is worse
+    n_trials : rings shown
+    smallest : logMAR of the smallest ring that this display can draw at this distance
+    """
+
+    limit: float = 0.0
+    n_trials: int = 24
+    smallest: float = -0.6
+
+
+@dataclass(frozen=True)
+class Look:
+    """One ring: its size, where its gap was (0 right, then anticlockwise by 45 degrees), and the answer."""
+
+    size: float
+    gap: int
+    answer: int
+
+    @property
+    def is_right(self) -> bool:
+        return self.gap == self.answer
+
+
+@dataclass(frozen=True)
+class Acuity:
+    """What a test found, in logMAR; smaller is better."""
+
+    logmar: float
+    low: float
+    high: float
+    n_trials: int
+    verdict: Verdict
+
+
+def gap_arcmin(gap_mm: float, distance_mm: float) -> float:
+    """The visual angle of a gap, in arc minutes."""
+    return 60 * math.degrees(2 * math.atan(gap_mm / (2 * distance_mm)))
+
+
+def smallest_size(pixel_mm: float, distance_mm: float) -> float:
+    """The smallest ring that a display can draw in shape, in logMAR.
+
+    Parameters
+    ----------
+    pixel_mm : pitch of the display's own pixels
+    distance_mm : from the eye
+    """
+    if not (0 < pixel_mm < math.inf and 0 < distance_mm < math.inf):
+        raise ValueError(f"pixel {pixel_mm} mm at {distance_mm} mm: expected positive lengths")
+    return math.log10(gap_arcmin(FEWEST_GAP_PIXELS * pixel_mm, distance_mm))
+
+
+def probability_right(size: float | NDArray[np.float64], threshold: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The probability of a right answer to a ring of a size, by threshold (logMAR)."""
+    seen = 1 / (1 + np.exp(-SLOPE * (np.asarray(size) - threshold)))
+    return np.asarray(GUESSING + (1 - GUESSING - LAPSING) * seen)
+
+
+def posterior(looks: Sequence[Look]) -> NDArray[np.float64]:
+    """The probability of each of THRESHOLDS given the answers, with a wide prior.
+
+    Returns
+    -------
+    float64 (len(THRESHOLDS),), sums to 1
+    """
+    log_posterior = -0.5 * ((THRESHOLDS - PRIOR_MEAN) / PRIOR_SD) ** 2
+    for look in looks:
+        right = probability_right(look.size, THRESHOLDS)
+        log_posterior += np.log(right if look.is_right else 1 - right)
+    weights = np.exp(log_posterior - log_posterior.max())
+    return np.asarray(weights / weights.sum())
+
+
+def next_size(looks: Sequence[Look], test: AcuityTest) -> float | None:
+    """The size of the next ring in logMAR, at the threshold that is most likely so far; None when the test is over.
+
+    Source
+    ------
+    Lieberman and Pentland 1982 (Best-PEST); Bach 1996.
+    """
+    if len(looks) >= test.n_trials:
+        return None
+    if not looks:
+        return max(LARGEST_FIRST, test.smallest)
+    size = float(THRESHOLDS[int(np.argmax(posterior(looks)))])
+    if len(looks) % EASY_EVERY == EASY_EVERY - 1:
+        size += EASIER_BY
+    return round(float(np.clip(size, test.smallest, THRESHOLDS[-1])), 3)
+
+
+def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
+    """The acuity that the answers speak for, and whether the limit is reached.
+
+    A display that cannot draw the ring at the limit certifies nobody as passed: it may still show that somebody fails.
+
+    Raises
+    ------
+    ValueError
+        If the test is not over.
+    """
+    if len(looks) < test.n_trials:
+        raise ValueError(f"{len(looks)} of {test.n_trials} rings answered; the test is not over")
+    probability = posterior(looks)
+    logmar = float(THRESHOLDS @ probability)
+    cumulative = np.cumsum(probability)
+    tail = (1 - INTERVAL) / 2
+    low, high = (float(THRESHOLDS[np.searchsorted(cumulative, share)]) for share in (tail, 1 - tail))
+    verdict: Verdict = "passed" if logmar <= test.limit else "failed"
+    if test.smallest > test.limit and low <= test.smallest:
+        verdict = "cannot be certified"
+    return Acuity(round(logmar, 3), low, high, len(looks), verdict)
+
+
+def simulate_test(threshold: float, test: AcuityTest, rng: np.random.Generator) -> list[Look]:
+    """The answers of an artificial person with a known threshold (logMAR), who guesses what is not seen."""
+    looks: list[Look] = []
+    while (size := next_size(looks, test)) is not None:
+        gap = int(rng.integers(N_DIRECTIONS))
+        is_right = rng.random() < float(probability_right(size, np.array([threshold]))[0])
+        wrong = (gap + int(rng.integers(1, N_DIRECTIONS))) % N_DIRECTIONS
+        looks.append(Look(size, gap, gap if is_right else wrong))
+    return looks
