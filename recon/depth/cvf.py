@@ -9,16 +9,15 @@ Source: the study's Tables 1 and 2.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.depth.bands import in_bands, in_both
 from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import TILE_BITS, halved, halved_mask, search_windows
@@ -34,12 +33,11 @@ from recon.depth.permeability import (
     guide_image,
     noise_level,
     permeabilities,
+    rows_held,
 )
 from recon.depth.refinement import filled, local_planes, without_specks
 
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
-Result = TypeVar("Result")
-
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 
@@ -232,7 +230,7 @@ def refined(
     """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
     level = views[0].level
     surface = filled(left.found, left.valid)
-    surface = local_planes(without_specks(surface, 5), left.valid)
+    surface = local_planes(without_specks(surface, 5), left.valid, in_bands)
     surface = np.clip(surface, 0, level.n_disparities - 1)
     surface = aggregate_along_surface(
         views[0].codes,
@@ -248,13 +246,6 @@ def refined(
     inside = lands_inside(surface + np.float32(level.min_disparity))
     valid = inside & (agrees | (left.valid & (np.abs(surface - left.index) <= SURFACE_STEP)))
     return surface, valid if views[0].mask is None else valid & views[0].mask
-
-
-def in_bands(length: int, work: Callable[[int, int], None]) -> None:
-    """The work done for 0 to `length` in one band for each of numba's threads, at once."""
-    edges = np.linspace(0, length, numba.get_num_threads() + 1).astype(int)
-    with ThreadPoolExecutor(max_workers=len(edges) - 1) as pool:
-        list(pool.map(work, edges[:-1], edges[1:]))
 
 
 def has_texture(pair: StereoPair) -> bool:
@@ -299,21 +290,15 @@ def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Mat
     return Matches(found[0], index[0], valid[0]), Matches(found[1], index[1], valid[1])
 
 
-def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
-    """The work done for the left view (0) and the right (1), at once if numba may use two threads."""
-    with ThreadPoolExecutor(max_workers=min(numba.get_num_threads(), 2)) as pool:
-        left, right = pool.map(work, (0, 1))
-    return left, right
-
-
 def _search(view: View, other: View, coarser: Matches | None) -> NDArray[np.float32]:
     """The vertex of the parabola at the cheapest disparity index of every pixel, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
     best, found = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
+    n_held = rows_held(*view.shape)
     for windows in _windows(view, coarser):
-        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, best, found)
+        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, n_held, best, found)
     return found
 
 

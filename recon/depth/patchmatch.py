@@ -22,8 +22,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.depth.bands import in_bands
 from recon.depth.consistency import consistent, lands_inside
-from recon.depth.cvf import DrParameters, Level, View, has_texture, in_bands, match_views, refined, views_of
+from recon.depth.cvf import DrParameters, Level, View, has_texture, match_views, refined, views_of
 from recon.depth.lanes import (
     N_LANES,
     add,

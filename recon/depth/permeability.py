@@ -8,7 +8,6 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -17,13 +16,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.depth.bands import Bands
 from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, spread_lane, store, zeros
-
-Bands = Callable[[int, Callable[[int, int], None]], None]
 
 LANE_BITS = np.int32(N_LANES - 1)
 MAX_OFFSET = 0.4999  # pixels from a winner to its parabola's vertex: the vertex rounds to the winner
-CHECKPOINT_ROWS = 16
+FEW_ROWS = 16  # at full HD 2 MiB, which stay near the processor
 MAX_HELD = 6 << 20  # float32, 24 MiB: images whose flows are smaller are held whole
 CLOSED = 255  # a change of the guide that nothing passes
 WORST = np.int32(0x7F800000)  # the bits of infinity
@@ -35,12 +33,13 @@ SURFACE_LANE = 7  # of sixteen, the one that stands for the surface itself
 SURFACE_REACH = 2  # pixels of disparity by which a surface may move
 SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
 FRAME = 10  # places before the first and after the last disparity that `aggregate_along_surface` may look at
+MAX_NOISE = 8.0  # grey levels; what varies more is texture
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
 
 
 def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
-    """Standard deviation of an image's noise, grey levels.
+    """Standard deviation of an image's noise, grey levels, between 0.1 and 8.
 
     Source: Immerkaer, Fast noise variance estimation, Computer Vision and Image Understanding 64, 1996, with the
     median in place of the mean, so that texture counts little.
@@ -49,7 +48,7 @@ def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) 
     inside = response if mask is None else response[mask]
     histogram = np.bincount(inside.ravel())
     half = np.searchsorted(np.cumsum(histogram), inside.size / 2)
-    return max(float(half) / NOISE_GAIN, MIN_NOISE)
+    return min(max(float(half) / NOISE_GAIN, MIN_NOISE), MAX_NOISE)
 
 
 def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
@@ -142,6 +141,11 @@ def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes ha
     return load(scratch, N_LANES + min(max(shift, -N_LANES), N_LANES))
 
 
+def rows_held(height: int, width: int) -> int:
+    """How many rows' flows to hold: all, or a few where memory is farther than computing twice."""
+    return height if height * width * N_LANES <= MAX_HELD else FEW_ROWS
+
+
 @njit(cache=True, nogil=True)
 def aggregate_and_choose(
     codes: NDArray[np.uint32],
@@ -152,13 +156,14 @@ def aggregate_and_choose(
     tile_bits: int,
     n_disparities: int,
     flip: int,
+    n_held: int,
     best: NDArray[np.int32],
     found: NDArray[np.float32],
 ) -> None:
     """Aggregate sixteen Hamming costs for every pixel and keep the cheapest if it beats the best so far.
 
-    The upward pass needs the downward flows from the last row to the first. Of a large image only one row in sixteen
-    is kept and those between are computed again: that is faster than the way to memory and back.
+    The upward pass needs the downward flows from the last row to the first. They are held for `n_held` rows at a time
+    and computed again from the row above these, which alone is kept.
 
     Parameters
     ----------
@@ -172,13 +177,13 @@ def aggregate_and_choose(
     n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
         because a winner needs both neighbours for its parabola
     flip : 0, the first of equally cheap disparities wins; 15, the last
+    n_held : rows, see `rows_held`; changes nothing but memory and time
     best : int32 (H, W), the winner's cost so far, see `lanes.lowest`; updated
     found : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
         rounds to the winner; updated
     """
     height, width = passages.across.shape
     pitch = width * N_LANES
-    n_held = height if height * pitch <= MAX_HELD else CHECKPOINT_ROWS
     n_chunks = (height + n_held - 1) // n_held
     held = np.zeros((n_held + 1) * pitch, np.float32)
     checkpoints = np.zeros(n_chunks * pitch, np.float32)

@@ -6,10 +6,14 @@ the slant along which `permeability.aggregate_along_surface` then gathers its co
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from recon.depth.bands import Bands
 
 PLANE_RADIUS = 3  # pixels: planes are fitted to 7x7 windows
 SAME_SURFACE = 1.0  # pixels of disparity: what differs more belongs to another surface
@@ -50,13 +54,14 @@ def without_specks(disparity: NDArray[np.float32], size: int) -> NDArray[np.floa
     return np.asarray(cv2.medianBlur(np.ascontiguousarray(disparity, np.float32), size), dtype=np.float32)
 
 
-def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
     """The disparity of the plane through each pixel's surroundings.
 
     Parameters
     ----------
     disparity : float32 (H, W), pixels, dense
     valid : bool (H, W), the pixels that planes are fitted to
+    in_bands : does the work given for rows first to last, in as many parts as there are threads
 
     Returns
     -------
@@ -64,13 +69,13 @@ def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_]) -> ND
         1 pixel of the centre's, and the disparity itself where there are fewer than six
     """
     planes = np.empty(disparity.shape, np.float32)
-    _plane_kernel(disparity, valid.view(np.uint8), 0, disparity.shape[0], planes)
+    in_bands(len(planes), partial(_plane_kernel, disparity, valid.view(np.uint8), planes))
     return planes
 
 
 @njit(cache=True, nogil=True)
 def _plane_kernel(
-    disparity: NDArray[np.float32], valid: NDArray[np.uint8], first: int, last: int, planes: NDArray[np.float32]
+    disparity: NDArray[np.float32], valid: NDArray[np.uint8], planes: NDArray[np.float32], first: int, last: int
 ) -> None:
     height, width = disparity.shape
     padded = np.zeros((2, width + 2 * PLANE_RADIUS), np.float32)

@@ -23,6 +23,7 @@ from recon.depth.pair import StereoPair
 from recon.depth.permeability import guide_image, noise_level
 
 NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
+STILL = 0.75  # permeability above which a picture counts as still, so that a memory is worth more than what is seen
 NEIGHBOURHOOD = 5  # pixels: the picture counts as changed where the mean over the census window has
 
 
@@ -171,7 +172,9 @@ def _remember_kernel(
                 weight *= np.exp(-gap / sigma)
                 value = (found + weight * value) / (one + weight)
                 weight = min(one + weight, memory)
-            elif weight > one:  # another disparity, or none: the memory holds, weaker
+            elif weight > one and passage[y, x] > np.float32(
+                STILL
+            ):  # another disparity, or none: the memory holds, weaker
                 weight -= one
             elif np.isnan(found):
                 value, weight = np.float32(np.nan), np.float32(0)
