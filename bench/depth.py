@@ -3,6 +3,7 @@
     python bench/depth.py FOLDER...          accuracy and speed on pairs with truth
     python bench/depth.py --synthetic        the same on a made-up pair
     python bench/depth.py --full-hd          time and peak memory at 1920x1080, 128 and 256 disparities
+    python bench/depth.py --picture OUT.png  the picture of docs/depth.md
 
 A pair is a folder of the Middlebury kind: im2 and im6, im3 and im4 or view1 and view5, with disp2, disp3 or disp1
 (and disp6 or disp5). Unmatched pixels are filled with the smaller of the nearest valid disparities left and right;
@@ -27,6 +28,8 @@ from numpy.typing import NDArray
 
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.cvf import IdParameters, match_id
+from recon.depth.disparity_io import colour_preview
+from recon.files import whole_file
 
 Disparity = NDArray[np.float32]
 # left, right, left truth, right truth, truth values a pixel, disparities, unscored border
@@ -37,6 +40,7 @@ LAYOUTS = (
 )
 HH_BLOCK = 5
 FULL_HD = (1920, 1080)
+PANEL = (300, 250)  # pixels, of the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,12 +246,33 @@ def print_peak(method: str, n_disparities: int, path: Path) -> None:
     print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
 
 
+def write_picture(path: Path) -> None:
+    """The made-up left image, and each method's disparities with their relief below."""
+    scene = synthetic_scene()
+    panels = [(scene.pair.left, colour_preview(scene.truth))]
+    for matcher in MATCHERS.values():
+        found = matcher(scene.pair)
+        panels.append((colour_preview(found), relief(found)))
+    columns = [np.vstack([cv2.resize(half, PANEL, interpolation=cv2.INTER_AREA) for half in pair]) for pair in panels]
+    with whole_file(path) as temporary:
+        if not cv2.imwrite(str(temporary), np.hstack(columns)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+            raise ValueError(f"{path}: could not be written")
+
+
+def relief(disparity: Disparity) -> NDArray[np.uint8]:
+    """The surface lit from the left: steps show as lines; unmatched is black."""
+    slope = np.gradient(disparity, axis=1)
+    shade = np.nan_to_num(np.clip(128 + 400 * slope, 1, 255), nan=0)
+    return np.repeat(shade[..., None], 3, axis=2).astype(np.uint8)
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--full-hd", action="store_true")
+    parser.add_argument("--picture", type=Path)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--peak-of", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -259,6 +284,8 @@ def main() -> None:
         print_scene(read_scene(folder), rounds=options.rounds)
     if options.synthetic:
         print_scene(synthetic_scene(), rounds=options.rounds)
+    if options.picture:
+        write_picture(options.picture)
     if options.full_hd:
         print_full_hd(rounds=max(options.rounds // 3, 1))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -22,6 +22,7 @@ def a_map(seed: int = 0, height: int = 5, width: int = 9) -> NDArray[np.float32]
 
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tiff", ".tif"])
+@settings(deadline=None)
 @given(seed=st.integers(0, 1000), height=st.integers(1, 8), width=st.integers(1, 8))
 def test_what_is_written_is_read_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, seed: int, height: int, width: int

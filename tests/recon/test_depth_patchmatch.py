@@ -1,0 +1,131 @@
+"""PatchMatch: its window against a plain reference, its geometry by laws."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recon.depth import StereoPair, match_pm
+from recon.depth import patchmatch as pm
+from recon.depth.cvf import View, views_of
+from recon.depth.patchmatch import PmParameters, texture_of
+
+HEIGHT, WIDTH = 30, 44
+
+
+def some_views() -> tuple[View, View]:
+    images = np.random.default_rng(0).integers(0, 256, (2, HEIGHT, WIDTH, 3)).astype(np.uint8)
+    images = np.stack([cv2.GaussianBlur(image, (0, 0), 1.5) for image in images])
+    return views_of(StereoPair(images[0], images[1], 16), 12.0)
+
+
+def plain_window_cost(
+    views: tuple[View, View], plane: NDArray[np.float32], y: int, x: int, parameters: PmParameters
+) -> float:
+    """The mean cost of every other pixel of a window, Bleyer et al. 2011, equations 3 to 5."""
+    view = views[0]
+    rows, weights, costs = np.arange(-16, 17, 2), [], []
+    greys = [each.mirrored(each.grey).astype(float) / 256 for each in views]
+    signs = [-1.0 if each.is_right else 1.0 for each in views]
+    slopes = [
+        sign * np.gradient(np.pad(grey, ((0, 0), (1, 1)), mode="edge"), axis=1)[:, 1:-1]
+        for sign, grey in zip(signs, greys, strict=True)
+    ]
+    colours = view.mirrored(view.image).astype(float)
+    for number, v in enumerate(rows):
+        for u in range(-16 + number % 2, 16, 2):
+            if not (0 <= y + v < HEIGHT and 0 <= x + u < WIDTH):
+                continue
+            place = WIDTH - 1 - (x + u) + plane[0] + plane[1] * u + plane[2] * v
+            place = np.clip(np.rint(4 * place) / 4, 0, WIDTH - 1)
+            seen = [np.interp(place, np.arange(WIDTH), values[1][y + v]) for values in (greys, slopes)]
+            differences = [
+                abs(values[0][y + v, x + u] - there) for values, there in zip((greys, slopes), seen, strict=True)
+            ]
+            weights.append(np.exp(-np.abs(colours[y + v, x + u] - colours[y, x]).sum() / parameters.gamma))
+            share = parameters.gradient_share
+            costs.append(
+                (1 - share) * min(differences[0], parameters.grey_limit)
+                + share * min(differences[1], parameters.gradient_limit)
+            )
+    return float(np.average(costs, weights=weights))
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize(("y", "x"), [(15, 22), (0, 3), (29, 40), (14, 43)])
+def test_a_windows_cost_is_that_of_the_plain_reference(side: int, y: int, x: int) -> None:
+    views, parameters = some_views(), PmParameters()
+    own, facing = views[side], views[1 - side]
+    texture, target = texture_of(own), texture_of(facing).fine
+    affinity = np.exp(-np.arange(pm.MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
+    taps, plane = np.empty((3, pm.N_ROWS * 16), np.float32), np.array([6.3, 0.11, -0.07], np.float32)
+    weight = pm._take_window((texture.colours, texture.words, target, affinity), y, x, taps)
+    settings = pm._settings(own.level, parameters)
+    cost = pm._window_cost(taps, target, plane, weight, y, x, settings, np.float32(np.inf))
+    assert cost / 256 == pytest.approx(plain_window_cost((own, facing), plane, y, x, parameters), rel=0.01)
+
+
+def test_a_plane_seen_from_the_other_view_and_back_is_the_same_plane() -> None:
+    plane = np.array([9.0, 0.2, -0.1], np.float32)
+    others = np.empty((1, 60, 3), np.float32)
+    others[:] = np.nan
+    there = 60 - 1 - 30 + 9
+    forth, back = np.empty(3, np.float32), np.empty(3, np.float32)
+    others[0, 30] = plane
+    assert pm._see_from_other(others, np.float32(9), 0, there, forth)
+    assert forth[0] == pytest.approx(9, abs=1e-5)  # the pixel lies on the plane, so both views give it one disparity
+    others[0, there] = forth
+    assert pm._see_from_other(others, np.float32(9), 0, 30, back)
+    np.testing.assert_allclose(back, plane, atol=1e-5)
+
+
+def test_nothing_is_seen_beyond_the_other_image() -> None:
+    others, trial = np.zeros((1, 20, 3), np.float32), np.empty(3, np.float32)
+    assert not pm._see_from_other(others, np.float32(9), 0, 2, trial)
+
+
+def slanted_pair() -> tuple[StereoPair, NDArray[np.float32]]:
+    """A floor whose disparity grows by 0.15 a row and 0.1 a column, and its truth."""
+    rng = np.random.default_rng(3)
+    texture = cv2.GaussianBlur(rng.integers(0, 256, (60, 140)).astype(np.float32), (0, 0), 1.2)
+    y, x = (grid.astype(np.float32) for grid in np.indices((60, 100)))
+    truth = 4 + 0.15 * y + 0.1 * x
+    in_left = (x + 4 + 0.15 * y) / 0.9  # the left column that a right column sees
+    views = [cv2.remap(texture, columns, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT) for columns in (x, in_left)]
+    stretched = [np.clip((view - 127) * 3 + 127, 0, 255).round().astype(np.uint8) for view in views]
+    return StereoPair(stretched[0], stretched[1], 24), truth
+
+
+@pytest.mark.parametrize("parameters", [PmParameters(), PmParameters(is_seeded=False, sweeps=5)])
+def test_a_slanted_floor_is_found_to_a_tenth_of_a_pixel(parameters: PmParameters) -> None:
+    pair, truth = slanted_pair()
+    found = match_pm(pair, parameters)
+    error = np.abs(found - truth)[4:-4, 26:-4]
+    assert np.nanmedian(error) < 0.1
+    assert np.mean(error <= 0.5) > 0.9
+
+
+def test_more_sweeps_come_nearer_to_the_truth() -> None:
+    pair, _ = slanted_pair()
+    errors = []
+    for sweeps in (0, 1, 3):
+        found = match_pm(pair, PmParameters(sweeps=sweeps))
+        errors.append(float(np.nanmean(np.abs(found - slanted_pair()[1])[4:-4, 26:-4])))
+    assert errors[2] <= errors[1] <= errors[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"sweeps": -1}, "sweeps is -1"),
+        ({"gamma": 0.0}, "gamma is 0"),
+        ({"gradient_share": 1.5}, "share is 1.5"),
+        ({"smoothness": -1.0}, "smoothness is -1"),
+        ({"distance_limit": 0.0}, "distance_limit is 0"),
+    ],
+)
+def test_impossible_parameters_are_refused(changes: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        PmParameters(**changes)  # type: ignore[arg-type]  # wrong values, on purpose
