@@ -60,30 +60,19 @@ def test_a_windows_cost_is_that_of_the_plain_reference(side: int, y: int, x: int
     own, facing = views[side], views[1 - side]
     texture, target = texture_of(own), texture_of(facing).fine
     affinity = np.exp(-np.arange(pm.MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
-    taps, plane = np.empty((3, pm.N_ROWS * 16), np.float32), np.array([6.3, 0.11, -0.07], np.float32)
+    taps, plane = np.empty(3 * pm.TAPS, np.float32), np.array([6.3, 0.11, -0.07], np.float32)
     weight = pm._take_window((texture.colours, texture.words, target, affinity), y, x, taps)
     settings = pm._settings(own.level, parameters)
-    cost = pm._window_cost(taps, target, plane, weight, y, x, settings, np.float32(np.inf))
+    place = (y, x, HEIGHT, WIDTH, weight)
+    cost = pm._window_cost(taps, target.reshape(-1), tuple(plane), place, settings, np.float32(np.inf))
     assert cost / 256 == pytest.approx(plain_window_cost((own, facing), plane, y, x, parameters), rel=0.01)
 
 
 def test_a_plane_seen_from_the_other_view_and_back_is_the_same_plane() -> None:
-    plane = np.array([9.0, 0.2, -0.1], np.float32)
-    others = np.empty((1, 60, 3), np.float32)
-    others[:] = np.nan
-    there = 60 - 1 - 30 + 9
-    forth, back = np.empty(3, np.float32), np.empty(3, np.float32)
-    others[0, 30] = plane
-    assert pm._see_from_other(others, np.float32(9), 0, there, forth)
-    assert forth[0] == pytest.approx(9, abs=1e-5)  # the pixel lies on the plane, so both views give it one disparity
-    others[0, there] = forth
-    assert pm._see_from_other(others, np.float32(9), 0, 30, back)
-    np.testing.assert_allclose(back, plane, atol=1e-5)
-
-
-def test_nothing_is_seen_beyond_the_other_image() -> None:
-    others, trial = np.zeros((1, 20, 3), np.float32), np.empty(3, np.float32)
-    assert not pm._see_from_other(others, np.float32(9), 0, 2, trial)
+    plane = (np.float32(9), np.float32(0.2), np.float32(-0.1))
+    forth = pm._seen_from_other(plane, -9)
+    assert forth[0] == pytest.approx(9, abs=1e-5)  # the pixels match, so both views give them one disparity
+    np.testing.assert_allclose(pm._seen_from_other(forth, -9), plane, atol=1e-5)
 
 
 def slanted_pair() -> tuple[StereoPair, NDArray[np.float32]]:
