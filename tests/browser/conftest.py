@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from films import squares, write_films
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page
 from visitor import MakeFilms, NewStudy, Study, Visitor
 
 from app.main import running_server
@@ -16,7 +16,6 @@ from app.operate import add_token, create_study
 from app.settings import Settings
 from app.study.options import StudyOptions
 
-CHROMIUM = Path("/usr/bin/chromium")
 VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
 
 
@@ -59,16 +58,6 @@ def new_study(settings: Settings, server: str) -> NewStudy:
 def study(new_study: NewStudy, short_films: Path) -> Study:
     """Films of 0.8 s, shown for 1.6 s: they begin a second time."""
     return new_study(short_films, 1.6)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    if not CHROMIUM.is_file():
-        pytest.skip(f"no browser at {CHROMIUM}; `make setup` installs it")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from app import operate
 from app.settings import Settings
@@ -16,23 +15,18 @@ from app.simulate import simulate
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-CHROMIUM = Path("/usr/bin/chromium")
 TELEPHONE = {"width": 390, "height": 844}
 
 
 @pytest.fixture
-def page(server: str, settings: Settings) -> Iterator[Page]:
+def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
     """A signed-in experimenter's telephone; at the end the browser must not have complained."""
-    if not CHROMIUM.exists():
-        pytest.skip(f"no browser at {CHROMIUM}; setup installs it")
     complaints: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(base_url=server, viewport=TELEPHONE)
-        page.on("console", lambda message: complaints.append(message.text))
-        page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
-        yield page
-        browser.close()
+    page = browser.new_page(base_url=server, viewport=TELEPHONE)
+    page.on("console", lambda message: complaints.append(message.text))
+    page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+    yield page
+    page.close()
     assert complaints == []
 
 
