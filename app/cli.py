@@ -214,7 +214,7 @@ def admin_add(
 
     added = add_experimenter(Settings(), experimenter)
     added["link"] = url + added["path"]
-    print_result(added, f"{added['name']} signs in once with {added['link']}", as_json=as_json)
+    print_result(added, f"{added['name']} signs in with {added['link']}", as_json=as_json)
 
 
 @token_app.command("add")
