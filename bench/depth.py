@@ -40,7 +40,7 @@ LAYOUTS = (
 )
 HH_BLOCK = 5
 FULL_HD = (1920, 1080)
-PANEL = (300, 250)  # pixels, of the picture
+PANEL = (198, 165)  # pixels, of the picture
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,7 +77,7 @@ class PmParameters:
     seed : parameters of the surface to start from
     """
 
-    sweeps: int = 3
+    sweeps: int = 4
     is_seeded: bool = True
     gamma: float = 20.0
     gradient_share: float = 0.9
