@@ -113,7 +113,7 @@ def next_size(looks: Sequence[Look], test: AcuityTest) -> float | None:
 
     Source
     ------
-    Lieberman and Pentland 1982 (Best-PEST); Bach 1996.
+    Lieberman and Pentland 1982 (Best-PEST); Bach 1996. Unlike theirs, the maximum is a posteriori: see `posterior`.
     """
     if len(looks) >= test.n_trials:
         return None
