@@ -284,6 +284,7 @@ def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
     votes = real_data / "votes/pwcmp_tone_mapping.csv"
     told = command("analyse", votes, "-o", tmp_path / "out", "--json")

@@ -288,6 +288,7 @@ def test_moments_are_those_of_each_cells_points() -> None:
         assert np.allclose(moments, expected[name], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_band_holds_every_sample_within_reach_and_memory_grows_with_the_surface() -> None:
     cloud = sphere()
     fine, coarse = (band_around(gather(cloud, voxel, PLAIN)) for voxel in (0.5, 1.0))

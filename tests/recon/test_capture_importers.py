@@ -341,6 +341,7 @@ def test_two_recordings_of_one_name_are_not_guessed_between(tmp_path: Path) -> N
         find_pictures(tmp_path / "left")
 
 
+@pytest.mark.slow
 def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_path: Path) -> None:
     bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
     capture = import_json(real_data / "sphere/calibration.json", tmp_path / "sphere", ImportOptions(bounds=bounds))

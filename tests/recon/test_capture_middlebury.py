@@ -158,6 +158,7 @@ def test_nothing_is_overwritten_and_nothing_half_written_is_left(
     assert (out / "capture.json").is_file()
 
 
+@pytest.mark.slow
 def test_the_temple_becomes_three_sensors_whose_rows_agree(real_data: Path, tmp_path: Path) -> None:
     capture = import_middlebury(real_data / "temple", tmp_path / "temple")
     assert [stream.id for stream in capture.sensors] == ["S1", "S2", "S3"]

@@ -241,6 +241,7 @@ def test_without_opengl_the_error_names_the_packages_and_auto_does_without(monke
         working_platform.cache_clear()
 
 
+@pytest.mark.slow
 def test_pyrender_can_be_started_again_after_it_was_closed() -> None:
     need_opengl()
     first, again = (picture(ball(), "studio", "pyrender") for _ in range(2))

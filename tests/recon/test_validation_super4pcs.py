@@ -59,6 +59,7 @@ def test_a_rigid_motion_is_found_again_from_its_points() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_a_model_of_any_shape_is_found_among_outliers(seed: int) -> None:
     rng, model, truth = np.random.default_rng(seed), shape(3000), motion(seed)
     seen = shape(2000, seed + 1)
