@@ -31,10 +31,6 @@ class NotFoundError(StudyError):
     status = 404
 
 
-class NotAcceptableError(StudyError):
-    status = 406
-
-
 class ConflictError(StudyError):
     status = 409
 

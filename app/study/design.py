@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -45,11 +44,6 @@ class PlannedTrial:
     pair: int
     a_half: Half
     first_shown: Label
-
-
-def all_pairs(n_conditions: int) -> list[tuple[int, int]]:
-    """All unordered pairs (i, j), i < j, of a dataset's conditions."""
-    return list(combinations(range(n_conditions), 2))
 
 
 def participant_order(pairs: Sequence[PlannedPair], seed: int, slot: int) -> list[PlannedTrial]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from app.study.design import (
     LONGEST_RUN,
     PlannedPair,
     PlannedTrial,
-    all_pairs,
     balanced_labels,
     participant_order,
     shuffle_pairs,
@@ -32,7 +31,7 @@ def pairs_of(sizes_of_datasets: list[int]) -> list[PlannedPair]:
     """All pairs of datasets with so many conditions each; stimuli are numbered through."""
     pairs: list[PlannedPair] = []
     for dataset, size in enumerate(sizes_of_datasets):
-        for top, bottom in all_pairs(size):
+        for top, bottom in combinations(range(size), 2):
             pairs.append(PlannedPair(len(pairs), dataset, 100 * dataset + top, 100 * dataset + bottom))
     return pairs
 
