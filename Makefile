@@ -39,7 +39,7 @@ bench: setup
 serve: setup
 	reconstudy serve
 
-# Exact versions with hashes of everything in pyproject.toml, for any Python from 3.11 on; needs uv.
+# Exact versions with hashes of all but the peers of bench/, for any Python from 3.11 on; needs uv.
 lock:
-	uv pip compile pyproject.toml --all-extras --generate-hashes --no-emit-index-url --no-header \
+	uv pip compile pyproject.toml $(addprefix --extra ,recon cluster postgres s3 test frontend docs) --generate-hashes --no-emit-index-url --no-header \
 		--python-version 3.11 --universal --quiet --output-file requirements.lock
