@@ -28,7 +28,7 @@ STAGES = [
     {"flythrough", "preview"},
     {"validation"},
     {"pipeline"},
-    {"console", "options", "cli", "capture_cli"},
+    {"console", "options", "cli", "capture_cli", "validate_cli"},
 ]
 RANK = {stage: rank for rank, stages in enumerate(STAGES) for stage in stages}
 

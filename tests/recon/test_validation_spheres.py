@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from recon.cli import app, parse_thresholds, parse_viewpoint
+from recon.cli import app
+from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.measured import read_measured
 from recon.validation.sphere import FitError

@@ -1,0 +1,112 @@
+"""The commands of objective evaluation, `reconstudy validate …`; what they need is imported when they run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from recon.console import JsonOption, ProgressLine, print_result
+
+app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres, meshes against the truth.")
+
+
+@app.command("sphere")
+def validate_sphere(
+    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one per sensor and placed ball.")],
+    radius: Annotated[float, typer.Option(help="Known radius of the ball, mm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    sensor: Annotated[
+        list[str] | None, typer.Option(help="Sensors of the clouds, in their order; fewer names repeat.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="robust or super4pcs.")] = "robust",
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    viewpoint: Annotated[
+        list[str] | None,
+        typer.Option(help="[SENSOR=]x,y,z of a sensor, mm: count only points in front of or behind the ball."),
+    ] = None,
+    keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use whatever the rule says.")] = None,
+    drop: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out whatever the rule says.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit spheres of a known radius; signed errors and inlier ratios per sensor and combined."""
+    from recon.validation.sphere_report import write_sphere_report
+    from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
+
+    settings = SphereSettings(
+        radius=radius,
+        thresholds=parse_thresholds(thresholds),
+        method=method,
+        unit=unit,
+        viewpoints=dict(parse_viewpoint(text) for text in viewpoint or ()),
+        keep=tuple(keep or ()),
+        drop=tuple(drop or ()),
+        seed=seed,
+    )
+    progress = ProgressLine()
+    report = measure_spheres(sphere_clouds(clouds, sensor or ()), settings, progress)
+    progress.close()
+    page = write_sphere_report(report, out)
+    print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
+
+
+@app.command("mesh")
+def validate_mesh(
+    mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
+    truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same frame.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP, mm.")] = "1:20:1",
+    seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Accuracy, completeness and F-score against the truth."""
+    from recon.validation.ground_truth import measure_mesh
+    from recon.validation.mesh_report import write_mesh_report
+
+    report = measure_mesh(mesh, truth, parse_thresholds(thresholds), seed)
+    page = write_mesh_report(report, out)
+    best = report["scores"][len(report["scores"]) // 2]
+    sentence = (
+        f"accuracy {report['accuracy']['mean_mm']:.3g} mm, completeness {report['completeness']['mean_mm']:.3g} mm, "
+        f"F-score {best['f_score']:.2%} at {best['threshold_mm']:g} mm: {page}"
+    )
+    print_result({"report": str(page), **report}, sentence, as_json=as_json)
+
+
+def parse_thresholds(text: str) -> tuple[float, ...]:
+    """The thresholds of "FROM:TO" in steps of 2.5 mm, or of "FROM:TO:STEP"."""
+    try:
+        low, high, step = [float(value) for value in text.split(":")] + [2.5] * (text.count(":") == 1)
+    except ValueError:
+        low, high, step = 0.0, 0.0, 0.0
+    if not (0 < low <= high < 1e6 and step > 0 and (high - low) / step < 10_000):
+        raise typer.BadParameter(
+            f"{text!r} are no thresholds; expected FROM:TO or FROM:TO:STEP in mm, for example 5:100"
+        )
+    return tuple(low + step * index for index in range(int((high - low) / step + 1e-9) + 1))
+
+
+def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
+    """Sensor and place of "SENSOR=x,y,z", or of "x,y,z" for the only sensor, S1."""
+    name, _, place = text.rpartition("=")
+    try:
+        x, y, z = (float(value) for value in place.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
+        ) from error
+    return name or "S1", (x, y, z)
+
+
+def _sphere_sentences(report: dict[str, Any], page: Path) -> str:
+    lines = [
+        f"{row['sensor']} ({row['subset']}): {row['inliers']:.2%} within {row['threshold_mm']:g} mm "
+        f"in {row['n_samples']} samples"
+        for row in report["table"]
+    ]
+    lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]
+    failed = {row["name"]: row["failure"] for row in report["reconstructions"] if row["failure"]}
+    return "\n".join([*lines, *(f"no fit: {name}: {why}" for name, why in failed.items()), f"Report: {page}"])
