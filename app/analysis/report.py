@@ -26,10 +26,10 @@ from app.analysis.charts import (
     scores_chart,
     triads_chart,
 )
+from app.analysis.reading import read_items, read_measures, read_votes
 from app.analysis.results import analyse
 from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes import read_items, read_measures, read_votes
 from app.files import write_bytes, write_json, write_text
 
 TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"

@@ -14,8 +14,9 @@ from scipy.optimize import minimize
 
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared, participant_gradients
 from app.analysis.many_items import maximise_many_items
+from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.ties import TIE_MODELS
-from app.analysis.votes import VotesTable, read_votes, votes_from_indices, votes_from_rows
+from app.analysis.votes import VotesTable, votes_from_indices
 
 SCORE, ERROR, LIKELIHOOD = 1e-6, 1e-5, 1e-5
 

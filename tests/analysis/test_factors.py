@@ -17,7 +17,8 @@ from app.analysis import AnalysisSettings, analyse
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import Contrast, contrasts, holm, letters
 from app.analysis.factors import coding, votes_on_factor
-from app.analysis.votes import VotesTable, read_votes, votes_from_indices
+from app.analysis.reading import read_votes
+from app.analysis.votes import VotesTable, votes_from_indices
 
 ITEMS = tuple(f"{depth}_{fusion}" for depth in ("id", "dr", "pm") for fusion in ("fa", "fb"))
 FACTORS = {

@@ -14,7 +14,8 @@ from app.analysis.agreement import agreement, transitivity
 from app.analysis.bradley_terry import only_compared
 from app.analysis.counts import count_pairs
 from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.votes import VotesTable, read_votes, votes_from_rows
+from app.analysis.reading import read_votes, votes_from_rows
+from app.analysis.votes import VotesTable
 
 HONEST = 14
 

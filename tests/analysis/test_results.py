@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.reading import read_votes
 from app.analysis.ties import TIE_MODELS
-from app.analysis.votes import VotesTable, read_votes, votes_from_indices
+from app.analysis.votes import VotesTable, votes_from_indices
 
 KEYS = {
     "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.triads import (
     approximate_probability,
     broken_ties,
@@ -28,7 +29,7 @@ from app.analysis.triads import (
     tournament_counts,
     triads,
 )
-from app.analysis.votes import read_votes, votes_from_indices, votes_from_rows
+from app.analysis.votes import votes_from_indices
 
 # Kendall and Babington Smith (1940), p. 326: a dog's preferences among six foods.
 DOG = {

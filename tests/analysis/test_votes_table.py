@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.analysis.votes import VotesError, frame_from_votes, read_items, read_votes, votes_from_rows
+from app.analysis.reading import read_items, read_votes, votes_from_rows
+from app.analysis.votes import VotesError, frame_from_votes
 
 HEADER = "participant,dataset,item_a,item_b,choice"
 

@@ -1,0 +1,73 @@
+"""What a reader of an analysis must be told before its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.analysis.comparison import Comparison
+from app.analysis.votes import VotesTable
+
+MOST_PAIRS = 10_000  # of one comparison that are listed
+MANY_REPEATS = 5  # repeated votes that are named one by one
+
+
+def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison]) -> list[str]:
+    warnings = [] if len(used) else ["No vote is left after practice and exclusions: there is nothing to analyse."]
+    warnings += _repeats(votes)
+    for one in compared:
+        warnings += _fit_warnings(one)
+    return warnings
+
+
+def _fit_warnings(one: Comparison) -> Iterator[str]:
+    fit, where = one.fit, f"comparison {one.comparison}, dataset {one.dataset}"
+    if fit.status == "disconnected" and len(fit.groups) > 1:
+        islands = "; ".join(", ".join(group) for group in fit.groups)
+        yield f"{where}: disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
+    if fit.status == "separated" and len(fit.groups) > 1:
+        order = " > ".join("{" + ", ".join(group) + "}" for group in fit.groups)
+        yield (
+            f"{where}: no finite maximum, the votes between these groups all go one way: {order}; "
+            f"scores are the {fit.penalty} estimate"
+        )
+    if fit.status == "separated" and len(fit.groups) == 1:
+        yield (
+            f"{where}: no finite maximum, the tie parameter grows without limit; scores are the {fit.penalty} estimate"
+        )
+    if fit.status == "disconnected" and len(fit.groups) == 1:
+        yield f"{where}: the votes cannot tell the scores and the other effects apart, so there are none"
+    if len(fit.counts.first) > MOST_PAIRS:
+        yield f"{where}: {len(fit.counts.first)} pairs are analysed and not listed"
+    if fit.theta is not None and fit.covariance is None:
+        yield f"{where}: no errors are given for as many as {len(fit.items)} items"
+    if fit.n_participants == 1:
+        yield f"{where}: a single participant voted, so nothing can be said about other people"
+    if one.bootstrap is not None and one.bootstrap.n_without_maximum:
+        total = len(one.bootstrap.scores) + one.bootstrap.n_without_maximum
+        missing = one.bootstrap.n_without_maximum
+        yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and are left out"
+
+
+def _repeats(votes: VotesTable) -> list[str]:
+    """Name the rows in which a participant votes on a pair a second time; they are kept."""
+    if not votes.has_participants:
+        return []
+    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
+    n = np.int64(len(votes.items))
+    key = (votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset) * n * n + low * n + high
+    key = np.where(votes.practice | votes.excluded, -1 - np.arange(len(key)), key)
+    _, first = np.unique(key, return_index=True)
+    rows = np.setdiff1d(np.arange(len(key)), first)
+    named = [
+        f"row {row + 1} ({votes.participants[votes.participant[row]]}, "
+        f"{votes.datasets[votes.dataset[row]] or 'no dataset'}, "
+        f"{votes.items[votes.item_a[row]]} - {votes.items[votes.item_b[row]]})"
+        for row in rows[:MANY_REPEATS]
+    ]
+    if not named:
+        return []
+    more = f" and {len(rows) - len(named)} more" if len(rows) > len(named) else ""
+    what = f"{len(rows)} votes repeat a pair that the same participant judged before; all are counted"
+    return [f"{what}: {', '.join(named)}{more}"]
