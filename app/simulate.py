@@ -16,6 +16,7 @@ import numpy as np
 
 from app.operate import add_own_token, list_studies
 from app.settings import Settings
+from app.study.comprehension import RIGHT_ANSWER
 from app.study.simulate import choose, tie_weight
 from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, TRIAL
 
@@ -158,7 +159,8 @@ def pass_stages(client: httpx.Client, session: dict[str, Any]) -> dict[str, Any]
 def stage_data(stage: str, asked: Mapping[str, Any]) -> dict[str, Any]:
     """What comes with a stage: consent as it is asked for, answers only where they must be given."""
     if stage == INTRODUCTION:
-        return {"consent": asked["consent"]} if asked["consent"] else {}
+        consent = {"consent": asked["consent"]} if asked["consent"] else {}
+        return consent | ({"comprehension": RIGHT_ANSWER} if asked["comprehension"] else {})
     if stage == INTERVIEW:
         return {"answers": {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}}
     if stage == PRACTICE:

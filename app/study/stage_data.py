@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from app.study.comprehension import is_understood
 from app.study.options import StudyOptions
 from app.study.questionnaire import InvalidAnswerError, check_answers
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
@@ -22,16 +23,23 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
     Raises
     ------
     InvalidStageError
-        If the consent is missing or to another text, a round of practice had no switch, or an answer does not fit.
+        If the consent is missing or to another text, the instructions were not understood, a round of practice had no
+        switch, or an answer does not fit.
     """
-    if stage == INTRODUCTION and options.consent:
-        expected = {"version": options.consent_version, "sha256": options.consent_sha256}
-        if data.get("consent") != expected:
-            raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
+    if stage == INTRODUCTION:
+        _check_introduction(data, options)
     if stage == PRACTICE:
         _check_practice(data)
     if stage == INTERVIEW:
         _check_interview(data, options)
+
+
+def _check_introduction(data: Mapping[str, Any], options: StudyOptions) -> None:
+    expected = {"version": options.consent_version, "sha256": options.consent_sha256}
+    if options.consent and data.get("consent") != expected:
+        raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
+    if options.comprehension and not is_understood(data.get("comprehension")):
+        raise InvalidStageError("the question on the instructions is not answered right")
 
 
 def _check_practice(data: Mapping[str, Any]) -> None:

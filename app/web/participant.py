@@ -25,6 +25,7 @@ from app.store.sessions import (
     session_by_token,
     withdraw,
 )
+from app.study.comprehension import is_understood
 from app.study.stage_data import InvalidStageError, check_stage_data
 from app.study.stages import TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, is_secure
@@ -68,6 +69,14 @@ class StageData(Strict):
     data: Annotated[dict[str, Any], AfterValidator(_plain_json)] = Field(default={}, examples=[{"language": "en"}])
 
 
+class ComprehensionBody(Strict):
+    answer: Annotated[str, Field(max_length=40, examples=["wait"])]
+
+
+class ComprehensionView(BaseModel):
+    understood: bool = Field(description="else the instructions are to be read once more")
+
+
 class StudyView(BaseModel):
     slug: str
     title: str
@@ -95,6 +104,7 @@ class AskedView(BaseModel):
     """What a study asks besides votes, for clients other than its own page."""
 
     consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
+    comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
     questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
 
 
@@ -140,7 +150,17 @@ def asked(signed_in: Participant) -> AskedView:
     """What the introduction's and the interview's completion must hold."""
     options = signed_in.session.options
     consent = {"version": options.consent_version, "sha256": options.consent_sha256} if options.consent else None
-    return AskedView(consent=consent, questions=[asdict(question) for question in options.questions])
+    questions = [asdict(question) for question in options.questions]
+    return AskedView(consent=consent, comprehension=options.comprehension, questions=questions)
+
+
+@router.put("/session/comprehension")
+def mark_comprehension(body: ComprehensionBody, signed_in: Participant) -> ComprehensionView:
+    """Mark the answer to the question on the instructions; the page does not know which is right."""
+    understood = is_understood(body.answer)
+    if not understood:
+        log.info("session %s: the instructions were not understood (%s)", signed_in.session.public_id, body.answer)
+    return ComprehensionView(understood=understood)
 
 
 @router.put("/session/withdrawal")

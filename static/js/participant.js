@@ -5,7 +5,7 @@ import { Films } from "./films.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { display } from "./display.js";
-import { beginSession, completeStage, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
+import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
 
@@ -23,7 +23,6 @@ const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "use
 
 const page = /** @type {HTMLElement} */ (document.getElementById("study"));
 const code = page.dataset.code ?? "";
-const pageKey = `instructions of ${code}`;
 const beginKey = `begin ${code}`;
 const shelf = await openShelf();
 const films = new Films();
@@ -36,8 +35,9 @@ let lastBreak = 0; // answers before it
 const practised = [];
 /** @type {Trial | null} */
 let trial = null; // that runs now
-let consentedAt = "";
 let wrongAnswers = 0;
+let pageKey = ""; // of the session: which page of the instructions is open
+let consentKey = ""; // of the session: the digest of the text that was agreed to
 
 /** What is shown in each stage of a session. @type {Record<import("./session.js").Stage, () => void>} */
 const STAGES = {
@@ -86,7 +86,6 @@ function begin() {
   localStorage.setItem(beginKey, key);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
-    sessionStorage.removeItem(pageKey); // of the one before
     practised.length = 0;
     await enterSession(session);
     goTo(session);
@@ -114,7 +113,7 @@ function goTo(session) {
 
 function introduce() {
   const number = Number(sessionStorage.getItem(pageKey) ?? 0);
-  if (number === 0 && document.getElementById("consent")) show("consent");
+  if (!hasAgreed()) show("consent");
   else showInstructions(Math.max(1, number));
 }
 
@@ -123,8 +122,14 @@ function consent(event) {
   event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
-  consentedAt = form.dataset.sha256 ?? "";
+  sessionStorage.setItem(consentKey, form.dataset.sha256 ?? "");
   showInstructions(1);
+}
+
+/** Whether this session's participant has agreed, here, to the text as it stands now; or none is asked for. */
+function hasAgreed() {
+  const form = document.getElementById("consent");
+  return !form || sessionStorage.getItem(consentKey) === form.dataset.sha256;
 }
 
 /** @param {number} number */
@@ -143,31 +148,40 @@ function turnInstructions(event) {
   else guarded(endIntroduction);
 }
 
-/** One question on the instructions; a wrong answer leads back to them. @param {Event} event */
+/** One question on the instructions, which the server marks; a wrong answer leads back to them. @param {Event} event */
 function checkComprehension(event) {
   event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
-  const isRight = new FormData(form).get("understood") === form.dataset.right;
+  const answer = String(new FormData(form).get("understood"));
   form.reset();
-  if (isRight) {
-    guarded(endIntroduction);
-    return;
-  }
-  wrongAnswers += 1;
-  showInstructions(1);
+  enterFullScreen();
+  guarded(async () => {
+    const { understood } = await patiently(() => markComprehension(answer));
+    if (understood) {
+      await endIntroduction({ comprehension: answer, wrong_answers: wrongAnswers });
+      return;
+    }
+    wrongAnswers += 1;
+    showInstructions(1);
+  });
 }
 
-async function endIntroduction() {
+/** @param {object} [more] that came of it */
+async function endIntroduction(more = {}) {
   enterFullScreen();
   const { canPlay, ...facts } = display();
   const form = document.getElementById("consent");
-  const given = form && { version: form.dataset.version, sha256: consentedAt || form.dataset.sha256 };
+  if (!hasAgreed()) {
+    show("consent");
+    return;
+  }
+  const given = form && { version: form.dataset.version, sha256: form.dataset.sha256 };
   await completed("introduction", {
     language: document.documentElement.lang,
     ...facts,
     ...(given && { consent: given }),
-    ...(document.getElementById("comprehension") && { wrong_answers: wrongAnswers }),
+    ...more,
   });
 }
 
@@ -341,6 +355,8 @@ function sentence(error, problem) {
 async function enterSession(session) {
   localStorage.removeItem(beginKey); // its answer has come; the next participant at this browser makes a new one
   outbox = new Outbox(shelf, session.session);
+  pageKey = `instructions of ${session.session}`;
+  consentKey = `consent of ${session.session}`;
   tellSession(session);
   if (await claim(session.session, yieldToOther)) return;
   show("elsewhere");

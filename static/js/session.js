@@ -79,6 +79,11 @@ export function completeStage(stage, data) {
   return call("PUT", `/session/stages/${stage}`, { data });
 }
 
+/** @param {string} answer @returns {Promise<{understood: boolean}>} */
+export function markComprehension(answer) {
+  return call("PUT", "/session/comprehension", { answer });
+}
+
 /** @returns {Promise<TrialDescription[]>} what to practise with */
 export function readPractice() {
   return call("GET", "/session/practice");

@@ -124,3 +124,34 @@ def test_practice_asks_for_a_switch_in_each_pair(
     page.keyboard.press("Enter")
     visitor.is_in("exposure")
     expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3")
+
+
+def test_nobody_agrees_by_what_another_participant_did_in_this_browser(
+    full_study: Study, page: Page, visitor: Visitor
+) -> None:
+    """The first reads as far as the instructions, the second goes on with a session begun elsewhere."""
+    page.goto(full_study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    page.get_by_label("I have read this").check()
+    page.keyboard.press("Enter")
+    visitor.sees("instructions-1")
+    page.keyboard.press("Enter")
+    page.reload()
+    visitor.sees("instructions-2")  # who has agreed is not asked twice
+    begun = httpx.post(
+        f"{full_study.url}/api/v1/studies/{full_study.slug}/sessions", json={"invitation": full_study.invitation}
+    ).json()
+    page.goto(full_study.url)
+    page.get_by_label("Code to go on").fill(begun["resume_code"])
+    page.get_by_role("button", name="Go on here").click()
+    visitor.sees("consent")
+
+
+def test_the_page_does_not_know_the_right_answer(full_study: Study) -> None:
+    answers = ("wait", "switch", "count")
+    html = httpx.get(full_study.address).text
+    assert {html.count(f'"{answer}"') for answer in answers} == {1}
+    for script in ("participant", "session"):
+        text = httpx.get(f"{full_study.url}/static/js/{script}.js").text
+        assert not [answer for answer in answers if f'"{answer}"' in text]
