@@ -5,6 +5,8 @@ const N_REFRESHES = 40;
 
 /** @type {number | null} */
 let refresh_hz = null;
+/** @type {(() => void)[]} */
+const waiting = [];
 measureRefresh();
 
 export function display() {
@@ -19,6 +21,11 @@ export function display() {
   };
 }
 
+/** @param {() => void} callback told once the refresh rate has been measured, unless it is known already */
+export function whenRefreshIsKnown(callback) {
+  if (refresh_hz === null) waiting.push(callback);
+}
+
 /** The median step between animation frames, while the page is read; null until it is known. */
 function measureRefresh() {
   /** @type {number[]} */
@@ -31,6 +38,7 @@ function measureRefresh() {
     }
     const steps = times.slice(1).map((time, index) => time - times[index]).sort((a, b) => a - b);
     refresh_hz = Math.round(10_000 / steps[steps.length >> 1]) / 10;
+    for (const callback of waiting.splice(0)) callback();
   };
   requestAnimationFrame(tick);
 }

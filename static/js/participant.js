@@ -4,6 +4,7 @@ import { Refusal, onTrouble, patiently } from "./connection.js";
 import { Films } from "./films.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
+import { checkBrowser } from "./browser-check.js";
 import { display } from "./display.js";
 import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
@@ -53,6 +54,10 @@ onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hi
 document.addEventListener("keydown", pressPrimary);
 document.addEventListener("keydown", switchTryByKey);
 byId("begin").addEventListener("click", begin);
+checkBrowser(byId("browser-check"), (canTakePart) => {
+  byId("no-codec").hidden = canTakePart;
+  byId("begin").hidden = !canTakePart;
+});
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
@@ -71,9 +76,6 @@ if (page.dataset.state === "mine") guarded(resume);
 else welcome();
 
 function welcome() {
-  const { canPlay } = display();
-  byId("no-codec").hidden = canPlay;
-  byId("begin").hidden = !canPlay;
   byId("begin").toggleAttribute("disabled", false);
   show("welcome");
 }

@@ -155,3 +155,20 @@ def test_the_page_does_not_know_the_right_answer(full_study: Study) -> None:
     for script in ("participant", "session"):
         text = httpx.get(f"{full_study.url}/static/js/{script}.js").text
         assert not [answer for answer in answers if f'"{answer}"' in text]
+
+
+def test_a_browser_that_cannot_play_the_films_is_told_before_the_study(study: Study, page: Page) -> None:
+    page.add_init_script("HTMLMediaElement.prototype.canPlayType = () => ''")
+    page.goto(study.address)
+    expect(page.get_by_text("This browser cannot play the study’s films")).to_be_visible()
+    expect(page.get_by_role("button", name="Begin")).to_be_hidden()
+
+
+def test_the_window_is_judged_again_when_it_changes(study: Study, page: Page) -> None:
+    page.set_viewport_size({"width": 800, "height": 500})
+    page.goto(study.address)
+    expect(page.get_by_text("Window: 800 × 500 is small.")).to_be_visible()
+    page.set_viewport_size({"width": 1366, "height": 768})
+    expect(page.get_by_text("Window: 1366 × 768", exact=True)).to_be_visible()
+    expect(page.get_by_text("Pixel ratio: 1")).to_be_visible()
+    expect(page.get_by_text("Refresh rate:")).to_be_visible()
