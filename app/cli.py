@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.errors import UnavailableError
 from recon.cli import app as recon_app
 from recon.console import JsonOption, ProgressLine, print_result
 
@@ -364,6 +365,8 @@ def main() -> None:
         if "RECONSTUDY_DEBUG" in os.environ:
             raise
         _fail(str(error))
+    except UnavailableError as error:
+        _fail(error.detail)
 
 
 def _fail(sentence: str, code: int = 1) -> None:

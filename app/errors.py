@@ -41,3 +41,10 @@ class GoneError(StudyError):
 
 class InvalidError(StudyError):
     status = 422
+
+
+class UnavailableError(StudyError):
+    """What cannot be done now and may be tried again: the queue is full, or the database does not answer."""
+
+    status = 503
+    retry_after_s: ClassVar[int] = 1

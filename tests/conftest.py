@@ -1,16 +1,19 @@
-"""What all tests share: where the real recordings lie, and one browser."""
+"""What all tests share: where the real recordings lie, one browser, and databases of both kinds."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
+from postgresql import PostgresServer
 
 ROOT = Path(__file__).parent.parent
+NUMBERS = count(1)
 
 
 @pytest.fixture(scope="session")
@@ -32,3 +35,19 @@ def browser() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[PostgresServer]:
+    with PostgresServer() as server:
+        yield server
+
+
+@pytest.fixture(scope="session", params=["sqlite", "postgresql"])
+def new_database_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[[], str]:
+    """Gives URLs of empty databases; whatever asks for it is tested on SQLite and on PostgreSQL."""
+    if request.param == "sqlite":
+        folder = tmp_path_factory.mktemp("databases")
+        return lambda: f"sqlite:///{folder / f'{next(NUMBERS)}.sqlite'}"
+    server: PostgresServer = request.getfixturevalue("postgres")
+    return lambda: server.new_database(f"test_{next(NUMBERS)}")

@@ -2,24 +2,39 @@
 
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.
+On PostgreSQL (`synchronous_commit=on`) a writing transaction locks the row that it decides by (`FOR UPDATE`): a study's
+while somebody is let in, a session's while its stage, trials or votes change.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Table, create_engine, event, make_url
+from sqlalchemy import URL, Connection, Engine, Table, create_engine, event, make_url
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import DataError, InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+
+from app.errors import InvalidError, NotFoundError, UnavailableError
+
+log = logging.getLogger(__name__)
 
 BUSY_TIMEOUT_S = 20  # another process may hold SQLite's write lock, for example `study create` beside the server
+CONNECT_TIMEOUT_S = 5
+POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
 
 
 class Database:
-    """An engine, and the lock under which one process writes to SQLite: waiting there is fair, SQLite's own is not."""
+    """An engine, and the lock under which one process writes to SQLite: waiting there is fair, SQLite's own is not.
+
+    Both kinds of transaction raise `UnavailableError` while the database is away, locked by somebody else for long, or
+    its disk is full: nothing was changed, unless the connection broke while the commit was on its way.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
@@ -27,26 +42,44 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        with self.engine.connect() as connection:
-            yield connection
+        with _unavailable_when_away(), self.engine.connect() as connection:
+            try:
+                yield connection
+            except DataError as error:  # for example a NUL character, which PostgreSQL cannot hold
+                raise NotFoundError("There is nothing of this name.") from error
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction, on disk when the block ends, undone when it raises."""
-        with self._write_lock, self.engine.connect() as connection:
+        with _unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
             connection = connection.execution_options(is_writing=True)
-            with connection.begin():
-                yield connection
+            try:
+                with connection.begin():
+                    yield connection
+            except DataError as error:
+                raise InvalidError("This holds a character or a number that cannot be kept.") from error
 
     def dispose(self) -> None:
         self.engine.dispose()
 
 
+@contextmanager
+def _unavailable_when_away() -> Iterator[None]:
+    try:
+        yield
+    except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+        log.warning("the database does not answer: %s", str(getattr(error, "orig", error)).partition("\n")[0])
+        raise UnavailableError("This cannot be kept or looked up at the moment. Please try again soon.") from error
+
+
 def open_database(url: str) -> Database:
     """Open a database by its SQLAlchemy URL; SQLite's folder is made when it is not there."""
-    if make_url(url).get_backend_name() != "sqlite":
-        return Database(create_engine(url, pool_pre_ping=True))
-    path = make_url(url).database
+    address = make_url(url)
+    if address.get_backend_name() == "postgresql":
+        return Database(_postgresql(address))
+    if address.get_backend_name() != "sqlite":
+        raise ValueError(f"{address}: expected a database of SQLite or PostgreSQL (postgresql+psycopg://…)")
+    path = address.database
     if path is None or path == ":memory:":
         raise ValueError(
             f"{url}: a study needs a database on disk, for example sqlite:////var/lib/reconstudy/study.sqlite"
@@ -56,6 +89,17 @@ def open_database(url: str) -> Database:
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return Database(engine)
+
+
+def _postgresql(address: URL) -> Engine:
+    try:
+        return create_engine(
+            address.set(drivername="postgresql+psycopg"),
+            pool_pre_ping=True,
+            connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "options": POSTGRESQL_OPTIONS},
+        )
+    except ModuleNotFoundError as error:
+        raise ValueError(f"{address}: PostgreSQL needs an extra package: pip install 'reconstudy[postgres]'") from error
 
 
 def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:

@@ -8,8 +8,8 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy.exc import SQLAlchemyError
 
+from app.errors import UnavailableError
 from app.store.engine import Database
 
 ROOT = Path(__file__).parent.parent.parent
@@ -35,8 +35,8 @@ def why_not_ready(database: Database) -> str | None:
     """What keeps the database from being used; None if nothing does."""
     try:
         version = version_of(database)
-    except SQLAlchemyError as error:
-        return f"The database does not answer ({type(error).__name__})."
+    except UnavailableError:
+        return "The database does not answer."
     if version != newest_version():
         return f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
     return None

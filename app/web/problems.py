@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import StudyError
+from app.errors import StudyError, UnavailableError
 
 log = logging.getLogger(__name__)
 
@@ -71,6 +71,8 @@ class UnforeseenErrors:
 def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
+    if isinstance(error, UnavailableError):
+        headers["Retry-After"] = str(error.retry_after_s)
     return _answer(request, error.status, error.detail, headers)
 
 

@@ -26,8 +26,8 @@ def now() -> datetime:
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    database = open_database(f"sqlite:///{tmp_path / 'study.sqlite'}")
+def database(new_database_url: Callable[[], str]) -> Iterator[Database]:
+    database = open_database(new_database_url())
     upgrade(database)
     yield database
     database.dispose()

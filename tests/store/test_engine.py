@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import sqlite3
+import sys
 import threading
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from postgresql import PostgresServer
 from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import IntegrityError
 
+from app.errors import InvalidError, NotFoundError, UnavailableError
 from app.store.engine import Database, open_database
+from app.store.migrate import upgrade
 from app.store.tables import api_token, vote
 
 
@@ -24,11 +29,19 @@ def n_tokens(database: Database) -> int:
         return connection.scalar(select(func.count()).select_from(api_token)) or 0
 
 
+@pytest.fixture
+def sqlite(tmp_path: Path) -> Iterator[Database]:
+    database = open_database(f"sqlite:///{tmp_path / 'study.sqlite'}")
+    upgrade(database)
+    yield database
+    database.dispose()
+
+
 @pytest.mark.parametrize(
     ("pragma", "expected"), [("journal_mode", "wal"), ("synchronous", 2), ("foreign_keys", 1)]
 )  # 2 is FULL
-def test_sqlite_is_set_to_lose_nothing(database: Database, pragma: str, expected: object) -> None:
-    with database.reading() as connection:
+def test_sqlite_is_set_to_lose_nothing(sqlite: Database, pragma: str, expected: object) -> None:
+    with sqlite.reading() as connection:
         assert connection.scalar(text(f"PRAGMA {pragma}")) == expected
 
 
@@ -39,9 +52,21 @@ def test_what_was_written_before_an_error_is_undone(database: Database) -> None:
     assert n_tokens(database) == 0
 
 
-def test_a_writing_transaction_holds_the_write_lock_from_its_beginning(database: Database, tmp_path: Path) -> None:
+def test_postgresql_acknowledges_what_is_on_disk(postgres: PostgresServer) -> None:
+    url = postgres.new_database("asynchronous")
+    setting = open_database(url)
+    with setting.writing() as connection:
+        connection.execute(text("ALTER DATABASE asynchronous SET synchronous_commit = off"))
+    setting.dispose()
+    database = open_database(url.replace("+psycopg", ""))
+    with database.reading() as connection:
+        assert connection.scalar(text("SHOW synchronous_commit")) == "on"
+    database.dispose()
+
+
+def test_a_writing_transaction_holds_the_write_lock_from_its_beginning(sqlite: Database, tmp_path: Path) -> None:
     other = sqlite3.connect(tmp_path / "study.sqlite", timeout=0, isolation_level=None)
-    with database.writing(), pytest.raises(sqlite3.OperationalError, match="locked"):
+    with sqlite.writing(), pytest.raises(sqlite3.OperationalError, match="locked"):
         other.execute("BEGIN IMMEDIATE")
     other.close()
 
@@ -66,7 +91,7 @@ def test_a_vote_for_no_trial_is_refused(database: Database, now: datetime) -> No
         "viewing": {},
         "received_at": now,
     }
-    with pytest.raises(IntegrityError, match="FOREIGN KEY"), database.writing() as connection:
+    with pytest.raises(IntegrityError, match=r"(?i)foreign key"), database.writing() as connection:
         connection.execute(insert(vote).values(**row))
 
 
@@ -103,3 +128,45 @@ def test_moments_come_back_in_utc(database: Database, now: datetime) -> None:
 def test_a_database_in_memory_is_refused(url: str) -> None:
     with pytest.raises(ValueError, match="on disk"):
         open_database(url)
+
+
+def test_another_kind_of_database_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected a database of SQLite or PostgreSQL"):
+        open_database("mysql://somewhere/study")
+
+
+def test_who_lacks_the_driver_of_postgresql_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    with pytest.raises(ValueError, match=r"reader:\*\*\*@host.*pip install 'reconstudy\[postgres\]'"):
+        open_database("postgresql://reader:secret@host/study")
+
+
+def test_a_database_that_is_away_is_unavailable(postgres: PostgresServer) -> None:
+    database = open_database(postgres.new_database("there").replace("there", "away"))
+    with pytest.raises(UnavailableError), database.reading():
+        pass
+    database.dispose()
+
+
+def test_a_full_disk_is_unavailable_and_changes_nothing(sqlite: Database) -> None:
+    with sqlite.reading() as connection:
+        n_pages = connection.scalar(text("PRAGMA page_count"))
+    fill = insert(api_token).values(**token_row("big") | {"scopes": ["x" * 100_000]})
+    with pytest.raises(UnavailableError), sqlite.writing() as connection:  # noqa: PT012
+        connection.execute(text(f"PRAGMA max_page_count = {n_pages}"))
+        connection.execute(fill)
+    assert n_tokens(sqlite) == 0
+    with sqlite.writing() as connection:
+        connection.execute(text("PRAGMA max_page_count = 1000000"))
+        connection.execute(fill)
+    assert n_tokens(sqlite) == 1
+
+
+def test_what_postgresql_cannot_hold_is_not_found_and_not_kept(postgres: PostgresServer) -> None:
+    database = open_database(postgres.new_database("nul"))
+    upgrade(database)
+    with pytest.raises(NotFoundError), database.reading() as connection:
+        connection.execute(select(api_token).where(api_token.c.name == "\0"))
+    with pytest.raises(InvalidError), database.writing() as connection:
+        connection.execute(insert(api_token).values(**token_row("\0")))
+    database.dispose()

@@ -24,8 +24,10 @@ def stimulus_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    return Settings(data_dir=tmp_path_factory.mktemp("server"))
+def settings(tmp_path_factory: pytest.TempPathFactory, new_database_url: Callable[[], str]) -> Settings:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("server"), database_url=new_database_url())
+    operate.upgrade_database(settings)
+    return settings
 
 
 @pytest.fixture(scope="session")

