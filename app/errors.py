@@ -23,6 +23,13 @@ class UnauthorisedError(StudyError):
     status = 401
 
 
+class NoSessionError(UnauthorisedError):
+    """A token that opens no session, or none at all."""
+
+    def __init__(self) -> None:
+        super().__init__("There is no session here. Please open your invitation again.")
+
+
 class ForbiddenError(StudyError):
     status = 403
 

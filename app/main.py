@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from app.operate import open_store
 from app.settings import Settings
 from app.store.keys import utc_now
+from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, trials
 from app.web.admin import pages as admin_pages
 from app.web.problems import UnforeseenErrors, install_problems
@@ -31,7 +32,8 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        yield
+        with VoteWriter(app.state.database) as app.state.votes:
+            yield
         app.state.database.dispose()
 
     app = FastAPI(

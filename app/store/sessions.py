@@ -172,9 +172,9 @@ def complete_stage(database: Database, of: Session, stage: str, data: Mapping[st
     return str(after)
 
 
-def end_trials(connection: Connection, of: Session, now: datetime) -> None:
+def end_trials(connection: Connection, session_id: int, options: StudyOptions, now: datetime) -> None:
     """Enter the stage that follows the trials."""
-    enter_stage(connection, of.id, next_stage(TRIAL, of.options.way), now)
+    enter_stage(connection, session_id, next_stage(TRIAL, options.way), now)
 
 
 def withdraw(database: Database, of: Session, now: datetime) -> None:

@@ -101,6 +101,7 @@ def void_trial(
         If it has a vote, has not been given out, or is itself a repetition: one is enough.
     """
     with database.writing() as connection:
+        connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
         row = connection.execute(
             select(trial, exists().where(vote.c.trial_id == trial.c.id).label("has_vote")).where(
                 trial.c.session_id == session_id, trial.c.public_id == trial_id

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Connection, exists, select
 
-from app.errors import ConflictError, GoneError, InvalidError, NotFoundError
+from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
 from app.store.engine import Database, insert_or_ignore
-from app.store.sessions import Session, end_trials
-from app.store.tables import assignment, session, trial, vote
+from app.store.keys import digest
+from app.store.sessions import end_trials, session_by_token
+from app.store.tables import assignment, participant, session, study, trial, vote
 from app.store.trials import trial_records
+from app.study.options import parse_options
 from app.study.trial import Label
 from app.study.votes import InvalidVoteError, Vote, check_vote, is_same
 
@@ -28,42 +30,45 @@ class KeptVote:
     is_new: bool
 
 
-def keep_vote(database: Database, of: Session, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
-    """Keep a vote; when this returns it is on disk. The last one ends the trials.
+@dataclass(frozen=True)
+class Ballot:
+    """A vote as it arrives: with whose token, for which trial, and when."""
+
+    token: str
+    trial: str
+    sent: Vote
+    received_at: datetime
+
+
+def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote | StudyError]:
+    """Keep votes in one transaction; when this returns they are on disk. The last one of a session ends its trials.
+
+    Returns
+    -------
+    For each ballot in its order the vote that is kept, or why it is not, which harms no other:
+    NoSessionError if its token opens no session; NotFoundError if the session has no such trial; ConflictError if
+    the trial has another vote, the vote's id belongs to another, or the trial is not open; InvalidError if the vote
+    contradicts itself or the trial; GoneError if the participant has withdrawn and the vote was not kept before.
 
     Raises
     ------
-    NotFoundError
-        If the session has no such trial.
-    ConflictError
-        If the trial has another vote, the vote's id belongs to another, or the trial has not been given out.
-    InvalidError
-        If the vote contradicts itself or the trial.
-    GoneError
-        If the participant has withdrawn and the vote was not kept before.
+    UnavailableError
+        If the database does not take them now. Any other error: a row that no database takes; none is kept.
     """
     with database.writing() as connection:
-        target = _target(connection, of.id, trial_id)
-        if target.withdrawn_at is not None:
-            return _kept_before_withdrawal(connection, target, sent)
-        _check(sent, target)
-        values = {
-            "client_id": sent.client_id,
-            "session_id": of.id,
-            "trial_id": target.id,
-            "choice": sent.choice,
-            "first_shown": sent.viewing["first_shown"],
-            "n_switches": len(sent.switches),
-            "shown_ms": sent.viewing["shown_ms"],
-            "response_ms": sent.viewing["response_ms"],
-            "viewing": dict(sent.viewing),
-            "received_at": now,
-        }
-        if not insert_or_ignore(connection, vote, values):
-            return _sent_before(connection, target, sent)
-        if not _has_trials_left(connection, of.id):
-            end_trials(connection, of, now)
-    return KeptVote(sent, target.position + 1, now, is_new=True)
+        targets = _targets(connection, ballots)
+        checked = [_checked(connection, ballot, targets.get(ballot.trial)) for ballot in ballots]
+        accepted = [
+            (ballot, target)
+            for ballot, target in zip(ballots, checked, strict=True)
+            if isinstance(target, _Target) and target.withdrawn_at is None
+        ]
+        inserted = _insert(connection, accepted)
+        _end_sessions(connection, [(ballot, target) for ballot, target in accepted if _is_in(ballot, inserted)])
+        return [
+            target if isinstance(target, StudyError) else _outcome(connection, ballot, target, inserted)
+            for ballot, target in zip(ballots, checked, strict=True)
+        ]
 
 
 def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
@@ -87,65 +92,125 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
 
 @dataclass(frozen=True)
 class _Target:
+    """The trial that a ballot is for, with what decides about it."""
+
     id: int
+    session_id: int
+    token_hash: str
     served_at: datetime | None
     voided_at: datetime | None
     withdrawn_at: datetime | None
     position: int
     first_shown: Label
+    study_options: Mapping[str, Any]
 
 
-def _target(connection: Connection, session_id: int, trial_id: str) -> _Target:
-    row = connection.execute(
+def _targets(connection: Connection, ballots: Sequence[Ballot]) -> dict[str, _Target]:
+    """Trials by their public ids, locked with their sessions in one order: no two writers wait for each other."""
+    rows = connection.execute(
         select(
+            trial.c.public_id,
             trial.c.id,
+            trial.c.session_id,
+            session.c.token_hash,
             trial.c.served_at,
             trial.c.voided_at,
             session.c.withdrawn_at,
             assignment.c.position,
             assignment.c.first_shown,
+            study.c.options.label("study_options"),
         )
-        .select_from(trial.join(assignment).join(session, trial.c.session_id == session.c.id))
-        .where(trial.c.session_id == session_id, trial.c.public_id == trial_id)
-    ).one_or_none()
-    if row is None:
-        raise NotFoundError("This session has no such trial.")
-    return _Target(**row._mapping)
+        .select_from(
+            trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study)
+        )
+        .where(trial.c.public_id.in_({ballot.trial for ballot in ballots}))
+        .order_by(session.c.id, trial.c.id)
+        .with_for_update(of=[session, trial], key_share=True)
+    )
+    return {public_id: _Target(*rest) for public_id, *rest in rows}
 
 
-def _check(sent: Vote, target: _Target) -> None:
+def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> _Target | StudyError:
+    if target is None or target.token_hash != digest(ballot.token):
+        if session_by_token(connection, ballot.token) is None:
+            return NoSessionError()
+        return NotFoundError("This session has no such trial.")
+    if target.withdrawn_at is not None:
+        return target
     if target.served_at is None:
-        raise ConflictError("This trial has not been given out yet.")
+        return ConflictError("This trial has not been given out yet.")
     if target.voided_at is not None:
-        raise ConflictError("This trial was interrupted; it comes again at the end.")
+        return ConflictError("This trial was interrupted; it comes again at the end.")
     try:
-        check_vote(sent, target.first_shown)
+        check_vote(ballot.sent, target.first_shown)
     except InvalidVoteError as error:
-        raise InvalidError(f"The viewing record is not right: {error}.") from error
+        return InvalidError(f"The viewing record is not right: {error}.")
+    return target
 
 
-def _kept_before_withdrawal(connection: Connection, target: _Target, sent: Vote) -> KeptVote:
-    """A vote that was kept before its participant withdrew may be sent again; another one is not taken."""
-    if connection.scalar(select(exists().where(vote.c.trial_id == target.id))):
-        return _sent_before(connection, target, sent)
-    raise GoneError("You have withdrawn from the study, so this answer was not kept.")
+def _insert(connection: Connection, accepted: Sequence[tuple[Ballot, _Target]]) -> dict[str, Ballot]:
+    """Insert the first vote of every trial and id that has none yet; those that were inserted, by id."""
+    first_of_trial: dict[int, tuple[Ballot, _Target]] = {}
+    for ballot, target in accepted:
+        first_of_trial.setdefault(target.id, (ballot, target))
+    firsts: dict[str, tuple[Ballot, _Target]] = {}
+    for ballot, target in first_of_trial.values():
+        firsts.setdefault(ballot.sent.client_id, (ballot, target))
+    ids = insert_or_ignore(connection, vote, [_row(*first) for first in firsts.values()], vote.c.client_id)
+    return {client_id: firsts[client_id][0] for client_id in ids}
 
 
-def _sent_before(connection: Connection, target: _Target, sent: Vote) -> KeptVote:
+def _row(ballot: Ballot, target: _Target) -> dict[str, Any]:
+    sent = ballot.sent
+    return {
+        "client_id": sent.client_id,
+        "session_id": target.session_id,
+        "trial_id": target.id,
+        "choice": sent.choice,
+        "first_shown": sent.viewing["first_shown"],
+        "n_switches": len(sent.switches),
+        "shown_ms": sent.viewing["shown_ms"],
+        "response_ms": sent.viewing["response_ms"],
+        "viewing": dict(sent.viewing),
+        "received_at": ballot.received_at,
+    }
+
+
+def _is_in(ballot: Ballot, inserted: Mapping[str, Ballot]) -> bool:
+    return inserted.get(ballot.sent.client_id) is ballot
+
+
+def _outcome(
+    connection: Connection, ballot: Ballot, target: _Target, inserted: Mapping[str, Ballot]
+) -> KeptVote | StudyError:
+    if _is_in(ballot, inserted):
+        return KeptVote(ballot.sent, target.position + 1, ballot.received_at, is_new=True)
+    return _sent_before(connection, ballot.sent, target)
+
+
+def _sent_before(connection: Connection, sent: Vote, target: _Target) -> KeptVote | StudyError:
     """The vote that stood in the way, if it is this one."""
     row = connection.execute(select(vote).where(vote.c.trial_id == target.id)).one_or_none()
+    if row is None and target.withdrawn_at is not None:
+        return GoneError("You have withdrawn from the study, so this answer was not kept.")
     if row is None:
-        raise ConflictError("This vote's id belongs to another vote.")
+        return ConflictError("This vote's id belongs to another vote.")
     kept = Vote(row.client_id, row.choice, row.viewing)
     if not is_same(sent, kept):
-        raise ConflictError("This trial has a vote already, and it is another one.")
+        return ConflictError("This trial has a vote already, and it is another one.")
     return KeptVote(kept, target.position + 1, row.received_at, is_new=False)
 
 
-def _has_trials_left(connection: Connection, session_id: int) -> bool:
-    open_trials = exists().where(
-        trial.c.session_id == session_id,
+def _end_sessions(connection: Connection, inserted: Sequence[tuple[Ballot, _Target]]) -> None:
+    """Let the sessions go on of which no trial is left."""
+    by_session = {target.session_id: (ballot, target) for ballot, target in inserted}
+    if not by_session:
+        return
+    has_open = select(trial.c.session_id).where(
+        trial.c.session_id.in_(by_session),
         trial.c.voided_at.is_(None),
         ~exists().where(vote.c.trial_id == trial.c.id),
     )
-    return bool(connection.scalar(select(open_trials)))
+    for session_id in by_session.keys() - set(connection.scalars(has_open.distinct())):
+        ballot, target = by_session[session_id]
+        end_trials(connection, session_id, parse_options(target.study_options), ballot.received_at)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from fastapi import Depends, Request
 
-from app.errors import NotFoundError, UnauthorisedError
+from app.errors import NoSessionError, NotFoundError, UnauthorisedError
 from app.settings import Settings
 from app.store.engine import Database
 from app.store.experimenters import Experimenter, experimenter_by_token
@@ -16,6 +16,7 @@ from app.store.invitations import Invitation, invitation_by_code
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import READ, scopes_of
+from app.store.vote_writer import VoteWriter
 from app.study.options import StudyOptions, parse_options
 
 PARTICIPANT_COOKIE = "session"
@@ -61,13 +62,20 @@ def now(request: Request) -> datetime:
     return moment
 
 
-def participant(request: Request) -> SignedIn:
-    """The session of who asks, by bearer token or cookie."""
+async def participant_token(request: Request) -> str:
+    """What who asks holds, by bearer token or cookie; whether it opens a session is for the store to say."""
     token = _bearer(request) or request.cookies.get(PARTICIPANT_COOKIE)
+    if not token:
+        raise NoSessionError
+    return token
+
+
+def participant(request: Request, token: Annotated[str, Depends(participant_token)]) -> SignedIn:
+    """The session of who asks."""
     with database(request).reading() as connection:
-        session = session_by_token(connection, token) if token else None
-    if token is None or session is None:
-        raise UnauthorisedError("There is no session here. Please open your invitation again.")
+        session = session_by_token(connection, token)
+    if session is None:
+        raise NoSessionError
     return SignedIn(session, token)
 
 
@@ -138,12 +146,19 @@ async def _database(request: Request) -> Database:  # async, because FastAPI sen
     return database(request)
 
 
+async def _votes(request: Request) -> VoteWriter:
+    writer: VoteWriter = request.app.state.votes
+    return writer
+
+
 async def _now(request: Request) -> datetime:
     return now(request)
 
 
 Store = Annotated[Database, Depends(_database)]
 Now = Annotated[datetime, Depends(_now)]
+Votes = Annotated[VoteWriter, Depends(_votes)]
+ParticipantToken = Annotated[str, Depends(participant_token)]
 Participant = Annotated[SignedIn, Depends(participant)]
 Person = Annotated[Experimenter, Depends(experimenter)]
 AStudy = Annotated[Study, Depends(study_called)]

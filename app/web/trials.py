@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from datetime import datetime
 from typing import Annotated, Literal
@@ -13,11 +14,11 @@ from app.errors import ConflictError, GoneError
 from app.store.designs import PracticePair, practice_pairs
 from app.store.sessions import Done, Session, done_of
 from app.store.trials import MOST_ATTEMPTS, NextTrial, mark_served, next_trials, void_trial
-from app.store.votes import keep_vote
+from app.store.votes import Ballot
 from app.study.stages import TRIAL, is_past
 from app.study.trial import Half
 from app.study.votes import Vote
-from app.web.gates import Now, Participant, Store
+from app.web.gates import Now, Participant, ParticipantToken, Store, Votes
 from app.web.participant import UUID, Strict
 
 log = logging.getLogger(__name__)
@@ -156,17 +157,17 @@ def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
 @router.put(
     "/trials/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}}
 )
-def vote(
+async def vote(
     trial: Annotated[str, Path(max_length=32)],
     body: VoteBody,
-    signed_in: Participant,
+    token: ParticipantToken,
     response: Response,
-    database: Store,
+    votes: Votes,
     now: Now,
 ) -> VoteView:
-    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote."""
+    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
     sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
-    kept = keep_vote(database, signed_in.session, trial, sent, now)
+    kept = await asyncio.wrap_future(votes.submit(Ballot(token, trial, sent, now)))
     response.status_code = 201 if kept.is_new else 200
     return VoteView(
         id=kept.vote.client_id,

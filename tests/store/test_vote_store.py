@@ -5,55 +5,40 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import datetime
-from typing import Any
-from uuid import uuid4
 
 import pytest
-from sqlalchemy import func, select
+from ballots import NOW, Participant, ballot_of, let_in, n_votes, serve_next, serve_trials, vote_on
+from sqlalchemy import select
 
-from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.engine import Database
+from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
+from app.store.engine import Database, open_database
 from app.store.invitations import Invitation
-from app.store.sessions import Session, begin_session, complete_stage, session_by_token
+from app.store.sessions import withdraw
 from app.store.tables import session, vote
-from app.store.trials import NextTrial, mark_served, next_trials, trial_records
-from app.store.votes import KeptVote, keep_vote, vote_records
+from app.store.trials import NextTrial, next_trials, trial_records, void_trial
+from app.store.votes import Ballot, KeptVote, keep_votes, vote_records
 from app.study.votes import Vote
 
 MakeInvitation = Callable[[int | None], Invitation]
 
 
 @pytest.fixture
-def of(database: Database, invite: MakeInvitation, now: datetime) -> Session:
-    token = begin_session(database, invite(None), now)
-    with database.reading() as connection:
-        found = session_by_token(connection, token)
-    assert found is not None
-    complete_stage(database, found, "introduction", {}, now)
-    return found
+def of(database: Database, invite: MakeInvitation) -> Participant:
+    return let_in(database, invite(None))
 
 
-def serve_next(database: Database, of: Session, now: datetime) -> NextTrial:
-    with database.reading() as connection:
-        trial = next_trials(connection, of.id)[0]
-    mark_served(database, [trial.id], now)
-    return trial
+def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
+    (outcome,) = keep_votes(database, [Ballot(of.token, trial_id, sent, now)])
+    if isinstance(outcome, StudyError):
+        raise outcome
+    return outcome
 
 
-def vote_on(trial: NextTrial, **changes: Any) -> Vote:
-    viewing = {"first_shown": trial.first_shown, "shown_ms": 1000.0, "response_ms": 12.5, "switches": []}
-    return replace(Vote(str(uuid4()), "a", viewing), **changes)
-
-
-def n_votes(database: Database) -> int:
-    with database.reading() as connection:
-        return connection.scalar(select(func.count()).select_from(vote)) or 0
-
-
-def test_a_vote_is_counted_once_when_it_is_sent_twice(database: Database, of: Session, now: datetime) -> None:
-    trial = serve_next(database, of, now)
+def test_a_vote_is_counted_once_when_it_is_sent_twice(database: Database, of: Participant, now: datetime) -> None:
+    trial = serve_next(database, of)
     sent = vote_on(trial)
     first, second = (keep_vote(database, of, trial.public_id, sent, now) for _ in range(2))
     assert first.is_new
@@ -63,9 +48,9 @@ def test_a_vote_is_counted_once_when_it_is_sent_twice(database: Database, of: Se
 
 
 def test_a_vote_is_counted_once_when_it_is_sent_many_times_at_once(
-    database: Database, of: Session, now: datetime
+    database: Database, of: Participant, now: datetime
 ) -> None:
-    trial = serve_next(database, of, now)
+    trial = serve_next(database, of)
     sent = vote_on(trial)
     kept: list[KeptVote] = []
     barrier = threading.Barrier(8)
@@ -83,8 +68,8 @@ def test_a_vote_is_counted_once_when_it_is_sent_many_times_at_once(
     assert n_votes(database) == 1
 
 
-def test_a_second_vote_on_a_trial_is_refused(database: Database, of: Session, now: datetime) -> None:
-    trial = serve_next(database, of, now)
+def test_a_second_vote_on_a_trial_is_refused(database: Database, of: Participant, now: datetime) -> None:
+    trial = serve_next(database, of)
     sent = vote_on(trial)
     keep_vote(database, of, trial.public_id, sent, now)
     for other in (vote_on(trial), replace(sent, choice="b"), vote_on(trial, client_id=sent.client_id, choice="none")):
@@ -94,46 +79,48 @@ def test_a_second_vote_on_a_trial_is_refused(database: Database, of: Session, no
         assert connection.scalar(select(vote.c.choice)) == "a"
 
 
-def test_a_votes_id_cannot_serve_for_another_trial(database: Database, of: Session, now: datetime) -> None:
-    first = serve_next(database, of, now)
+def test_a_votes_id_cannot_serve_for_another_trial(database: Database, of: Participant, now: datetime) -> None:
+    first = serve_next(database, of)
     sent = vote_on(first)
     keep_vote(database, of, first.public_id, sent, now)
-    second = serve_next(database, of, now)
+    second = serve_next(database, of)
     with pytest.raises(ConflictError, match="belongs to another vote"):
         keep_vote(database, of, second.public_id, vote_on(second, client_id=sent.client_id), now)
 
 
 def test_a_trial_of_somebody_else_does_not_exist(
-    database: Database, of: Session, invite: MakeInvitation, now: datetime
+    database: Database, of: Participant, invite: MakeInvitation, now: datetime
 ) -> None:
-    trial = serve_next(database, of, now)
-    token = begin_session(database, invite(None), now)
-    with database.reading() as connection:
-        other = session_by_token(connection, token)
-    assert other is not None
+    trial = serve_next(database, of)
     with pytest.raises(NotFoundError):
-        keep_vote(database, other, trial.public_id, vote_on(trial), now)
+        keep_vote(database, let_in(database, invite(None)), trial.public_id, vote_on(trial), now)
 
 
-def test_a_trial_that_was_not_given_out_takes_no_vote(database: Database, of: Session, now: datetime) -> None:
+def test_who_has_no_session_is_told_so(database: Database, of: Participant, now: datetime) -> None:
+    trial = serve_next(database, of)
+    with pytest.raises(NoSessionError):
+        keep_vote(database, replace(of, token="invented"), trial.public_id, vote_on(trial), now)
+
+
+def test_a_trial_that_was_not_given_out_takes_no_vote(database: Database, of: Participant, now: datetime) -> None:
     with database.reading() as connection:
         following = next_trials(connection, of.id)[1]
     with pytest.raises(ConflictError, match="not been given out"):
         keep_vote(database, of, following.public_id, vote_on(following), now)
 
 
-def test_a_vote_that_contradicts_its_trial_is_not_kept(database: Database, of: Session, now: datetime) -> None:
-    trial = serve_next(database, of, now)
+def test_a_vote_that_contradicts_its_trial_is_not_kept(database: Database, of: Participant, now: datetime) -> None:
+    trial = serve_next(database, of)
     wrong = dict(vote_on(trial).viewing) | {"first_shown": "b" if trial.first_shown == "a" else "a"}
     with pytest.raises(InvalidError, match="first_shown"):
         keep_vote(database, of, trial.public_id, vote_on(trial, viewing=wrong), now)
     assert n_votes(database) == 0
 
 
-def test_the_last_vote_ends_the_session(database: Database, of: Session, study_id: int, now: datetime) -> None:
+def test_the_last_vote_ends_the_session(database: Database, of: Participant, study_id: int, now: datetime) -> None:
     stages = []
     for _ in range(6):
-        trial = serve_next(database, of, now)
+        trial = serve_next(database, of)
         keep_vote(database, of, trial.public_id, vote_on(trial), now)
         with database.reading() as connection:
             stages.append(connection.scalar(select(session.c.stage)))
@@ -145,9 +132,9 @@ def test_the_last_vote_ends_the_session(database: Database, of: Session, study_i
 
 
 def test_an_exported_vote_names_what_was_behind_the_labels(
-    database: Database, of: Session, study_id: int, now: datetime
+    database: Database, of: Participant, study_id: int, now: datetime
 ) -> None:
-    trial = serve_next(database, of, now)
+    trial = serve_next(database, of)
     keep_vote(database, of, trial.public_id, vote_on(trial, choice="b"), now)
     with database.reading() as connection:
         (exported,) = vote_records(connection, study_id)
@@ -157,3 +144,73 @@ def test_an_exported_vote_names_what_was_behind_the_labels(
     for column in ("participant", "dataset", "item_a", "item_b", "first_shown"):
         assert exported[column] == planned[column]
     assert exported["first_shown"] == exported["item_a" if trial.first_shown == "a" else "item_b"]
+
+
+def test_who_has_withdrawn_gets_the_old_answer_and_no_new_one(
+    database: Database, of: Participant, now: datetime
+) -> None:
+    first, second = serve_trials(database, of, 2)
+    sent = vote_on(first)
+    keep_vote(database, of, first.public_id, sent, now)
+    withdraw(database, of.session, now)
+    assert not keep_vote(database, of, first.public_id, sent, now).is_new
+    with pytest.raises(GoneError):
+        keep_vote(database, of, second.public_id, vote_on(second), now)
+    assert n_votes(database) == 1
+
+
+def test_many_votes_are_kept_together_and_a_refused_one_harms_no_other(
+    database: Database, of: Participant, invite: MakeInvitation
+) -> None:
+    other = let_in(database, invite(None))
+    mine, theirs = serve_trials(database, of, 6), serve_trials(database, other, 6)
+    good = [ballot_of(of, trial) for trial in mine] + [ballot_of(other, trial) for trial in theirs[:3]]
+    wrong = [
+        ballot_of(other, mine[0]),
+        replace(ballot_of(other, theirs[3]), token="invented"),
+        replace(ballot_of(other, theirs[3]), trial="invented"),
+        ballot_of(other, theirs[3], client_id=good[0].sent.client_id),
+    ]
+    outcomes = keep_votes(database, [*wrong[:2], *good, *wrong[2:]])
+    assert [type(outcome) for outcome in outcomes[:2]] == [NotFoundError, NoSessionError]
+    assert [outcome.is_new for outcome in outcomes[2:-2] if isinstance(outcome, KeptVote)] == [True] * 9
+    assert [type(outcome) for outcome in outcomes[-2:]] == [NotFoundError, ConflictError]
+    assert n_votes(database) == 9
+    with database.reading() as connection:
+        assert list(connection.scalars(select(session.c.stage).order_by(session.c.id))) == ["finished", "trial"]
+
+
+def test_the_same_vote_many_times_in_one_batch_is_kept_once(database: Database, of: Participant) -> None:
+    trial = serve_next(database, of)
+    ballot, another = ballot_of(of, trial), ballot_of(of, trial, choice="b")
+    outcomes = keep_votes(database, [ballot, another, ballot, replace(ballot)])
+    assert isinstance(outcomes.pop(1), ConflictError)
+    assert sum(outcome.is_new for outcome in outcomes if isinstance(outcome, KeptVote)) >= 1
+    assert all(isinstance(outcome, KeptVote) and outcome.vote == ballot.sent for outcome in outcomes)
+    assert n_votes(database) == 1
+
+
+def test_a_vote_and_an_interruption_at_once_never_both_count(database: Database, invite: MakeInvitation) -> None:
+    """Two processes, as two engines: the trial is either voted on or comes again."""
+    elsewhere = open_database(str(database.engine.url))
+    for _ in range(10):
+        of = let_in(database, invite(None))
+        trial = serve_next(database, of)
+        barrier = threading.Barrier(2)
+
+        def vote_here(ballot: Ballot, barrier: threading.Barrier = barrier) -> bool:
+            barrier.wait()
+            return isinstance(keep_votes(database, [ballot])[0], KeptVote)
+
+        def void_there(of: Participant, trial: NextTrial, barrier: threading.Barrier = barrier) -> bool:
+            barrier.wait()
+            try:
+                return void_trial(elsewhere, of.id, trial.public_id, "hidden", {}, NOW)
+            except ConflictError:
+                return False
+
+        with ThreadPoolExecutor(2) as pool:
+            voted = pool.submit(vote_here, ballot_of(of, trial))
+            voided = pool.submit(void_there, of, trial)
+        assert voted.result() != voided.result()
+    elsewhere.dispose()
