@@ -5,60 +5,58 @@ Everything follows from the study's seed and the participant's slot (0, 1, 2, â€
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.study.trial import Half, Label
+from app.study.trial import IDENTICAL, MAIN, REPEAT, PlannedPair, PlannedTrial, other_half, other_label
 
 ATTEMPTS = 1000  # to find such an order; with all pairs of four or more stimuli about one in ten succeeds
 LONGEST_RUN = 2  # trials in a row that may hold the same stimulus; a third would make it a yardstick
+APART = 5  # trials between a pair and its repetition, as far as the dataset has so many
 FLIPS = 4  # labels exchanged or not, the other stimulus first or not: four participants see each pair in all four ways
 
 # One stream of random numbers per decision, so that changing how one is made leaves the others as they were.
-_DATASETS, _LABELS, _PAIRS, _FLIPS = range(4)
+_DATASETS, _LABELS, _PAIRS, _FLIPS, _REPEATED, _IDENTICAL, _PLACES = range(7)
 
 
 @dataclass(frozen=True)
-class PlannedPair:
-    """An unordered pair of stimuli of one dataset, as it lies in its video.
+class Repetition:
+    """What a participant sees besides every pair once.
 
     Parameters
     ----------
-    key : what the caller calls the pair
-    dataset : what the caller calls the dataset
-    top, bottom : what the caller calls the conditions
+    both_orders : every pair comes a second time, with A and B exchanged
+    repeated_pairs : so many pairs of each dataset come again just as they were, to see whether the choice is the same
+    identical_pairs : so many pairs of each dataset hold one stimulus twice, to see whether anybody is looking
     """
 
-    key: int
-    dataset: int
-    top: int
-    bottom: int
+    both_orders: bool = False
+    repeated_pairs: int = 0
+    identical_pairs: int = 0
 
 
-@dataclass(frozen=True)
-class PlannedTrial:
-    """One trial of a participant's order: a pair, the half labelled A, and the label shown first."""
-
-    pair: int
-    a_half: Half
-    first_shown: Label
+ONCE = Repetition()
 
 
-def participant_order(pairs: Sequence[PlannedPair], seed: int, slot: int) -> list[PlannedTrial]:
+def participant_order(
+    pairs: Sequence[PlannedPair], seed: int, slot: int, repetition: Repetition = ONCE
+) -> list[PlannedTrial]:
     """The trials of one participant, in order.
 
     Datasets follow one another in a Williams order: over one block of slots (as many as datasets, twice as many if that
     is odd) each stands at each position, and directly after each other one, equally often. Within a dataset the pairs
     are shuffled. Labels and first looks are balanced for the participant (`balanced_labels`); four slots in a row share
-    them up to exchange, so that among the four each pair is seen with either stimulus as A and either first.
+    them up to exchange, so that among the four each pair is seen with either stimulus as A and either first. Which
+    pairs are repeated and which stimuli are shown against themselves goes round from slot to slot.
 
     Parameters
     ----------
-    pairs : all pairs of the study, the same for every participant
+    pairs : all pairs of the study, the same for every participant; identical ones where `repetition` asks for them
     seed : the study's
     slot : the participant's, from 0
+    repetition : what comes besides every pair once
     """
     datasets = list(dict.fromkeys(pair.dataset for pair in pairs))
     swap_labels, swap_first = _flips(seed, slot)
@@ -66,11 +64,54 @@ def participant_order(pairs: Sequence[PlannedPair], seed: int, slot: int) -> lis
     orders: dict[int, list[PlannedTrial]] = {}
     for dataset in datasets:
         own = [pair for pair in pairs if pair.dataset == dataset]
-        labels = balanced_labels(own, _rng(seed, _LABELS, slot // FLIPS, dataset), first_a_so_far=n_first_a)
+        main = [pair for pair in own if not pair.is_identical]
+        labels = balanced_labels(main, _rng(seed, _LABELS, slot // FLIPS, dataset), first_a_so_far=n_first_a)
         n_first_a += sum(1 if trial.first_shown == "a" else -1 for trial in labels)
-        by_pair = {trial.pair: _flip(trial, swap_labels=swap_labels, swap_first=swap_first) for trial in labels}
-        orders[dataset] = [by_pair[pair.key] for pair in shuffle_pairs(own, _rng(seed, _PAIRS, slot, dataset))]
+        trials = [_flip(trial, swap_labels=swap_labels, swap_first=swap_first) for trial in labels]
+        repeated = _in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, dataset), slot)
+        alone = [pair for pair in own if pair.is_identical]
+        identical = _in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, dataset), slot)
+        rngs = _rng(seed, _PAIRS, slot, dataset), _rng(seed, _PLACES, slot, dataset)
+        orders[dataset] = _dataset_trials(own, trials, repeated, identical, rngs, both_orders=repetition.both_orders)
     return [trial for dataset in _dataset_order(datasets, seed, slot) for trial in orders[dataset]]
+
+
+def _dataset_trials(
+    pairs: Sequence[PlannedPair],
+    trials: Sequence[PlannedTrial],
+    repeated: Sequence[PlannedPair],
+    identical: Sequence[PlannedPair],
+    rngs: tuple[np.random.Generator, np.random.Generator],
+    *,
+    both_orders: bool,
+) -> list[PlannedTrial]:
+    """One dataset's trials, shuffled, with what comes besides every pair once; drawn again while a run is too long.
+
+    Parameters
+    ----------
+    pairs : all of the dataset
+    trials : one of each pair of two stimuli
+    repeated, identical : the pairs to show again, and those of one stimulus
+    rngs : for the order of the pairs, and for the places of the others among them
+    """
+    shuffling, placing = rngs
+    by_key = {pair.key: pair for pair in pairs}
+    by_pair = {trial.pair: trial for trial in trials}
+    main = [by_key[trial.pair] for trial in trials]
+    order: list[PlannedTrial] = []
+    for _ in range(ATTEMPTS):
+        first = shuffle_pairs(main, shuffling)
+        order = [by_pair[pair.key] for pair in first]
+        if both_orders:
+            order += [by_pair[pair.key].exchanged for pair in shuffle_pairs(main, shuffling, after=first)]
+        for pair in repeated:
+            order = _with_repeat(order, pair.key, by_key, placing)
+        for pair in identical:
+            order = _with_identical(order, pair, by_key, placing)
+        is_calm = longest_run([by_key[trial.pair].stimuli for trial in order]) <= LONGEST_RUN
+        if is_calm and _closest_repeat(order) >= min(APART, len(main) // 3):
+            break
+    return order
 
 
 def williams_square(n: int) -> list[list[int]]:
@@ -87,24 +128,40 @@ def williams_square(n: int) -> list[list[int]]:
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
-def shuffle_pairs(pairs: Sequence[PlannedPair], rng: np.random.Generator) -> list[PlannedPair]:
+def shuffle_pairs(
+    pairs: Sequence[PlannedPair], rng: np.random.Generator, *, after: Sequence[PlannedPair] = ()
+) -> list[PlannedPair]:
     """A random order in which no stimulus is in more than LONGEST_RUN trials in a row, where such an order exists.
 
     Draws one pair after another among those allowed, and starts again at a dead end.
+
+    Parameters
+    ----------
+    after : what was shown directly before
     """
+    before = list(after[-LONGEST_RUN:])
     for _ in range(ATTEMPTS):
-        order: list[PlannedPair] = []
+        order = before.copy()
         left = list(pairs)
         while left:
-            tired = _shown_throughout(order[-LONGEST_RUN:]) if len(order) >= LONGEST_RUN else set()
-            allowed = [pair for pair in left if not tired & {pair.top, pair.bottom}]
+            tired = _shown_throughout(order[-LONGEST_RUN:]) if len(order) >= LONGEST_RUN else frozenset()
+            allowed = [pair for pair in left if not tired & pair.stimuli and pair not in order[-1:]]
             if not allowed:
                 break
             order.append(allowed[rng.integers(len(allowed))])
             left.remove(order[-1])
         else:
-            return order
+            return order[len(before) :]
     return [pairs[index] for index in rng.permutation(len(pairs))]
+
+
+def longest_run(shown: Sequence[frozenset[int]]) -> int:
+    """In how many trials in a row the same stimulus was, at most."""
+    longest, running = 0, dict[int, int]()
+    for stimuli in shown:
+        running = {stimulus: running.get(stimulus, 0) + 1 for stimulus in stimuli}
+        longest = max(longest, *running.values())
+    return longest
 
 
 def balanced_labels(
@@ -209,13 +266,64 @@ def _flips(seed: int, slot: int) -> tuple[bool, bool]:
 
 
 def _flip(trial: PlannedTrial, *, swap_labels: bool, swap_first: bool) -> PlannedTrial:
-    a_half: Half = trial.a_half if not swap_labels else "bottom" if trial.a_half == "top" else "top"
-    first_shown: Label = trial.first_shown if not swap_first else "b" if trial.first_shown == "a" else "a"
-    return PlannedTrial(trial.pair, a_half, first_shown)
+    a_half = other_half(trial.a_half) if swap_labels else trial.a_half
+    return PlannedTrial(trial.pair, a_half, other_label(trial.first_shown) if swap_first else trial.first_shown)
 
 
-def _shown_throughout(pairs: Sequence[PlannedPair]) -> set[int]:
-    return set.intersection(*({pair.top, pair.bottom} for pair in pairs))
+def _in_turn(pairs: Sequence[PlannedPair], n: int, rng: np.random.Generator, slot: int) -> list[PlannedPair]:
+    """The n pairs whose turn it is: over as many slots as there are pairs each comes n times."""
+    turns = rng.permutation(len(pairs))
+    return [pairs[turns[(slot * n + step) % len(pairs)]] for step in range(min(n, len(pairs)))]
+
+
+def _with_repeat(
+    order: Sequence[PlannedTrial], pair: int, by_key: Mapping[int, PlannedPair], rng: np.random.Generator
+) -> list[PlannedTrial]:
+    """The order with a pair's first trial once more, far from it: of the two, the later one is the repetition."""
+    index = next(index for index, trial in enumerate(order) if trial.pair == pair)
+    free = _free_places(order, by_key[pair], by_key)
+    distances = {place: max(index - place, place - index - 1) for place in free}
+    far = [place for place in free if distances[place] >= min(APART, max(distances.values()))]
+    place = far[rng.integers(len(far))]
+    first, second = sorted((index if place > index else index + 1, place))
+    longer = [*order[:place], order[index], *order[place:]]
+    longer[first], longer[second] = replace(order[index], role=MAIN), replace(order[index], role=REPEAT)
+    return longer
+
+
+def _closest_repeat(order: Sequence[PlannedTrial]) -> int:
+    """The fewest trials between a repetition and what it repeats; APART without repetitions."""
+    places = {trial.pair: place for place, trial in reversed(list(enumerate(order)))}
+    gaps = [place - places[trial.pair] - 1 for place, trial in enumerate(order) if trial.role == REPEAT]
+    return min(gaps, default=APART)
+
+
+def _with_identical(
+    order: Sequence[PlannedTrial], pair: PlannedPair, by_key: Mapping[int, PlannedPair], rng: np.random.Generator
+) -> list[PlannedTrial]:
+    """The order with a stimulus against itself, though not at its beginning: first one learns what there is to see."""
+    free = _free_places(order, pair, by_key)
+    later = [place for place in free if place > 0] or free
+    place = later[rng.integers(len(later))]
+    trial = PlannedTrial(
+        pair.key, "top" if rng.integers(2) else "bottom", "a" if rng.integers(2) else "b", role=IDENTICAL
+    )
+    return [*order[:place], trial, *order[place:]]
+
+
+def _free_places(order: Sequence[PlannedTrial], pair: PlannedPair, by_key: Mapping[int, PlannedPair]) -> list[int]:
+    """Where a pair can be put without making a run too long; anywhere, if there is no such place."""
+    shown = [by_key[trial.pair].stimuli for trial in order]
+    every = range(len(order) + 1)
+    around = {
+        place: [*shown[max(0, place - LONGEST_RUN) : place], pair.stimuli, *shown[place : place + LONGEST_RUN]]
+        for place in every
+    }
+    return [place for place in every if longest_run(around[place]) <= LONGEST_RUN] or list(every)
+
+
+def _shown_throughout(pairs: Sequence[PlannedPair]) -> frozenset[int]:
+    return frozenset.intersection(*(pair.stimuli for pair in pairs))
 
 
 def _rng(seed: int, *path: int) -> np.random.Generator:

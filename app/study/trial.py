@@ -7,6 +7,51 @@ from typing import Literal
 
 Half = Literal["top", "bottom"]
 Label = Literal["a", "b"]
+Role = Literal["main", "repeat", "identical"]  # only main trials are scored; the others check the participant
+
+MAIN: Role = "main"
+REPEAT: Role = "repeat"
+IDENTICAL: Role = "identical"
+
+
+@dataclass(frozen=True)
+class PlannedPair:
+    """An unordered pair of stimuli of one dataset, as it lies in its video.
+
+    Parameters
+    ----------
+    key : what the caller calls the pair
+    dataset : what the caller calls the dataset
+    top, bottom : what the caller calls the stimuli; the same one twice in a pair that checks attention
+    """
+
+    key: int
+    dataset: int
+    top: int
+    bottom: int
+
+    @property
+    def is_identical(self) -> bool:
+        return self.top == self.bottom
+
+    @property
+    def stimuli(self) -> frozenset[int]:
+        return frozenset((self.top, self.bottom))
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """One trial of a participant's order: a pair, the half labelled A, and the label shown first."""
+
+    pair: int
+    a_half: Half
+    first_shown: Label
+    role: Role = MAIN
+
+    @property
+    def exchanged(self) -> PlannedTrial:
+        """The pair in its other order: A and B change places, so that the other stimulus is shown first."""
+        return PlannedTrial(self.pair, other_half(self.a_half), self.first_shown, self.role)
 
 
 @dataclass(frozen=True)
@@ -29,3 +74,11 @@ def reveal(top: str, bottom: str, a_half: str, first_shown: str) -> Items:
     """
     item_a, item_b = (top, bottom) if a_half == "top" else (bottom, top)
     return Items(item_a, item_b, item_a if first_shown == "a" else item_b)
+
+
+def other_half(half: Half) -> Half:
+    return "bottom" if half == "top" else "top"
+
+
+def other_label(label: Label) -> Label:
+    return "b" if label == "a" else "a"

@@ -11,15 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.study.design import (
+    APART,
     FLIPS,
     LONGEST_RUN,
-    PlannedPair,
-    PlannedTrial,
+    Repetition,
     balanced_labels,
+    longest_run,
     participant_order,
     shuffle_pairs,
     williams_square,
 )
+from app.study.trial import PlannedPair, PlannedTrial
 
 seeds = st.integers(0, 2**63 - 1)
 slots = st.integers(0, 500)
@@ -156,3 +158,86 @@ def test_pairs_that_all_share_a_stimulus_come_in_some_order() -> None:
 def test_labels_of_one_dataset_take_up_what_was_uneven_before(n: int, seed: int, so_far: int) -> None:
     trials = balanced_labels(pairs_of([n]), np.random.default_rng(seed), first_a_so_far=so_far)
     assert abs(so_far + sum(1 if trial.first_shown == "a" else -1 for trial in trials)) <= 1
+
+
+def with_identical(pairs: list[PlannedPair]) -> list[PlannedPair]:
+    """The pairs, and every stimulus against itself."""
+    stimuli = sorted({(pair.dataset, stimulus) for pair in pairs for stimulus in pair.stimuli})
+    return pairs + [PlannedPair(len(pairs) + n, *one, one[1]) for n, one in enumerate(stimuli)]
+
+
+repetitions = st.builds(
+    Repetition, both_orders=st.booleans(), repeated_pairs=st.integers(0, 3), identical_pairs=st.integers(0, 2)
+)
+large_designs = st.lists(st.integers(4, 7), min_size=1, max_size=3)
+
+
+@given(large_designs, seeds, slots, repetitions)
+def test_repetitions_add_just_what_they_say(design: list[int], seed: int, slot: int, repetition: Repetition) -> None:
+    pairs = with_identical(pairs_of(design))
+    order = participant_order(pairs, seed, slot, repetition)
+    roles = Counter((trial.role, pairs[trial.pair].dataset) for trial in order)
+    for dataset, size in enumerate(design):
+        n_pairs = size * (size - 1) // 2
+        assert roles["main", dataset] == n_pairs * (2 if repetition.both_orders else 1)
+        assert roles["repeat", dataset] == repetition.repeated_pairs
+        assert roles["identical", dataset] == repetition.identical_pairs
+    assert all(pairs[trial.pair].is_identical == (trial.role == "identical") for trial in order)
+
+
+@given(large_designs, seeds, slots, repetitions)
+def test_repetitions_make_no_run_longer(design: list[int], seed: int, slot: int, repetition: Repetition) -> None:
+    pairs = with_identical(pairs_of(design))
+    order = participant_order(pairs, seed, slot, repetition)
+    assert longest_run([pairs[trial.pair].stimuli for trial in order]) <= LONGEST_RUN
+
+
+@given(large_designs, seeds, slots)
+def test_in_both_orders_each_stimulus_of_a_pair_is_a_once_and_first_once(
+    design: list[int], seed: int, slot: int
+) -> None:
+    pairs = pairs_of(design)
+    ways: dict[int, list[tuple[int, int]]] = {pair.key: [] for pair in pairs}
+    for trial in participant_order(pairs, seed, slot, Repetition(both_orders=True)):
+        a, _, first = items(trial, pairs)
+        ways[trial.pair].append((a, first))
+    for pair in pairs:
+        assert {a for a, _ in ways[pair.key]} == {first for _, first in ways[pair.key]} == pair.stimuli
+
+
+@given(st.lists(st.integers(6, 7), min_size=1, max_size=3), seeds, slots, st.integers(1, 3))
+def test_a_repetition_comes_as_its_pair_was_and_far_from_it(design: list[int], seed: int, slot: int, n: int) -> None:
+    pairs = pairs_of(design)
+    order = participant_order(pairs, seed, slot, Repetition(repeated_pairs=n))
+    for position, trial in enumerate(order):
+        if trial.role == "repeat":
+            (before,) = (index for index, one in enumerate(order) if one.pair == trial.pair and one.role == "main")
+            assert before < position
+            assert (order[before].a_half, order[before].first_shown) == (trial.a_half, trial.first_shown)
+            assert position - before > APART
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(3, 5), seeds, st.integers(1, 3), st.integers(0, 20))
+def test_repeated_and_identical_pairs_go_round(n_stimuli: int, seed: int, n: int, block: int) -> None:
+    pairs = with_identical(pairs_of([n_stimuli]))
+    n_pairs = n_stimuli * (n_stimuli - 1) // 2
+    times: Counter[int] = Counter()
+    for slot in range(block * n_pairs, (block + 1) * n_pairs):
+        order = participant_order(pairs, seed, slot, Repetition(repeated_pairs=n, identical_pairs=n))
+        times.update(trial.pair for trial in order if trial.role != "main")
+    per_stimulus = [times[pair.key] for pair in pairs if pair.is_identical]
+    assert {times[pair.key] for pair in pairs if not pair.is_identical} == {n}
+    assert max(per_stimulus) - min(per_stimulus) <= 1
+
+
+@given(st.integers(4, 7), seeds, slots)
+def test_an_identical_pair_is_not_the_first_of_a_dataset(n: int, seed: int, slot: int) -> None:
+    order = participant_order(with_identical(pairs_of([n])), seed, slot, Repetition(identical_pairs=1))
+    assert order[0].role == "main"
+
+
+@given(st.lists(st.frozensets(st.integers(0, 4), min_size=1, max_size=2), max_size=12))
+def test_the_longest_run_is_that_of_counting_every_window(shown: list[frozenset[int]]) -> None:
+    windows = [shown[i:j] for i in range(len(shown)) for j in range(i + 1, len(shown) + 1)]
+    assert longest_run(shown) == max((len(one) for one in windows if frozenset.intersection(*one)), default=0)
