@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, insert, select
 from app.stimuli import PairVideo, StimulusSet
 from app.store.keys import new_opaque_id
 from app.store.tables import condition, dataset, pair, practice_pair, stimulus
-from app.study.design import PlannedPair
+from app.study.trial import PlannedPair
 
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
 
@@ -104,6 +104,16 @@ def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
         .order_by(dataset.c.position, pair.c.id)
     )
     return [PlannedPair(row.id, row.dataset_id, row.top_id, row.bottom_id) for row in rows]
+
+
+def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str, str]]:
+    """(dataset, condition) by the stimulus' id."""
+    rows = connection.execute(
+        select(stimulus.c.id, dataset.c.name, condition.c.name)
+        .select_from(stimulus.join(dataset).join(condition, stimulus.c.condition_id == condition.c.id))
+        .where(dataset.c.study_id == study_id)
+    )
+    return {key: (of_dataset, of_condition) for key, of_dataset, of_condition in rows}
 
 
 def pair_file(connection: Connection, media: str) -> PairFile | None:

@@ -14,6 +14,7 @@ from app.store.designs import planned_pairs
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
+from app.store.orders import take_order_slot
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
@@ -197,9 +198,10 @@ def _insert_session(
 ) -> None:
     slots = select(func.coalesce(func.max(participant.c.slot), -1) + 1).where(participant.c.study_id == of.id)
     slot = int(connection.execute(slots).scalar_one())
+    order_slot = take_order_slot(connection, of, now)
     person = {"study_id": of.id, "invitation_id": invitation_id, "slot": slot, "label": f"P{slot + 1:03d}"}
     participant_id = connection.execute(
-        insert(participant).values(**person, created_at=now).returning(participant.c.id)
+        insert(participant).values(**person, order_slot=order_slot, created_at=now).returning(participant.c.id)
     ).scalar_one()
     secrets = {
         "token_hash": digest(token),
@@ -211,11 +213,12 @@ def _insert_session(
         .values(public_id=new_opaque_id(), participant_id=participant_id, **secrets, stage=INTRODUCTION, started_at=now)
         .returning(session.c.id)
     ).scalar_one()
-    _insert_trials(connection, of, slot, participant_id, session_id)
+    _insert_trials(connection, of, order_slot, participant_id, session_id)
 
 
 def _insert_trials(connection: Connection, of: Study, slot: int, participant_id: int, session_id: int) -> None:
-    order = participant_order(planned_pairs(connection, of.id), of.seed, slot)
+    repetition = parse_options(of.options).repetition
+    order = participant_order(planned_pairs(connection, of.id), of.seed, slot, repetition)
     rows = [
         {
             "participant_id": participant_id,
@@ -223,6 +226,7 @@ def _insert_trials(connection: Connection, of: Study, slot: int, participant_id:
             "pair_id": planned.pair,
             "a_half": planned.a_half,
             "first_shown": planned.first_shown,
+            "role": planned.role,
         }
         for position, planned in enumerate(order)
     ]

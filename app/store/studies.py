@@ -76,9 +76,11 @@ def progress_of(connection: Connection, study_id: int) -> Progress:
     counts = select(
         _count(select(func.count()).where(dataset.c.study_id == study_id)).label("n_datasets"),
         _count(select(func.count()).where(condition.c.study_id == study_id)).label("n_conditions"),
-        _count(select(func.count()).select_from(pair.join(dataset)).where(dataset.c.study_id == study_id)).label(
-            "n_pairs"
-        ),
+        _count(
+            select(func.count())
+            .select_from(pair.join(dataset))
+            .where(dataset.c.study_id == study_id, pair.c.top_id != pair.c.bottom_id)
+        ).label("n_pairs"),
         _count(sessions).label("n_started"),
         _count(sessions.where(session.c.stage == FINISHED)).label("n_finished"),
         _count(

@@ -14,6 +14,7 @@ from sqlalchemy import (
     Dialect,
     Float,
     ForeignKey,
+    Index,
     Integer,
     MetaData,
     String,
@@ -173,11 +174,22 @@ participant = Table(
     _id(),
     _reference("study", index=False),
     _reference("invitation"),
-    _required("slot", Integer),
+    _required("slot", Integer),  # counts arrivals; the label follows from it
+    _required("order_slot", Integer, server_default="0"),  # whose order of trials it is: one that was given up, or new
+    Column("released_at", UtcDateTime),  # when somebody else got this order; NULL: it is held
     _required("label", String(40)),
     _required("created_at", UtcDateTime),
     UniqueConstraint("study_id", "slot"),
     UniqueConstraint("study_id", "label"),
+)
+
+Index(
+    "uq_participant_held_order",
+    participant.c.study_id,
+    participant.c.order_slot,
+    unique=True,
+    sqlite_where=participant.c.released_at.is_(None),
+    postgresql_where=participant.c.released_at.is_(None),
 )
 
 session = Table(
@@ -215,10 +227,11 @@ assignment = Table(
     _reference("pair"),
     _required("a_half", String(6)),
     _required("first_shown", String(1)),
+    _required("role", String(9), server_default="main"),
     UniqueConstraint("participant_id", "position"),
-    UniqueConstraint("participant_id", "pair_id"),
     CheckConstraint("a_half in ('top', 'bottom')", name="a_half"),
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
+    CheckConstraint("role in ('main', 'repeat', 'identical')", name="role"),
 )
 
 trial = Table(

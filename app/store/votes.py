@@ -87,6 +87,7 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "practice": False,
                 "excluded": record["withdrawn"],
                 "reason": "withdrawn" if record["withdrawn"] else "",
+                "role": record["role"],
             }
 
 

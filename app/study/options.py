@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from app.study.design import Repetition
 from app.study.questionnaire import DEFAULT_QUESTIONS, Question, parse_questions
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 
 LONGEST_TEXT = 20_000  # characters of a consent text
+MOST_CHECKS = 100  # of a kind in each dataset
+BREAK_EVERY = 25  # trials
+ABANDONED_AFTER_H = 24.0  # without an answer; whoever comes back the next day still finds their slot
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,11 @@ class StudyOptions:
     comprehension : whether the instructions end with a question on them
     questions : of the interview
     debriefing : what participants read at the end, paragraphs apart by an empty line
+    both_orders, repeated_pairs, identical_pairs : what is shown besides every pair once, see `Repetition`
+    free_exposure : the participant ends the exposure; the films go on until then
+    reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
+    break_every : trials after which a break is offered; 0: never
+    abandoned_after_h : hours without an answer after which a slot that was not finished is given to somebody else
     """
 
     optional_stages: tuple[str, ...] = ()
@@ -33,6 +43,17 @@ class StudyOptions:
     comprehension: bool = False
     questions: tuple[Question, ...] = ()
     debriefing: str = ""
+    both_orders: bool = False
+    repeated_pairs: int = 0
+    identical_pairs: int = 0
+    free_exposure: bool = False
+    reference: str = ""
+    break_every: int = BREAK_EVERY
+    abandoned_after_h: float = ABANDONED_AFTER_H
+
+    @property
+    def repetition(self) -> Repetition:
+        return Repetition(self.both_orders, self.repeated_pairs, self.identical_pairs)
 
     @property
     def way(self) -> tuple[str, ...]:
@@ -70,17 +91,42 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     questions = parse_questions(content.get("questions", ()))
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
-    comprehension = content.get("comprehension", False)
-    if not isinstance(comprehension, bool):
-        raise ValueError(f"comprehension is {comprehension!r}, expected true or false")
     return StudyOptions(
         optional_stages=tuple(stages),
         consent=_text(content, "consent"),
         consent_version=_text(content, "consent_version"),
-        comprehension=comprehension,
+        comprehension=_flag(content, "comprehension"),
         questions=questions,
         debriefing=_text(content, "debriefing"),
+        both_orders=_flag(content, "both_orders"),
+        repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
+        identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
+        free_exposure=_flag(content, "free_exposure"),
+        reference=_text(content, "reference"),
+        break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
+        abandoned_after_h=_hours(content, "abandoned_after_h"),
     )
+
+
+def _flag(content: Mapping[str, Any], name: str) -> bool:
+    value = content.get(name, False)
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}, expected true or false")
+    return value
+
+
+def _count(content: Mapping[str, Any], name: str, default: int, most: int) -> int:
+    value = content.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+        raise ValueError(f"{name} is {value!r}, expected a whole number from 0 to {most}")
+    return value
+
+
+def _hours(content: Mapping[str, Any], name: str) -> float:
+    value = content.get(name, ABANDONED_AFTER_H)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise ValueError(f"{name} is {value!r}, expected hours, more than 0")
+    return float(value)
 
 
 def _text(content: Mapping[str, Any], name: str) -> str:

@@ -30,6 +30,7 @@ VOTES = (
     "practice",
     "excluded",
     "reason",
+    "role",
 )
 TRIALS = (
     "trial",
@@ -41,6 +42,7 @@ TRIALS = (
     "item_a",
     "item_b",
     "first_shown",
+    "role",
     "served_at",
     "voided_at",
     "void_reason",

@@ -1,0 +1,91 @@
+"""Orders of trials: who holds which slot, which are given out again, and what the balance report looks at."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_, select, update
+
+from app.store.designs import planned_pairs, stimulus_names
+from app.store.studies import Study
+from app.store.tables import assignment, participant, session, stage_record, vote
+from app.study.balance import StudyPlan, TakenOrder
+from app.study.options import parse_options
+from app.study.stages import FINISHED, INTERVIEW, WITHDRAWN
+from app.study.trial import PlannedTrial
+
+ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has its vote
+
+
+def take_order_slot(connection: Connection, of: Study, now: datetime) -> int:
+    """The slot for who comes now: the first that was given up, whose holder then has it no more, or the next new one.
+
+    Given up are the slots of who has withdrawn, and of who has not voted on all trials and has not been heard of for as
+    many hours as the study says. The caller holds the study's row, so that nobody else takes a slot meanwhile.
+    """
+    given_up = connection.execute(
+        select(participant.c.id, participant.c.order_slot)
+        .select_from(participant.join(session))
+        .where(participant.c.study_id == of.id, participant.c.released_at.is_(None), _is_given_up(of, now))
+        .order_by(participant.c.order_slot)
+        .limit(1)
+    ).one_or_none()
+    if given_up is not None:
+        connection.execute(update(participant).where(participant.c.id == given_up.id).values(released_at=now))
+        return int(given_up.order_slot)
+    highest = select(func.coalesce(func.max(participant.c.order_slot), -1)).where(participant.c.study_id == of.id)
+    return int(connection.execute(highest).scalar_one()) + 1
+
+
+def study_plan(connection: Connection, of: Study) -> StudyPlan:
+    """What a study's orders follow from."""
+    pairs = planned_pairs(connection, of.id)
+    repetition = parse_options(of.options).repetition
+    return StudyPlan(pairs, of.seed, repetition, stimulus_names(connection, of.id))
+
+
+def taken_orders(connection: Connection, of: Study, now: datetime) -> list[TakenOrder]:
+    """The stored order of everybody who has begun, by slot."""
+    trials: dict[int, list[PlannedTrial]] = {}
+    for row in connection.execute(
+        select(
+            assignment.c.participant_id,
+            assignment.c.pair_id,
+            assignment.c.a_half,
+            assignment.c.first_shown,
+            assignment.c.role,
+        )
+        .join(participant)
+        .where(participant.c.study_id == of.id)
+        .order_by(assignment.c.participant_id, assignment.c.position)
+    ):
+        planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
+        trials.setdefault(row.participant_id, []).append(planned)
+    state = case(
+        (session.c.stage.in_(ALL_VOTED), "finished"),
+        (session.c.stage == WITHDRAWN, "withdrawn"),
+        (_is_given_up(of, now), "abandoned"),
+        else_="under way",
+    )
+    people = connection.execute(
+        select(participant.c.id, participant.c.label, participant.c.order_slot, participant.c.released_at, state)
+        .select_from(participant.join(session))
+        .where(participant.c.study_id == of.id)
+        .order_by(participant.c.order_slot, participant.c.id)
+    )
+    return [
+        TakenOrder(label, slot, state, is_released=released_at is not None, trials=trials.get(key, []))
+        for key, label, slot, released_at, state in people
+    ]
+
+
+def _is_given_up(of: Study, now: datetime) -> ColumnElement[bool]:
+    long_ago = now - timedelta(hours=parse_options(of.options).abandoned_after_h)
+    heard_of = (
+        exists().where(vote.c.session_id == session.c.id, vote.c.received_at >= long_ago),
+        exists().where(stage_record.c.session_id == session.c.id, stage_record.c.completed_at >= long_ago),
+    )
+    is_abandoned = and_(
+        session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
+    )
+    return or_(session.c.stage == WITHDRAWN, is_abandoned)
