@@ -13,7 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from app.settings import Settings
-from app.stimuli import Progress, StimulusSet, no_progress, prepare_pairs, prepare_practice, read_stimulus_set
+from app.stimuli import (
+    Progress,
+    StimulusSet,
+    no_progress,
+    prepare_identical,
+    prepare_pairs,
+    prepare_practice,
+    read_stimulus_set,
+)
 from app.store import studies
 from app.store.designs import insert_design, insert_practice
 from app.store.engine import Database, open_database
@@ -93,6 +101,8 @@ def create_study(
             raise ValueError(f"seed {seed}: expected a whole number from 0 to 2^63 - 1")
         options = options or StudyOptions()
         pairs = prepare_pairs(stimulus_set, settings.media_dir, progress)
+        if options.identical_pairs:
+            pairs += prepare_identical(stimulus_set, settings.media_dir, progress)
         practice = prepare_practice(stimulus_set, settings.media_dir) if PRACTICE in options.way else []
         created_at = utc_now()
         row = {

@@ -201,22 +201,19 @@ def prepare_pairs(stimulus_set: StimulusSet, media_dir: Path, progress: Progress
     StimuliError
         If a pair cannot be encoded, or what was encoded does not decode to the frames it should hold.
     """
-    digests = {s.name: file_digest(stimulus_set.source(s)) for s in stimulus_set.stimuli}
-    pairs = [
-        tuple(sorted(pair, key=lambda s: (digests[s.name], s.name)))
-        for dataset in stimulus_set.datasets
-        for pair in combinations(stimulus_set.of_dataset(dataset), 2)
-    ]
-    files = [media_dir / f"{_pair_key(digests[top.name], digests[bottom.name])}.mp4" for top, bottom in pairs]
-    missing = {path: pair for path, pair in zip(files, pairs, strict=True) if not path.is_file()}  # each content once
-    _in_parallel(
-        [
-            (f"pairing {top.name} with {bottom.name}", partial(_encode_pair, stimulus_set, top, bottom, path))
-            for path, (top, bottom) in missing.items()
-        ],
-        progress,
-    )
-    return [_pair_video(top, bottom, path) for (top, bottom), path in zip(pairs, files, strict=True)]
+    pairs = [pair for name in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(name), 2)]
+    return _prepare(stimulus_set, pairs, media_dir, progress)
+
+
+def prepare_identical(stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress) -> list[PairVideo]:
+    """Make the video of every stimulus beside itself, for pairs that check attention.
+
+    Raises
+    ------
+    StimuliError
+        As `prepare_pairs`.
+    """
+    return _prepare(stimulus_set, [(one, one) for one in stimulus_set.stimuli], media_dir, progress)
 
 
 def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVideo]:
@@ -241,6 +238,23 @@ def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVid
                 _encode_pair(practising, top, bottom, path)
             pairs.append(_pair_video(top, bottom, path))
     return pairs
+
+
+def _prepare(
+    stimulus_set: StimulusSet, pairs: Sequence[tuple[Stimulus, Stimulus]], media_dir: Path, progress: Progress
+) -> list[PairVideo]:
+    digests = {s.name: file_digest(stimulus_set.source(s)) for s in stimulus_set.stimuli}
+    sorted_pairs = [tuple(sorted(pair, key=lambda s: (digests[s.name], s.name))) for pair in pairs]
+    files = [media_dir / f"{_pair_key(digests[top.name], digests[bottom.name])}.mp4" for top, bottom in sorted_pairs]
+    missing = {path: pair for path, pair in zip(files, sorted_pairs, strict=True) if not path.is_file()}  # each once
+    _in_parallel(
+        [
+            (f"pairing {top.name} with {bottom.name}", partial(_encode_pair, stimulus_set, top, bottom, path))
+            for path, (top, bottom) in missing.items()
+        ],
+        progress,
+    )
+    return [_pair_video(top, bottom, path) for (top, bottom), path in zip(sorted_pairs, files, strict=True)]
 
 
 def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:

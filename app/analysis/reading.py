@@ -18,10 +18,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from app.analysis.votes import CHOICES, VotesError, VotesTable
+from app.analysis.votes import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
-OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count")
+OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role")
 
 
 @dataclass(frozen=True)
@@ -238,8 +238,11 @@ def _votes_from_frame(
     dataset, datasets = _names(text["dataset"], "dataset", may_be_unknown=True)
     both, items = _names(np.concatenate([text["item_a"], text["item_b"]]), "item", may_be_unknown=False)
     item_a, item_b = both[: len(ours)], both[len(ours) :]
-    _refuse(item_a == item_b, lambda row: f"the item {items[item_a[row]]!r} is compared with itself")
     n = len(ours)
+    role = _role(text.get("role"), n)
+    _refuse(
+        (item_a == item_b) & (role != IDENTICAL), lambda row: f"the item {items[item_a[row]]!r} is compared with itself"
+    )
     return VotesTable(
         participants,
         datasets,
@@ -257,6 +260,7 @@ def _votes_from_frame(
         practice=_flags(text.get("practice"), "practice", n),
         excluded=_flags(text.get("excluded"), "excluded", n),
         reason=text["reason"] if "reason" in text else np.full(n, "", object),
+        role=role,
     )
 
 
@@ -369,6 +373,16 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     flags = np.array([words.get(str(word).lower(), -1) for word in found])[codes]
     _refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
     return flags.astype(bool)
+
+
+def _role(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
+    """Return 0, 1, 2 for main, repeat, identical; an empty cell is a main vote."""
+    if values is None:
+        return np.zeros(n, np.int8)
+    numbers = {"": MAIN, **{name: number for number, name in enumerate(ROLES)}}
+    roles = np.array([numbers.get(value, -1) for value in values], np.int8)
+    _refuse(roles < 0, lambda row: f"role is {values[row]!r}, expected {', '.join(ROLES)}")
+    return roles
 
 
 def _refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from app.analysis.agreement import agreement_rows
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.checks import check_rows
 from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
 from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
 from app.analysis.correlation import ScoreSet, correlation_rows
@@ -36,7 +37,7 @@ from app.analysis.rows import (
 )
 from app.analysis.settings import AnalysisSettings
 from app.analysis.triads import triads
-from app.analysis.votes import VotesTable
+from app.analysis.votes import MAIN, VotesTable
 from app.analysis.warnings import MOST_PAIRS, warnings_of
 
 
@@ -75,6 +76,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "measures": _measure_rows(compared, settings),
         "agreement": agreement_rows(used),
         "observers": observer_rows(used, screened, ties=settings.ties),
+        "checks": check_rows(votes),
         "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in pair_rows(one)],
         "warnings": warnings_of(votes, used, compared),
     }
@@ -176,12 +178,14 @@ def _used(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
 def _tally(votes: VotesTable, used: VotesTable) -> dict[str, Any]:
     """Count what was read and what became of it; the parts add up to the whole."""
     practice = int(votes.count[votes.practice].sum())
+    checks = int(votes.count[(votes.role != MAIN) & ~votes.practice & ~votes.excluded].sum())
     total, analysed = votes.n_votes, used.n_votes
     return {
         "rows": len(votes),
         "votes": total,
         "practice": practice,
-        "excluded": total - practice - analysed,
+        "checks": checks,
+        "excluded": total - practice - checks - analysed,
         "analysed": analysed,
         "participants": len(np.unique(used.participant)) if votes.has_participants else None,
         "datasets": list(votes.datasets) if votes.has_datasets else [],

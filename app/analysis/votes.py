@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
+ROLES = ("main", "repeat", "identical")
+MAIN, REPEAT, IDENTICAL = range(3)
 
 
 class VotesError(ValueError):
@@ -40,6 +42,9 @@ class VotesTable:
         Rows that are kept in the table and left out of the analysis.
     reason : object (N,)
         Why a row was excluded, empty if it was not.
+    role : int8 (N,)
+        0 = a vote to score, 1 = a pair seen again, 2 = a stimulus against itself: the last two check the participant
+        and are left out of the scores.
     """
 
     participants: tuple[str, ...]
@@ -56,6 +61,7 @@ class VotesTable:
     practice: NDArray[np.bool_]
     excluded: NDArray[np.bool_]
     reason: NDArray[np.object_]
+    role: NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.choice)
@@ -81,8 +87,8 @@ class VotesTable:
         return replace(self, **columns)
 
     def used(self) -> VotesTable:
-        """Return the rows that count: neither practice nor excluded."""
-        return self.where(~(self.practice | self.excluded))
+        """Return the rows that are scored: neither practice nor excluded, and no checks of the participant."""
+        return self.where(~(self.practice | self.excluded) & (self.role == MAIN))
 
 
 NAMES = ("participants", "datasets", "items")
@@ -119,6 +125,7 @@ def votes_from_indices(
         practice=np.zeros(n, bool),
         excluded=np.zeros(n, bool),
         reason=np.full(n, "", object),
+        role=np.zeros(n, np.int8),
     )
 
 
@@ -139,5 +146,6 @@ def frame_from_votes(votes: VotesTable) -> pd.DataFrame:
             "excluded": votes.excluded,
             "reason": votes.reason,
             "count": votes.count,
+            "role": np.array(ROLES, object)[votes.role],
         }
     )

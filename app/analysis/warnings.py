@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.analysis.comparison import Comparison
-from app.analysis.votes import VotesTable
+from app.analysis.votes import MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # of one comparison that are listed
 MANY_REPEATS = 5  # repeated votes that are named one by one
@@ -57,7 +57,7 @@ def _repeats(votes: VotesTable) -> list[str]:
     low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
     n = np.int64(len(votes.items))
     key = (votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset) * n * n + low * n + high
-    key = np.where(votes.practice | votes.excluded, -1 - np.arange(len(key)), key)
+    key = np.where(votes.practice | votes.excluded | (votes.role != MAIN), -1 - np.arange(len(key)), key)
     _, first = np.unique(key, return_index=True)
     rows = np.setdiff1d(np.arange(len(key)), first)
     named = [

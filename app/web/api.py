@@ -94,7 +94,7 @@ STUDIES = (
 )
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
-    **{key: [] for key in ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "pairs")},
+    **{key: [] for key in ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "checks", "pairs")},
     "warnings": ["there are no votes yet"],
     "settings": {},
 }
