@@ -39,6 +39,7 @@ CHECKED = {
     "study.state": "open",
     "assignment.a_half": "top",
     "assignment.first_shown": "a",
+    "assignment.role": "identical",
     "vote.choice": "none",
     "vote.first_shown": "b",
 }
