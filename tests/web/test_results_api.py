@@ -44,7 +44,7 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
 def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     votes = rows(analyst, taken, "votes")
     assert len(votes) == 30
-    columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason"
+    columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason,role"
     assert ",".join(votes[0]) == columns
     for vote in votes:
         assert vote["choice"] in ("a", "b", "none")
