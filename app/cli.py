@@ -280,6 +280,13 @@ def analyse(
     ] = None,
     ties: Annotated[str, typer.Option(help="davidson, rao-kupper, half or drop.")] = "davidson",
     factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
+    participants: Annotated[
+        Path | None, typer.Option(help="CSV: participant, then a column for each grouping (experience, age, …).")
+    ] = None,
+    group: Annotated[
+        list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")
+    ] = None,
+    penalty: Annotated[str, typer.Option(help="Estimate where no maximum exists: firth or ridge.")] = "firth",
     by: Annotated[str, typer.Option(help="dataset: also every dataset by itself; none: only pooled.")] = "dataset",
     order_effect: Annotated[
         bool, typer.Option("--order-effect", help="Estimate the advantage of being shown first.")
@@ -305,6 +312,7 @@ def analyse(
         order_effect=order_effect,
         bootstrap=bootstrap,
         seed=seed,
+        penalty=penalty,
         by_dataset=by == "dataset",
         exclude=tuple(exclude or ()),
     )
@@ -317,6 +325,8 @@ def analyse(
         choices=_parse_mapping(choices, "--choices"),
         factors=factor,
         measures=measures,
+        participants=participants,
+        groups=group,
     )
     print_result(analysis, _score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
 

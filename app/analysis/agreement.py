@@ -1,9 +1,10 @@
-"""Do participants agree with each other? Kendall's coefficient of agreement u, and whether preferences are
-transitive.
+"""Do participants agree with each other (Kendall's coefficient of agreement u), are preferences transitive, and do
+datasets put the items in the same order?
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb
@@ -11,12 +12,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, rankdata
 
 from app.analysis.bradley_terry import only_compared
+from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
 from app.analysis.votes import VotesTable
 
+CORRELATIONS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
 LARGEST_TRANSITIVITY = 60  # items; 34 220 triples
 
 
@@ -139,3 +142,61 @@ def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
                 }
             )
     return rows
+
+
+def dataset_agreement_rows(scores: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Correlate the scores of every two datasets over the items they share.
+
+    Parameters
+    ----------
+    scores : mapping
+        Dataset -> item -> score.
+
+    Returns
+    -------
+    list of dict
+        `dataset_a, dataset_b, n_items, pearson, spearman, kendall`; correlations are None for fewer than three shared
+        items, or where the scores of a dataset do not differ.
+    """
+    rows = []
+    for first, second in combinations(scores, 2):
+        shared = [item for item in scores[first] if item in scores[second]]
+        values, others = (np.array([scores[dataset][item] for item in shared]) for dataset in (first, second))
+        rows.append(
+            {"dataset_a": first, "dataset_b": second, "n_items": len(shared)}
+            | {name: defined(correlation, values, others) for name, correlation in CORRELATIONS.items()}
+        )
+    return rows
+
+
+def concordance(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Any] | None:
+    """Return Kendall's coefficient of concordance W of the datasets' orders of the items, with its test.
+
+    Parameters
+    ----------
+    scores : mapping
+        Dataset -> item -> score.
+
+    Returns
+    -------
+    dict or None
+        `n_datasets, n_items, w, chi2, df, p_value`; W is 1 if all datasets order the items alike and 0 if their mean
+        ranks are all equal. None unless two or more datasets have scores of the same items, three or more.
+
+    Source
+    ------
+    Kendall and Babington Smith (1939), with their correction for tied ranks; chi2 = m (n - 1) W, df = n - 1.
+    """
+    items = list(next(iter(scores.values()), {}))
+    if len(scores) < 2 or len(items) < 3 or any(set(own) != set(items) for own in scores.values()):
+        return None
+    ranks = np.array([rankdata([own[item] for item in items]) for own in scores.values()])
+    m, n = ranks.shape
+    spread = float(np.sum((ranks.sum(axis=0) - m * (n + 1) / 2) ** 2))
+    tied = sum(float(np.sum(sizes**3 - sizes)) for row in ranks for sizes in [np.unique(row, return_counts=True)[1]])
+    most = m**2 * (n**3 - n) - m * tied
+    if most == 0:
+        return None
+    w = 12 * spread / most
+    x2 = m * (n - 1) * w
+    return {"n_datasets": m, "n_items": n, "w": w, "chi2": x2, "df": n - 1, "p_value": float(chi2.sf(x2, n - 1))}

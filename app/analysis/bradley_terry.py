@@ -167,7 +167,12 @@ class Fit:
 
 
 def fit_scores(
-    votes: VotesTable, *, ties: str = "davidson", order_effect: bool = False, levels: Array | None = None
+    votes: VotesTable,
+    *,
+    ties: str = "davidson",
+    order_effect: bool = False,
+    levels: Array | None = None,
+    penalty: str = "firth",
 ) -> Fit:
     """Fit scores to votes.
 
@@ -181,6 +186,9 @@ def fit_scores(
         Add the advantage of the item shown first.
     levels : float64 (n, q), optional
         The items' scores are `levels @ effects`.
+    penalty : str
+        The estimate where no maximum exists: `firth`, or `ridge`, which also stands in for the former with
+        Rao and Kupper's ties and with very many parameters.
 
     Returns
     -------
@@ -197,14 +205,16 @@ def fit_scores(
     Bradley and Terry (1952); Davidson (1970); Davidson and Beaver (1977); Rao and Kupper (1967).
     """
     counts = _counted(count_pairs(votes, is_ordered=order_effect), TIE_MODELS[ties])
-    fit = fit_counts(counts, votes.items, ties=ties, levels=levels)
+    fit = fit_counts(counts, votes.items, ties=ties, levels=levels, penalty=penalty)
     if fit.theta is None or fit.penalty is not None or not votes.has_participants:
         return fit
     sandwich, n_participants = participant_covariance(fit, votes)
     return replace(fit, participant_covariance=sandwich, n_participants=n_participants)
 
 
-def fit_counts(counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None) -> Fit:
+def fit_counts(
+    counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None, penalty: str = "firth"
+) -> Fit:
     """Fit scores to counts that the model has `counted` already; as `fit_scores`, without participants."""
     has_tie = bool(TIE_MODELS[ties].parameter and counts.ties.any())
     design = Design(counts, TIE_MODELS[ties] if has_tie else WITHOUT_TIES, has_tie, levels)
@@ -213,8 +223,8 @@ def fit_counts(counts: PairCounts, items: tuple[str, ...], *, ties: str, levels:
     if existence.status == "disconnected":
         return fit
     if existence.status == "separated":
-        return _penalised(fit)
-    return _maximum(fit, is_certain=is_certain)
+        return _penalised(fit, penalty)
+    return _maximum(fit, penalty, is_certain=is_certain)
 
 
 def _counted(counts: PairCounts, model: TieModel) -> PairCounts:
@@ -267,7 +277,7 @@ def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(np.flatnonzero(rounded == value).tolist()) for value in np.unique(rounded)[::-1])
 
 
-def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
+def _maximum(fit: Fit, penalty: str, *, is_certain: bool) -> Fit:
     counts, design = fit.counts, fit.design
     table = counts.wins, counts.losses, counts.ties
     if not design.n_parameters:
@@ -278,7 +288,7 @@ def _maximum(fit: Fit, *, is_certain: bool) -> Fit:
         found = maximise(design, *(part[None] for part in table))
     if not found.converged[0]:
         if not is_certain:
-            return _penalised(replace(fit, status="separated"))
+            return _penalised(replace(fit, status="separated"), penalty)
         raise ConvergenceError(
             f"the scores of {len(fit.items)} items did not converge in {found.iterations} iterations "
             "although a maximum exists"
@@ -290,9 +300,9 @@ def _is_for_gradients(design: Design) -> bool:
     return design.counts.n_items > MANY_ITEMS and design.levels is None and not design.has_order
 
 
-def _penalised(fit: Fit) -> Fit:
+def _penalised(fit: Fit, penalty: str) -> Fit:
     counts, design = fit.counts, fit.design
-    if design.model.is_canonical and design.n_parameters <= LARGEST_FIRTH:
+    if penalty == "firth" and design.model.is_canonical and design.n_parameters <= LARGEST_FIRTH:
         theta, iterations = maximise_firth(design, counts)
         return _described(replace(fit, penalty="firth"), theta, iterations)
     table = counts.wins, counts.losses, counts.ties

@@ -59,6 +59,35 @@ def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> An
     return alt.layer(zero, bars, points).properties(width=210, height=alt.Step(22), title=title)
 
 
+def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
+    """Draw the scores of the groups over all datasets beside each other, told apart by colour and shape.
+
+    Returns
+    -------
+    altair chart or None
+        None if no group has scores.
+    """
+    rows = [
+        row
+        for row in analysis["groups"]
+        if row["grouping"] == grouping and row["dataset"] == "all" and row["score"] is not None
+    ]
+    if not rows:
+        return None
+    groups = list(dict.fromkeys(row["group"] for row in rows))
+    base = alt.Chart(alt.Data(values=[dict(row) for row in rows])).encode(
+        y=alt.Y("item:N", sort=_by_score(rows), title=None, axis=alt.Axis(grid=True, gridColor=FAINT)),
+        yOffset=alt.YOffset("group:N", sort=groups),
+        color=alt.Color("group:N", title=grouping, sort=groups, scale=alt.Scale(range=list(PALETTE))),
+    )
+    bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q")
+    points = base.mark_point(size=52, opacity=1, filled=True).encode(
+        x=alt.X("score:Q", title="score (log-odds)", scale=alt.Scale(nice=True, zero=True)),
+        shape=alt.Shape("group:N", title=grouping, sort=groups),
+    )
+    return _arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title=grouping)])
+
+
 def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
     """Draw how often the row's item was preferred to the column's, with the counts; ties count half for each.
 

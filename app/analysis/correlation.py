@@ -102,21 +102,21 @@ def _matched(by_dataset: Mapping[str, ScoreSet], values: Mapping[str, Mapping[st
 def _correlations(parts: Sequence[Part]) -> dict[str, Any]:
     values = np.concatenate([part[0] - part[0].mean() for part in parts])
     scores = np.concatenate([part[1] - part[1].mean() for part in parts])
-    direction = _defined(spearman, values, scores) or 0.0
+    direction = defined(spearman, values, scores) or 0.0
     differences = [value[a] - value[b] for value, _, _, pairs in parts for a, b in pairs]
     correct = float(sum(1.0 if d * direction > 0 else 0.5 * (d == 0) for d in differences))
     return {
         "n": len(values),
-        "pearson": _defined(pearson, values, scores),
-        "pearson_monotone": _defined(monotone_pearson, values, scores),
-        "spearman": _defined(spearman, values, scores),
-        "kendall": _defined(kendall, values, scores),
+        "pearson": defined(pearson, values, scores),
+        "pearson_monotone": defined(monotone_pearson, values, scores),
+        "spearman": defined(spearman, values, scores),
+        "kendall": defined(kendall, values, scores),
         "pairs_different": len(differences),
         "pairs_correct": correct / len(differences) if differences and direction else None,
     }
 
 
-def _defined(correlation: Callable[[Array, Array], float], values: Array, scores: Array) -> float | None:
+def defined(correlation: Callable[[Array, Array], float], values: Array, scores: Array) -> float | None:
     if len(values) < FEWEST or np.ptp(values) == 0 or np.ptp(scores) == 0:
         return None
     return correlation(values, scores)
@@ -160,7 +160,7 @@ def _intervals(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any
         scores = np.concatenate([part[2][replicate] - part[2][replicate].mean() for part in chosen])
         values = np.concatenate([part[0] - part[0].mean() for part in chosen])
         for name, correlation in kinds.items():
-            value = None if np.isnan(scores).any() else _defined(correlation, values, scores)
+            value = None if np.isnan(scores).any() else defined(correlation, values, scores)
             if value is not None:
                 found[name].append(value)
     tail = (1 - LEVEL) / 2

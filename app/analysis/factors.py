@@ -6,7 +6,7 @@ pair and needs half to a third of the votes for the same precision; the interact
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,13 +83,14 @@ class ModelTest:
     Parameters
     ----------
     name : str
-        `factor <name>`, `interaction`, `order effect` or `datasets differ`.
+        `factor <name>`, `interaction`, `order effect`, `datasets differ` or `group <name>`.
     model : str
         What the hypothesis is about: `items` (a score for each), `additive`, or a factor alone.
     g2, p_value : float
     df : int
     p_participant : float or None
-        From F(df, J - df), Hotelling's; None without enough participants.
+        With participants as the sample: Hotelling's, from F(df, J - df); for `datasets differ` and groups Rao and
+        Scott's correction of G2. None without enough participants.
     """
 
     name: str
@@ -212,19 +213,6 @@ def wald_p_value(
         return None
     t2 = float(values @ np.linalg.solve(spread, values))
     return float(f_distribution.sf(t2 * (n_participants - r) / (r * (n_participants - 1)), r, n_participants - r))
-
-
-def datasets_differ(model: str, pooled: Fit, separate: Sequence[Fit]) -> ModelTest | None:
-    """Test whether the datasets share one set of parameters; None unless every fit has a maximum on the same items.
-
-    Without a version by participants: the same people judged all datasets, and the pooled model has no term for that.
-    """
-    fits = [pooled, *separate]
-    if len(separate) < 2 or any(fit.status != "ok" or fit.design.n_free != pooled.design.n_free for fit in fits):
-        return None
-    g2 = max(2 * (sum(fit.loglik or 0.0 for fit in separate) - (pooled.loglik or 0.0)), 0.0)
-    df = pooled.design.n_free * (len(separate) - 1)
-    return ModelTest("datasets differ", model, "all", g2, df, float(chi2.sf(g2, df)), None)
 
 
 def order_test(fit: Fit, without: Fit, model: str, dataset: str) -> ModelTest | None:

@@ -12,6 +12,7 @@ from app.analysis.newton import LARGEST_STEP, Design
 
 Array = NDArray[np.float64]
 
+PENALTIES = ("firth", "ridge")
 TOLERANCE = 1e-10
 ROUNDING = 1e-12  # a value lower by less than this share is no lower
 MAX_ITERATIONS = 1000  # the scoring steps converge linearly

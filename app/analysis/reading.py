@@ -116,24 +116,43 @@ def read_items(path: Path) -> dict[str, dict[str, str]]:
     VotesError
         If there is no column `item`, an item appears twice, or a level is empty.
     """
+    return _read_attributes(path, "item", "factor", may_be_empty=False)
+
+
+def read_participants(path: Path) -> dict[str, dict[str, str]]:
+    """Read what is known of participants, `participant,<grouping>,…`, as {grouping: {participant: group}}; an empty
+    cell puts a participant into no group.
+
+    Raises
+    ------
+    VotesError
+        If there is no column `participant`, or a participant appears twice.
+    """
+    return _read_attributes(path, "participant", "grouping", may_be_empty=True)
+
+
+def _read_attributes(path: Path, of: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
     try:
         frame = _read_csv(path)
     except FileNotFoundError as error:
         raise VotesError(f"{path}: there is no such file") from error
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
-    if "item" not in frame.columns or len(frame.columns) < 2:
-        raise VotesError(f"{path}: has the columns {', '.join(frame.columns)}; expected item and at least one factor")
+    if of not in frame.columns or len(frame.columns) < 2:
+        found = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {found}; expected {of} and at least one {attribute}")
     for column in frame.columns:
         empty = np.flatnonzero(frame[column].isna() | (frame[column] == ""))
-        if len(empty):
+        if len(empty) and (column == of or not may_be_empty):
             raise VotesError(f"{path}: row {empty[0] + 1}: {column} is empty")
-    twice = np.flatnonzero(frame["item"].duplicated())
+    twice = np.flatnonzero(frame[of].duplicated())
     if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: the item {frame['item'][twice[0]]!r} appears a second time")
-    items = frame["item"].tolist()
+        raise VotesError(f"{path}: row {twice[0] + 1}: the {of} {frame[of][twice[0]]!r} appears a second time")
+    names = frame[of].tolist()
     return {
-        factor: dict(zip(items, frame[factor].tolist(), strict=True)) for factor in frame.columns if factor != "item"
+        column: {name: value for name, value in zip(names, frame[column].tolist(), strict=True) if value}
+        for column in frame.columns
+        if column != of
     }
 
 

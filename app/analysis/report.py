@@ -19,6 +19,7 @@ from app.analysis.charts import (
     chart_pdf,
     chart_png,
     chart_svg,
+    groups_chart,
     measure_chart,
     preference_chart,
     residual_chart,
@@ -26,7 +27,7 @@ from app.analysis.charts import (
     scores_chart,
     triads_chart,
 )
-from app.analysis.reading import read_items, read_measures, read_votes
+from app.analysis.reading import read_items, read_measures, read_participants, read_votes
 from app.analysis.results import analyse
 from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings
@@ -55,6 +56,8 @@ def analyse_file(
     choices: Mapping[str, str] | None = None,
     factors: Sequence[str] | None = None,
     measures: Path | None = None,
+    participants: Path | None = None,
+    groups: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Read votes, analyse them and write everything below `out`.
 
@@ -74,6 +77,10 @@ def analyse_file(
         The factors to analyse out of those in `items`; all of them by default.
     measures : Path, optional
         CSV with `dataset`, `item` and one column per objective measure, to be compared with the scores.
+    participants : Path, optional
+        CSV with `participant` and one column per grouping, whose groups are compared.
+    groups : sequence of str, optional
+        The groupings to compare out of those in `participants`; all of them by default.
 
     Returns
     -------
@@ -91,17 +98,28 @@ def analyse_file(
     votes = read_votes(path, columns, choices)
     if items is not None:
         known = read_items(items)
-        unknown = sorted(set(factors or ()).difference(known))
-        if unknown:
-            raise ValueError(f"{items}: has no factor {unknown[0]!r}; it has {', '.join(known)}")
+        _chosen(known, factors, "factor", items)
         settings = settings.with_factors(known, analysed=tuple(factors or known))
     elif factors:
         raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
     if measures is not None:
         settings = replace(settings, measures=read_measures(measures))
+    if participants is not None:
+        settings = replace(settings, groups=_chosen(read_participants(participants), groups, "grouping", participants))
+    elif groups:
+        raise ValueError(f"the grouping {groups[0]!r} needs a participants file that gives each participant's group")
     analysis = analyse(votes, settings)
     write_analysis(analysis, out, source=path.name)
     return analysis
+
+
+def _chosen(
+    known: Mapping[str, dict[str, str]], names: Sequence[str] | None, what: str, path: Path
+) -> dict[str, dict[str, str]]:
+    unknown = sorted(set(names or ()).difference(known))
+    if unknown:
+        raise ValueError(f"{path}: has no {what} {unknown[0]!r}; it has {', '.join(known)}")
+    return {name: known[name] for name in names or known}
 
 
 def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "votes") -> None:
@@ -156,6 +174,8 @@ def _charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis)
     for measure in dict.fromkeys(row["measure"] for row in analysis["measures"]):
         yield f"measure_{_file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure)
+    for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
+        yield f"group_{_file_name(grouping)}", f"Scores by {grouping}, all datasets.", groups_chart(analysis, grouping)
     yield "response_times", "Response times of each participant.", response_chart(analysis)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from app.analysis.agreement import agreement_rows
-from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
+from app.analysis.bradley_terry import fit_scores, only_compared
 from app.analysis.checks import check_rows
 from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
 from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
@@ -18,16 +18,18 @@ from app.analysis.factors import (
     Effect,
     ModelTest,
     check_factors,
-    datasets_differ,
     effects_of,
     fit_additive,
     model_tests,
     order_test,
 )
+from app.analysis.groups import GroupComparison, check_groups, compare_groups
+from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.observers import observer_rows
 from app.analysis.rows import (
     contrast_rows,
     effect_row,
+    group_rows,
     model_row,
     pair_rows,
     pooled_triads,
@@ -57,9 +59,13 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     settings = settings or AnalysisSettings()
     used = _used(votes, settings)
     check_factors(used, settings.factors)
+    check_groups(votes, settings.groups)
     compared = list(compare(used, settings))
     screened = triads(used)
     effects, tests = _factor_results(used, settings, compared)
+    groups = _group_comparisons(used, settings)
+    tests += [one.test for one in groups if one.test is not None]
+    by_dataset = _scores_by_dataset(compared)
     return {
         "schema_version": 1,
         "settings": settings.as_dict(),
@@ -70,11 +76,14 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "tie_models": [row for one in compared for row in tie_model_rows(one, settings)],
         "contrasts": [row for one in compared for row in contrast_rows(one)],
         "effects": effects,
-        "tests": tests,
+        "tests": _test_rows(tests),
+        "groups": [row for one in groups for row in group_rows(one)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
         "measures": _measure_rows(compared, settings),
         "agreement": agreement_rows(used),
+        "dataset_agreement": dataset_agreement_rows(by_dataset),
+        "dataset_concordance": concordance(by_dataset),
         "observers": observer_rows(used, screened, ties=settings.ties),
         "checks": check_rows(votes),
         "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in pair_rows(one)],
@@ -84,16 +93,16 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
 
 def _factor_results(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[dict[str, Any]], list[ModelTest]]:
     """Return the additive model's effects, and all tests between models."""
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
-    additive: dict[str, Fit] = {}
+    additive: dict[str, Part] = {}
     for dataset in dataset_names(votes, settings) if settings.factors else ():
         part = only_compared(of_dataset(votes, dataset))
         fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=settings.order_effect)
         if fit is not None and fit.status == "ok":
-            additive[dataset] = fit
+            additive[dataset] = Part(part, fit)
             if settings.order_effect:
                 without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
                 tests.append(None if without is None else order_test(fit, without, "additive", dataset))
@@ -105,9 +114,31 @@ def _factor_results(
         without = fit_scores(one.votes, ties=settings.ties)
         tests.append(order_test(one.fit, without, one.comparison, one.dataset))
     for model in dict.fromkeys(one.comparison for one in compared):
-        tests.append(_datasets_test(model, {one.dataset: one.fit for one in compared if one.comparison == model}))
+        parts = {one.dataset: Part(one.votes, one.fit) for one in compared if one.comparison == model}
+        tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
-    return [effect_row(effect) for effect in effects], _test_rows([test for test in tests if test is not None])
+    return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
+
+
+def _group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
+    parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
+    return [one for dataset, part in parts if len(part) for one in compare_groups(part, dataset, settings)]
+
+
+def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:
+    """Return dataset -> item -> score of the single datasets that have scores."""
+    return {
+        one.dataset: dict(zip(one.fit.items, one.fit.scores.tolist(), strict=True))
+        for one in compared
+        if one.comparison == ALL and one.dataset != ALL and one.fit.scores is not None
+    }
+
+
+def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
+    if ALL not in parts:
+        return None
+    single = [part for dataset, part in parts.items() if dataset != ALL]
+    return parts_differ("datasets differ", model, ALL, parts[ALL].fit, single)
 
 
 def _measure_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
@@ -134,11 +165,6 @@ def _score_set(one: Comparison) -> ScoreSet:
         replicates = np.full((len(one.bootstrap.kept), len(fit.items)), np.nan)
         replicates[one.bootstrap.kept] = one.bootstrap.scores
     return ScoreSet(fit.items, fit.scores, replicates, different)
-
-
-def _datasets_test(model: str, fits: dict[str, Fit]) -> ModelTest | None:
-    separate = [fit for dataset, fit in fits.items() if dataset != ALL]
-    return datasets_differ(model, fits[ALL], separate) if ALL in fits else None
 
 
 def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from app.analysis.bradley_terry import Fit, fit_scores
 from app.analysis.comparison import ALL, Comparison
 from app.analysis.contrasts import contrasts, letters
 from app.analysis.factors import Effect
+from app.analysis.groups import GroupComparison
 from app.analysis.settings import LEVEL, AnalysisSettings
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value
@@ -55,6 +56,14 @@ def score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
             "penalty": fit.penalty,
             "letters": shown.get(item),
         }
+
+
+def group_rows(found: GroupComparison) -> Iterator[dict[str, Any]]:
+    """Each group's scores, as `score_rows`."""
+    for group, part in found.groups.items():
+        for row in score_rows(Comparison(found.grouping, found.dataset, part.votes, part.fit, None)):
+            named = {"grouping": row.pop("comparison"), "group": group, "n_participants": part.fit.n_participants}
+            yield named | row
 
 
 def _letters(fit: Fit) -> dict[str, str]:

@@ -28,6 +28,10 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _measures(analysis, figures)
     if analysis["scores_with_excluded"]:
         yield _excluded(analysis)
+    if analysis["groups"]:
+        yield _groups(analysis, figures)
+    if analysis["dataset_agreement"]:
+        yield _dataset_agreement(analysis)
     if any(row["u"] is not None or row["transitivity"] for row in analysis["agreement"]):
         yield _agreement(analysis)
     if analysis["triads"]:
@@ -131,6 +135,43 @@ def _excluded(analysis: Analysis) -> dict[str, Any]:
     rows = [(*key, row["score"], everybody.get(key)) for key, row in zip(keys, analysis["scores"], strict=True)]
     text = f"{analysis['votes']['excluded']} votes were excluded; the last column is what they would have changed."
     return _section("Exclusions", text, ["comparison", "dataset", "item", "score", "score with all votes"], rows)
+
+
+def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
+    rows = [
+        (
+            *(row["grouping"], row["group"], row["n_participants"], row["dataset"], row["item"], row["score"]),
+            *(row["ci_low"], row["ci_high"], row["status"]),
+        )
+        for row in analysis["groups"]
+    ]
+    text = (
+        "Scores of each group of participants by itself. Whether groups differ is tested above (group …); a difference "
+        "between groups that was not planned before the study is a question for the next one."
+    )
+    columns = ["grouping", "group", "participants", "dataset", "item", "score", "from", "to", "status"]
+    shown = [figure for name, figure in figures.items() if name.startswith("group_")]
+    return _section("Groups of participants", text, columns, rows, shown)
+
+
+def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
+    rows = [
+        (row["dataset_a"], row["dataset_b"], row["n_items"], row["pearson"], row["spearman"], row["kendall"])
+        for row in analysis["dataset_agreement"]
+    ]
+    found = analysis["dataset_concordance"]
+    overall = (
+        ""
+        if found is None
+        else f" Kendall's coefficient of concordance over all {found['n_datasets']} datasets: W = {found['w']:.3f} "
+        f"(1: the same order everywhere), p = {found['p_value']:.2g}."
+    )
+    text = (
+        "How well the scores of two datasets go together over the items they share. Errors of the scores lower these "
+        f"correlations; whether the datasets differ beyond them is tested above.{overall}"
+    )
+    columns = ["dataset", "and", "items", "Pearson", "Spearman", "Kendall"]
+    return _section("Agreement between datasets", text, columns, rows)
 
 
 def _agreement(analysis: Analysis) -> dict[str, Any]:

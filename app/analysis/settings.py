@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from app.analysis.penalised import PENALTIES
 from app.analysis.ties import TIE_MODELS
 
 LEVEL = 0.95  # of every interval
@@ -31,6 +32,10 @@ class AnalysisSettings:
         The factors to report on; all by default.
     measures : mapping
         Objective measure -> dataset -> item -> value.
+    groups : mapping
+        Grouping -> participant -> group; the groups' scores are compared.
+    penalty : str
+        The estimate where no maximum exists: `firth` or `ridge`.
     by_dataset : bool
         Also analyse every dataset by itself.
     exclude : tuple of str
@@ -44,12 +49,16 @@ class AnalysisSettings:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     analysed: tuple[str, ...] | None = None
     measures: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    groups: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    penalty: str = "firth"
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.ties not in TIE_MODELS:
             raise ValueError(f"ties is {self.ties!r}, expected one of {', '.join(TIE_MODELS)}")
+        if self.penalty not in PENALTIES:
+            raise ValueError(f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}")
         if self.bootstrap < 0:
             raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
         unknown = [factor for factor in self.analysed or () if factor not in self.factors]
@@ -75,6 +84,8 @@ class AnalysisSettings:
             "factors": {name: dict(levels) for name, levels in self.factors.items()},
             "analysed_factors": list(self.comparisons),
             "measures": {name: {d: dict(own) for d, own in values.items()} for name, values in self.measures.items()},
+            "groups": {name: dict(of) for name, of in self.groups.items()},
+            "penalty": self.penalty,
             "by_dataset": self.by_dataset,
             "exclude": list(self.exclude),
             "interval_level": LEVEL,

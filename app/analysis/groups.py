@@ -1,0 +1,73 @@
+"""Do groups of people prefer different things? Experienced or not, by age, by sex: any grouping of participants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.factors import ModelTest
+from app.analysis.homogeneity import Part, parts_differ
+from app.analysis.settings import AnalysisSettings
+from app.analysis.votes import VotesError, VotesTable
+
+Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; who is missing belongs to none
+
+
+@dataclass(frozen=True)
+class GroupComparison:
+    """The groups of one grouping on one dataset (or all).
+
+    Parameters
+    ----------
+    together : Fit
+        Of all votes by members of a group.
+    groups : dict
+        Group -> its votes and fit.
+    """
+
+    grouping: str
+    dataset: str
+    together: Fit
+    groups: dict[str, Part]
+
+    @property
+    def test(self) -> ModelTest | None:
+        """Whether the groups share one set of scores."""
+        return parts_differ(f"group {self.grouping}", "items", self.dataset, self.together, list(self.groups.values()))
+
+
+def check_groups(votes: VotesTable, groupings: Groupings) -> None:
+    """Raise if a grouping cannot be one of these participants.
+
+    Raises
+    ------
+    VotesError
+        Naming the grouping: participants are not recorded, or none of them belongs to a group.
+    """
+    for grouping, of in groupings.items():
+        if not votes.has_participants:
+            raise VotesError(f"the grouping {grouping!r} needs votes whose participants are recorded")
+        if not set(of).intersection(votes.participants):
+            raise VotesError(
+                f"none of the {len(votes.participants)} participants, e.g. {votes.participants[0]!r}, has a value of "
+                f"the grouping {grouping!r}"
+            )
+
+
+def compare_groups(votes: VotesTable, dataset: str, settings: AnalysisSettings) -> Iterator[GroupComparison]:
+    """Fit the scores of the groups of each grouping; groupings with a single group among these votes are left out."""
+    for grouping, of in settings.groups.items():
+        group = np.array([of.get(name, "") for name in votes.participants])[votes.participant]
+        names = sorted(set(group.tolist()) - {""})
+        if len(names) < 2:
+            continue
+        parts = {name: only_compared(votes.where(group == name)) for name in names}
+        fits = {name: Part(part, _fit(part, settings)) for name, part in parts.items()}
+        yield GroupComparison(grouping, dataset, _fit(only_compared(votes.where(group != "")), settings), fits)
+
+
+def _fit(votes: VotesTable, settings: AnalysisSettings) -> Fit:
+    return fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
