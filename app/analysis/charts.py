@@ -78,14 +78,17 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
     base = alt.Chart(alt.Data(values=[dict(row) for row in rows])).encode(
         y=alt.Y("item:N", sort=_by_score(rows), title=None, axis=alt.Axis(grid=True, gridColor=FAINT)),
         yOffset=alt.YOffset("group:N", sort=groups),
-        color=alt.Color("group:N", title=grouping, sort=groups, scale=alt.Scale(range=list(PALETTE))),
     )
-    bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q")
+    color = alt.Color("group:N", title=grouping, sort=groups, scale=alt.Scale(range=list(PALETTE)))
+    bars = base.mark_rule(strokeWidth=1.6).encode(
+        color=color.legend(None), x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q"
+    )
     points = base.mark_point(size=52, opacity=1, filled=True).encode(
         x=alt.X("score:Q", title="score (log-odds)", scale=alt.Scale(nice=True, zero=True)),
+        color=color,
         shape=alt.Shape("group:N", title=grouping, sort=groups),
     )
-    return _arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title=grouping)])
+    return _arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title="all datasets")])
 
 
 def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
