@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     tx, ty, tz = x - fx, y - fy, z - fz
@@ -33,13 +33,13 @@ def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
     return float(a + tx * (c - a))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _step(value: float, low: float, high: float) -> float:
     t = min(1.0, max(0.0, (value - low) / (high - low)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: float, footprint: float) -> float:
     """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
     if cell < 0.5 * footprint:
@@ -49,19 +49,19 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
     return float(fade * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _wave(u: float, period: float, footprint: float) -> float:
     """A soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
     return float(_step(period / footprint, 1.5, 4.0) * min(1.0, max(-1.0, 3.0 * _zigzag(u / period))))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _zigzag(u: float) -> float:
     """A triangle wave of period 1, -1 to 1: a sine's cheap stand-in."""
     return float(4.0 * abs(u - np.floor(u + 0.5)) - 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _skin(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
@@ -73,9 +73,9 @@ def _skin(
     if y < 1540.0 or z < 30.0:
         return r, g, b
     ax = abs(x)
-    # Cheeks and nose are redder.
-    flush = np.exp(-((ax - 38.0) ** 2 + (y - 1637.0) ** 2) / 500.0) + np.exp(-(x * x + (y - 1629.0) ** 2) / 150.0)
-    g, b = g * (1.0 - 0.16 * flush), b * (1.0 - 0.16 * flush)
+    if ax < 80.0 and abs(y - 1635.0) < 50.0:  # cheeks and nose are redder
+        flush = np.exp(-((ax - 38.0) ** 2 + (y - 1637.0) ** 2) / 500.0) + np.exp(-(x * x + (y - 1629.0) ** 2) / 150.0)
+        g, b = g * (1.0 - 0.16 * flush), b * (1.0 - 0.16 * flush)
     # Lips, and the dark line between them.
     width = 25.0
     if ax < width + 3.0 and z > 60.0:
@@ -99,7 +99,7 @@ def _skin(
     return r, g, b
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _eye(
     look: NDArray[np.float64], ax: float, x: float, y: float, z: float, fp: float, r: float, g: float, b: float
 ) -> tuple[float, float, float]:
@@ -132,7 +132,7 @@ def _eye(
     return r + opened * (er - r), g + opened * (eg - g), b + opened * (eb - b)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _shirt(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, along: float, fp: float
 ) -> tuple[float, float, float]:
@@ -166,7 +166,7 @@ def _shirt(
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _trousers(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
@@ -183,7 +183,7 @@ def _trousers(
     return look[10] * tone, look[11] * tone, look[12] * tone
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _hair(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
@@ -193,7 +193,7 @@ def _hair(
     return look[13] * tone, look[14] * tone, look[15] * tone
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _person(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
@@ -236,10 +236,11 @@ def _person(
         hem = _step(abs(collar - 9.0) - 7.0, -soft, soft)
         cr, cg, cb = cr * (0.75 + 0.25 * hem), cg * (0.75 + 0.25 * hem), cb * (0.75 + 0.25 * hem)
         r, g, b = r + shirt * (cr - r), g + shirt * (cg - g), b + shirt * (cb - b)
-        gloss = 0.03
+        gloss = 0.0
     if below > 0.0:
         tr, tg, tb = _trousers(look, volume, x, y, z, fp)
         r, g, b = r + below * (tr - r), g + below * (tg - g), b + below * (tb - b)
+        gloss = 0.0
         if y < 85.0:
             shoe = _step(78.0 - y, -soft, soft)
             sole = _step(16.0 - y, -soft, soft)
@@ -250,7 +251,7 @@ def _person(
     return r, g, b, gloss
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _ball(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
@@ -270,7 +271,7 @@ def _ball(
     return r * tone, g * tone, b * tone, 0.2
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _box(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
@@ -296,7 +297,7 @@ def _box(
     return r, g, b, 0.05
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _target(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
@@ -319,7 +320,7 @@ def _target(
     return r * tone, g * tone, b * tone, 0.02
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _albedo(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
@@ -334,7 +335,7 @@ def _albedo(
     return max(0.004, r), max(0.004, g), max(0.004, b), gloss
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def vertex_albedo(
     places: NDArray[np.float64],
     owners: NDArray[np.int64],
@@ -350,7 +351,7 @@ def vertex_albedo(
     return colours
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _lit(
     lights: NDArray[np.float64],
     nx: float,
@@ -360,7 +361,7 @@ def _lit(
     vy: float,
     vz: float,
     openness: float,
-    shadow: float,
+    key: float,
     r: float,
     g: float,
     b: float,
@@ -379,10 +380,12 @@ def _lit(
             continue
         facing *= 0.45 + 0.55 * openness
         if i == 2:
-            facing *= shadow
+            facing *= key
         lr += facing * lights[i, 3]
         lg += facing * lights[i, 4]
         lb += facing * lights[i, 5]
+        if gloss == 0.0:
+            continue
         hx, hy, hz = lights[i, 0] + vx, lights[i, 1] + vy, lights[i, 2] + vz
         half = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
         if half > 0.0:
@@ -394,25 +397,7 @@ def _lit(
     return r * lr + shine, g * lg + shine, b * lb + shine
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _shadow(depths: NDArray[np.float32], frame: NDArray[np.float64], x: float, y: float, z: float) -> float:
-    """Share of the key light that reaches a point: 16 comparisons in the map of nearest distances."""
-    u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
-    v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
-    d = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z + frame[2, 3]
-    h, w = depths.shape
-    column, row, limit = int(u), int(v), d + 22.0
-    if row < 3 or column < 3 or row >= h - 3 or column >= w - 3:
-        return 1.0
-    lit = 0
-    for j in range(-3, 4, 2):
-        for i in range(-3, 4, 2):
-            if depths[row + j, column + i] <= limit:
-                lit += 1
-    return lit / 16.0
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _shade_sample(
     sx: float,
     sy: float,
@@ -424,8 +409,6 @@ def _shade_sample(
     looks: NDArray[np.float64],
     volume: NDArray[np.float32],
     lights: NDArray[np.float64],
-    depths: NDArray[np.float32],
-    frame: NDArray[np.float64],
     eye: NDArray[np.float64],
     spread: float,
 ) -> tuple[float, float, float]:
@@ -457,12 +440,12 @@ def _shade_sample(
         distance * spread,
     )
     openness = wa * surface[a, 9] + wb * surface[b, 9] + wc * surface[c, 9]
-    shadow = _shadow(depths, frame, x + 4.0 * nx, y + 4.0 * ny, z + 4.0 * nz)
-    r, g, bl = _lit(lights, nx, ny, nz, vx, vy, vz, openness, shadow, r, g, bl, gloss)
+    key = wa * surface[a, 10] + wb * surface[b, 10] + wc * surface[c, 10]
+    r, g, bl = _lit(lights, nx, ny, nz, vx, vy, vz, openness, key, r, g, bl, gloss)
     return r, g, bl
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def shade(
     column: int,
     row: int,
@@ -475,8 +458,6 @@ def shade(
     looks: NDArray[np.float64],
     volume: NDArray[np.float32],
     lights: NDArray[np.float64],
-    depths: NDArray[np.float32],
-    frame: NDArray[np.float64],
     eye: NDArray[np.float64],
     spread: float,
 ) -> NDArray[np.float32]:
@@ -485,9 +466,8 @@ def shade(
     Parameters
     ----------
     column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
-    surface : float32 (N, 10), per vertex: place at rest, normal, place in the world, openness
+    surface : float32 (N, 11), per vertex: place at rest, normal, place in the world, openness, share of the key light
     owners : int (M,), the row of `looks` per face
-    depths, frame : the key light's map of nearest distances and its axes (`shadow.cast`)
     eye : the camera's centre; spread : size of a pixel at a distance of 1 mm
 
     Returns
@@ -517,7 +497,7 @@ def shade(
                     continue
                 r, g, b = _shade_sample(
                     column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], faces, pixels, surface, owners,
-                    looks, volume, lights, depths, frame, eye, spread,
+                    looks, volume, lights, eye, spread,
                 )  # fmt: skip
                 red, green, blue = red + r, green + g, blue + b
             n = 1 if last == 1 else covered

@@ -232,7 +232,7 @@ def _standing_moment(phase: float) -> Moment:
 
 
 def _face_scene(_position: Vector) -> Scene:
-    return Scene("face", "scene", Field((0.0, 1590.0, 10.0), 600.0, 560.0), _face_moment, (SPEAKER,))
+    return Scene("face", "scene", Field((0.0, 1600.0, 10.0), 640.0, 620.0), _face_moment, (SPEAKER,))
 
 
 def _face_moment(phase: float) -> Moment:

@@ -12,6 +12,7 @@ FLOOR_CELLS = 256
 FLOOR_HALF_MM = 1800.0
 LOW_MM = 550.0  # surfaces below this height cast a sharper shadow
 CONTACT_MM = 260.0  # and below this one darken the floor under them
+LIFT_MM = 4.0  # a surface is compared from so far outside it
 
 
 def cast(
@@ -51,6 +52,40 @@ def floor_shade(vertices: NDArray[np.float64], floor_y: float, direction: NDArra
     key = np.maximum(cv2.GaussianBlur(sharp, (0, 0), 2.5), cv2.GaussianBlur(soft, (0, 0), 6.0))
     light = (1.0 - 0.45 * key) * (1.0 - 0.75 * cv2.GaussianBlur(under, (0, 0), 3.0))
     return np.asarray(np.power(light, 1.0 / 2.2), dtype=np.float32)
+
+
+def key_share(
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    direction: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Share of the key light that reaches each vertex, float32 (N,), 0 to 1, soft at the shadow's edge."""
+    nearest, frame = cast(vertices, faces, direction)
+    return np.asarray(_key_share(vertices + LIFT_MM * normals, nearest, frame))
+
+
+@numba.njit(cache=True, nogil=True)
+def _key_share(
+    points: NDArray[np.float64], nearest: NDArray[np.float32], frame: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """16 comparisons with the map of nearest surfaces for each point."""
+    h, w = nearest.shape
+    share = np.ones(len(points), np.float32)
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        column = int(frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3])
+        row = int(frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3])
+        limit = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z + frame[2, 3] + 22.0
+        if row < 3 or column < 3 or row >= h - 3 or column >= w - 3:
+            continue
+        lit = 0
+        for j in range(-3, 4, 2):
+            for i in range(-3, 4, 2):
+                if nearest[row + j, column + i] <= limit:
+                    lit += 1
+        share[p] = lit / 16.0
+    return share
 
 
 @numba.njit(cache=True, nogil=True)

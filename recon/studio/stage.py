@@ -13,6 +13,7 @@ from recon.studio.appearance import vertex_albedo
 from recon.studio.looks import look_row
 from recon.studio.person import person_parts, rest_body
 from recon.studio.scenes import Actor, Moment, Prop, Scene
+from recon.studio.shadow import key_share
 from recon.studio.skeleton import pose, rotation, skin, vertex_normals
 
 REST_HEIGHT_MM = 1780.0
@@ -24,7 +25,7 @@ class Staged:
 
     Parameters
     ----------
-    surface : float32 (N, 10), per vertex: place at rest, normal, place in the world, openness
+    surface : float32 (N, 11), per vertex: place at rest, normal, place in the world, openness, share of the key light
     vertices : float64 (N, 3), mm, world
     looks : float64 (bodies, N_LOOK)
     """
@@ -35,7 +36,7 @@ class Staged:
 
 
 class Stage:
-    """The bodies of a scene, one after the other in shared arrays.
+    """The bodies of a scene, one after the other in shared arrays, and the key light on them.
 
     Attributes
     ----------
@@ -43,8 +44,10 @@ class Stage:
     owners : int64 (M,), the body of each face
     """
 
-    def __init__(self, scene: Scene, *, cell: float, noise: NDArray[np.float32]) -> None:
-        self._scene = scene
+    def __init__(
+        self, scene: Scene, *, cell: float, noise: NDArray[np.float32], towards_key: NDArray[np.float64]
+    ) -> None:
+        self._scene, self._towards_key = scene, towards_key
         self._people = [rest_body(person_parts(actor.build), cell=cell, noise=noise) for actor in scene.actors]
         self._things = [_prop_mesh(prop, cell) for prop in scene.props]
         looks = [actor.look for actor in scene.actors] + [prop.look for prop in scene.props]
@@ -65,11 +68,13 @@ class Stage:
         """The scene at a phase, 0 to 1."""
         moment = self._scene.moment(phase)
         vertices = np.concatenate([*self._moved_people(moment), *self._moved_things(moment)])
-        surface = np.empty((len(vertices), 10), np.float32)
+        normals = vertex_normals(vertices, self.faces)
+        surface = np.empty((len(vertices), 11), np.float32)
         surface[:, 0:3] = self._rest
-        surface[:, 3:6] = vertex_normals(vertices, self.faces)
+        surface[:, 3:6] = normals
         surface[:, 6:9] = vertices
         surface[:, 9] = self._openness
+        surface[:, 10] = key_share(vertices, normals, self.faces, self._towards_key)
         looks = self._looks.copy()
         looks[: len(moment.blink), 19] = moment.blink
         return Staged(surface, vertices, looks)

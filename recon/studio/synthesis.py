@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,11 +21,12 @@ from recon.studio import truth
 from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose
 from recon.studio.looks import Light, noise_volume
+from recon.studio.png import encode_png
 from recon.studio.rasterise import Visibility, see
 from recon.studio.rigs import arc_rig, between, disturbed
 from recon.studio.room import Room
 from recon.studio.scenes import SCENES, Scene
-from recon.studio.shadow import FLOOR_CELLS, cast, floor_shade
+from recon.studio.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.stage import Stage, Staged
 from recon.studio.views import View, empty_view
 
@@ -38,9 +38,6 @@ WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from tha
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
 SIDES = ("left", "right")
-# Sensor noise cannot be compressed: Huffman coding alone is a third smaller and three times faster than deflate.
-PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
-       cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB)  # fmt: skip
 
 Progress = Callable[[str, int, int], None]
 
@@ -124,11 +121,12 @@ class _Recording:
         self._rig = arc_rig(self._scene.shown, n_sensors=parameters.n_sensors, size=parameters.size, rng=self._rng(1))
         self._noise = noise_volume(self._rng(2))
         self._lights, self._room, self._curve = Light().table(), Room(), display_curve()
+        self._towards_key = self._lights[2, :3]
 
     def make(self, progress: Progress) -> Capture:
         n_frames = self._parameters.n_frames
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            self._stage = Stage(self._scene, cell=_cell(self._rig), noise=self._noise)
+            self._stage = Stage(self._scene, cell=_cell(self._rig), noise=self._noise, towards_key=self._towards_key)
             self._views = list(pool.map(self._empty_view, self._cameras().items()))
             extents = []
             for done, extent in enumerate(pool.map(self._record_frame, range(n_frames)), start=1):
@@ -161,25 +159,21 @@ class _Recording:
     def _record_frame(self, frame: int) -> NDArray[np.float64]:
         """Write all that belongs to a frame; the actors' extent (2, 3), mm."""
         staged = self._stage.at(frame / self._parameters.n_frames)
-        shadows = cast(staged.vertices, self._stage.faces, self._lights[2, :3])
-        floor = floor_shade(staged.vertices, self._room.floor_y, self._lights[2, :3])
+        floor = floor_shade(staged.vertices, self._room.floor_y, self._towards_key)
         for index, view in enumerate(self._views):
             if view.name.startswith("held_out") and frame != HELD_OUT_FRAME:
                 continue
             seen = see(view.camera, staged.vertices, self._stage.faces)
-            actors = self._shade(view, seen, staged, shadows)
+            actors = self._shade(view, seen, staged)
             self._expose(view, actors, (seen.column, seen.row), floor, self._key(index, frame + 1), f"{frame:04d}")
             truth.write_view(self._folder, view.name, frame, view.camera.size, seen)
         write_mesh(self._folder / truth.MESH.format(frame=frame), self._stage.mesh(staged))
         return np.stack([staged.vertices.min(axis=0), staged.vertices.max(axis=0)])
 
-    def _shade(
-        self, view: View, seen: Visibility, staged: Staged, shadows: tuple[NDArray[np.float32], NDArray[np.float64]]
-    ) -> NDArray[np.float32]:
+    def _shade(self, view: View, seen: Visibility, staged: Staged) -> NDArray[np.float32]:
         actors: NDArray[np.float32] = shade(
             seen.column, seen.row, seen.faces, seen.nearness, self._stage.faces, seen.pixels, staged.surface,
-            self._stage.owners, staged.looks, self._noise, self._lights, *shadows, view.camera.centre,
-            1.0 / view.camera.K[0, 0],
+            self._stage.owners, staged.looks, self._noise, self._lights, view.camera.centre, 1.0 / view.camera.K[0, 0],
         )  # fmt: skip
         return actors
 
@@ -198,7 +192,7 @@ class _Recording:
         )
         path = self._folder / f"{view.name}/{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
+        path.write_bytes(encode_png(picture))
 
     def _key(self, view: int, picture: int) -> np.uint64:
         return np.uint64(self._rng(4, view, picture).integers(0, 2**64, dtype=np.uint64))
