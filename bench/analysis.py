@@ -2,8 +2,8 @@
 
     python bench/analysis.py [--json]
 
-Processor time of one thread, the best of several runs, ours and theirs in turn in one process. Peers (choix, evalica)
-are optional; where a peer would take minutes it is timed on a part of the work and scaled, which the output says.
+Processor time of one thread, the best of several runs, ours and theirs in turn in one process. Peers (choix, evalica,
+R) are optional; where a peer would take minutes it is timed on a part of the work and scaled, which the output says.
 """
 # ruff: noqa: E402  (one thread has to be asked for before numpy is loaded)
 
@@ -12,6 +12,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -87,7 +89,31 @@ def small_study() -> dict[str, Any]:
         matrices = [_win_matrix(table) for table in tables]
         dense = best(lambda: [choix.ilsr_pairwise_dense(matrix, tol=1e-9) for matrix in matrices], 3)
         result["choix dense, ties as half wins (scaled)"] = dense * 50 / ours
+    if shutil.which("Rscript"):
+        result["R, glm.fit (scaled)"] = r_seconds(tables) * 50 / ours
     return result
+
+
+R_FITS = """
+table <- as.matrix(read.csv(file("stdin"))); pairs <- 15; n <- 6
+first <- table[1, 1:pairs]; second <- table[2, 1:pairs]; counts <- table[-(1:2), ]
+half <- sapply(1:n, function(i) ((first == i) - (second == i)) / 2)
+X <- cbind(rbind(diag(pairs), diag(pairs), diag(pairs)), rep(c(0, 0, 1), each = pairs))
+X <- cbind(X, rbind(half, -half, 0 * half)[, -1])
+fit <- function(y) glm.fit(X, y, family = poisson(), control = glm.control(epsilon = 1e-9))
+warm <- fit(counts[1, ])
+cat(min(replicate(3, sum(system.time(apply(counts, 1, fit))[1:2]))))
+"""  # Davidson's model as a log-linear model, by R's own glm.fit
+
+
+def r_seconds(tables: list[VotesTable]) -> float:
+    """Return the processor time in which R fits Davidson's model to all tables."""
+    counted = [count_pairs(table) for table in tables]
+    rows = [np.tile(part + 1, 3) for part in (counted[0].first, counted[0].second)]
+    rows += [np.concatenate([one.wins, one.losses, one.ties]) for one in counted]
+    text = "\n".join(",".join(map(str, row)) for row in [np.arange(45), *rows])
+    run = subprocess.run(["Rscript", "-e", R_FITS], input=text, capture_output=True, text=True, check=True)
+    return float(run.stdout)
 
 
 def _replicate(votes: VotesTable, weights: np.ndarray[Any, Any]) -> VotesTable:
