@@ -188,7 +188,7 @@ def serve(
 ) -> None:
     """Serve all studies until interrupted."""
     from app.main import serve as serve_studies
-    from app.operate import list_studies
+    from app.operate import list_studies, set_up_path
     from app.settings import Settings
 
     settings = Settings()
@@ -199,6 +199,8 @@ def serve(
             for code in study["invitations"]:
                 print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
         print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME --url {url}`)", flush=True)
+        if path := set_up_path(settings):
+            print(f"  set up the first experimenter, once: {url}{path}", flush=True)
 
     serve_studies(settings, host, port, on_start=announce)
 
@@ -206,14 +208,20 @@ def serve(
 @admin_app.command("add")
 def admin_add(
     experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
+    role: Annotated[
+        str | None, typer.Option(help="viewer, experimenter or owner; default: as it is, or owner for a new one.")
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """A sign-in link for an experimenter; an older link of theirs ends."""
+    """A sign-in link for an experimenter, good for a week; an older link of theirs ends."""
     from app.operate import add_experimenter
     from app.settings import Settings
+    from app.store.experimenters import ROLES
 
-    added = add_experimenter(Settings(), experimenter)
+    if role is not None and role not in ROLES:
+        raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
+    added = add_experimenter(Settings(), experimenter, next((known for known in ROLES if known == role), None))
     added["link"] = url + added["path"]
     print_result(added, f"{added['name']} signs in with {added['link']}", as_json=as_json)
 
@@ -221,13 +229,19 @@ def admin_add(
 @token_app.command("add")
 def token_add(
     token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
+    scope: Annotated[
+        list[str] | None, typer.Option(help="read, personal or audit; may be repeated; default: all of them.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """A bearer token for fetching results over REST; it is shown this once."""
     from app.operate import add_token
     from app.settings import Settings
+    from app.store.tokens import SCOPES
 
-    added = add_token(Settings(), token_name)
+    if unknown := sorted(set(scope or ()) - SCOPES.keys()):
+        raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
+    added = add_token(Settings(), token_name, tuple(scope or SCOPES))
     print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
 
 

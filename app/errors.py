@@ -46,6 +46,10 @@ class GoneError(StudyError):
     status = 410
 
 
+class TooLargeError(StudyError):
+    status = 413
+
+
 class InvalidError(StudyError):
     status = 422
 
@@ -55,3 +59,13 @@ class UnavailableError(StudyError):
 
     status = 503
     retry_after_s: ClassVar[int] = 1
+
+
+class TooManyError(StudyError):
+    """Somebody asks too often; `retry_after_s` says when they may again."""
+
+    status = 429
+
+    def __init__(self, detail: str, retry_after_s: int) -> None:
+        super().__init__(detail)
+        self.retry_after_s = retry_after_s

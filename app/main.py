@@ -20,8 +20,10 @@ from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, trials
 from app.web.admin import pages as admin_pages
+from app.web.admin import sign_in, users
 from app.web.problems import UnforeseenErrors, install_problems
-from app.web.security import BodyLimit, SameOrigin, SecurityHeaders
+from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
+from app.web.throttle import new_throttle
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
@@ -49,6 +51,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.database = open_store(settings)
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
+    app.state.throttle = new_throttle()
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     for router in (
         participant.router,
@@ -56,14 +59,19 @@ def create_app(settings: Settings) -> FastAPI:
         api.router,
         media.router,
         health.router,
+        sign_in.router,
         admin_pages.router,
+        users.router,
         pages.router,
     ):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=ROOT / "static"), name="static")
     install_problems(app)
-    for middleware in (BodyLimit, SameOrigin, UnforeseenErrors, SecurityHeaders):  # the last one is outermost
+    is_https = settings.secure_cookies
+    for middleware in (BodyLimit, SameOrigin, UnforeseenErrors):  # the last one is outermost
         app.add_middleware(middleware)
+    app.add_middleware(RenewedSession, is_https=is_https)
+    app.add_middleware(SecurityHeaders, is_https=is_https)
     return app
 
 

@@ -6,7 +6,7 @@ import re
 import secrets
 import tomllib
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -23,9 +23,10 @@ from app.stimuli import (
     read_stimulus_set,
 )
 from app.store import studies
+from app.store.audit import COMMAND_LINE, Entry, record, record_alone
 from app.store.designs import insert_design, insert_practice
 from app.store.engine import Database, open_database
-from app.store.experimenters import renew_link
+from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
@@ -72,6 +73,8 @@ def create_study(
     seed: int | None = None,
     options: StudyOptions | None = None,
     progress: Progress = no_progress,
+    by: str = COMMAND_LINE,
+    is_paused: bool = False,
 ) -> dict[str, Any]:
     """Create a study of a stimulus set: check it, prepare the pair videos, store the design and an open invitation.
 
@@ -82,6 +85,8 @@ def create_study(
     exposure_s : how long a pair is shown; None: as long as the shortest video
     seed : of everybody's order; None: drawn
     options : what is asked besides votes; None: nothing, which is the quickest study
+    by : who creates it, for the audit log
+    is_paused : let nobody in before it is opened
 
     Raises
     ------
@@ -115,12 +120,15 @@ def create_study(
             "options": options.as_json(),
             "manifest_sha256": stimulus_set.sha256,
             "created_at": created_at,
+            "paused_at": created_at if is_paused else None,
         }
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, stimulus_set, pairs)
             insert_practice(connection, study_id, practice)
             code = insert_invitation(connection, study_id, None, created_at)
+            entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
+            record(connection, by, entry, created_at)
         with database.reading() as connection:
             counts = studies.progress_of(connection, study_id)
     return {
@@ -155,7 +163,7 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
             {
                 "slug": study.slug,
                 "name": study.name,
-                "state": study.state,
+                "state": study.standing,
                 "exposure_s": study.exposure_s,
                 "created_at": study.created_at.isoformat(),
                 **asdict(studies.progress_of(connection, study.id)),
@@ -174,25 +182,41 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
         if study is None:
             raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
         code = insert_invitation(connection, study.id, places, utc_now())
+        record(connection, COMMAND_LINE, Entry("invitation made", study.id, detail={"places": places}), utc_now())
     return {"invitation": code, "path": f"/s/{code}"}
 
 
-def add_experimenter(settings: Settings, name: str) -> dict[str, Any]:
-    """A sign-in link for an experimenter, who is added if need be; an older link of theirs ends."""
+def add_experimenter(settings: Settings, name: str, role: Role | None = None) -> dict[str, Any]:
+    """A sign-in link for an experimenter, who is added if need be; an older link of theirs ends.
+
+    Parameters
+    ----------
+    role : None: the one they have, or owner
+    """
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
     with _store(settings) as database:
-        secret = renew_link(database, name.strip(), utc_now())
+        secret = renew_link(database, name.strip(), utc_now(), role)
+        _note(database, "sign-in link made", name.strip())
     return {"name": name.strip(), "path": f"/admin/login/{secret}"}
 
 
-def add_token(settings: Settings, name: str) -> dict[str, Any]:
-    """A bearer token that may read results; it is shown this once."""
+def set_up_path(settings: Settings) -> str | None:
+    """Where the first experimenter sets up the server, once; None when somebody has been added."""
+    with _store(settings) as database:
+        secret = set_up_link(database, utc_now())
+    return None if secret is None else f"/admin/setup/{secret}"
+
+
+def add_token(settings: Settings, name: str, scopes: Sequence[str] = tuple(SCOPES)) -> dict[str, Any]:
+    """A bearer token that may read what its scopes say; it is shown this once."""
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
     with _store(settings) as database:
-        token = insert_token(database, name.strip(), utc_now())
-    return {"name": name.strip(), "token": token, "scopes": list(SCOPES)}
+        with database.writing() as connection:
+            token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now())
+        _note(database, "token made", name.strip(), scopes=list(scopes))
+    return {"name": name.strip(), "token": token, "scopes": list(scopes)}
 
 
 def add_own_token(settings: Settings, purpose: str) -> str:
@@ -213,6 +237,10 @@ def slugify(name: str) -> str:
     if not slug or len(name) > 200:
         raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
     return slug
+
+
+def _note(database: Database, action: str, subject: str, study_id: int | None = None, **detail: Any) -> None:
+    record_alone(database, COMMAND_LINE, Entry(action, study_id, subject, detail), utc_now())
 
 
 @contextmanager

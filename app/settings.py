@@ -17,6 +17,12 @@ class Settings(BaseSettings):
         default=Path("reconstudy"), description="folder of the embedded database and the pair videos"
     )
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; unset: SQLite in the data folder")
+    stimuli_dir: Path | None = Field(
+        default=None,
+        description="folder of the stimulus sets that the dashboard offers; unset: stimuli in the data folder",
+    )
+    largest_upload_mb: int = Field(default=4096, ge=1, description="of a zipped stimulus set, and of what is in it")
+    api_requests_per_minute: int = Field(default=1200, ge=1, description="of one token or experimenter")
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
 
     @property
@@ -26,6 +32,10 @@ class Settings(BaseSettings):
     @property
     def is_embedded(self) -> bool:
         return self.database_url is None
+
+    @property
+    def sets_dir(self) -> Path:
+        return self.stimuli_dir or self.data_dir / "stimuli"
 
     @property
     def media_dir(self) -> Path:

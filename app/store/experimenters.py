@@ -1,66 +1,250 @@
-"""Experimenters: who may see the administration, and the links and cookies by which they are known."""
+"""Experimenters: who may see the administration and what they may do, and the links and cookies that know them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any, Literal
 
-from sqlalchemy import Connection, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, delete, exists, func, insert, or_, select, update
 
+from app.errors import ConflictError
 from app.store.engine import Database
 from app.store.keys import digest, new_secret
 from app.store.tables import experimenter, experimenter_session
 
-SESSION_LASTS = timedelta(days=14)
+Role = Literal["viewer", "experimenter", "owner"]
+ROLES: tuple[Role, ...] = ("viewer", "experimenter", "owner")  # each may do what those before it may
+
+LINK_LASTS = timedelta(days=7)
+SESSION_LASTS = timedelta(hours=12)  # a working day, as OWASP ASVS 3.3.2 has it at level 2
+IDLE_LASTS = timedelta(hours=2)
+TOKEN_LASTS = timedelta(minutes=15)  # then the session goes on under a new one
+OLD_TOKEN_LASTS = timedelta(minutes=1)  # for requests that were under way
+SEEN_EVERY = timedelta(minutes=1)  # how exactly it is known when a session was last used
+UNNAMED = "(set-up)"  # the owner-to-be, until the set-up link is used
 
 
 @dataclass(frozen=True)
 class Experimenter:
     id: int
     name: str
+    role: Role
+    has_password: bool
+    is_disabled: bool
+    link_expires_at: datetime | None
+
+    def may(self, role: Role) -> bool:
+        """Whether this person may do what takes that role."""
+        return ROLES.index(self.role) >= ROLES.index(role)
 
 
-def renew_link(database: Database, name: str, now: datetime) -> str:
-    """The secret of a new sign-in link for an experimenter, who is added if need be; an older link ends."""
+@dataclass(frozen=True)
+class OpenSession:
+    """Who is signed in, and what the session's forms carry; `renewed` is its new token, where it has just got one."""
+
+    experimenter: Experimenter
+    form_token: str
+    renewed: str | None
+
+
+def renew_link(database: Database, name: str, now: datetime, role: Role | None = None) -> str:
+    """The secret of a new sign-in link for an experimenter, who is added if need be; an older link ends.
+
+    Parameters
+    ----------
+    role : None: the one they have, or owner
+    """
     secret = new_secret()
+    values: dict[str, Any] = {"link_hash": digest(secret), "link_expires_at": now + LINK_LASTS, "disabled_at": None}
+    if role is not None:
+        values["role"] = role
     with database.writing() as connection:
-        changed = connection.execute(
-            update(experimenter).where(experimenter.c.name == name).values(link_hash=digest(secret))
-        )
+        changed = connection.execute(update(experimenter).where(experimenter.c.name == name).values(**values))
         if not changed.rowcount:
-            connection.execute(insert(experimenter).values(name=name, link_hash=digest(secret), created_at=now))
+            connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
     return secret
 
 
-def sign_in(database: Database, secret: str, now: datetime) -> str | None:
-    """The token of a new session for who has this link; None if nobody has."""
-    with database.writing() as connection:
-        owner = select(experimenter.c.id).where(experimenter.c.link_hash == digest(secret))
-        experimenter_id = connection.execute(owner).scalar_one_or_none()
-        if experimenter_id is None:
+def set_up_link(database: Database, now: datetime) -> str | None:
+    """The secret of a new set-up link while nobody has been added; None once somebody has."""
+    with database.reading() as connection:
+        if connection.scalar(select(exists().where(experimenter.c.name != UNNAMED))):
             return None
-        token = new_secret()
-        connection.execute(delete(experimenter_session).where(experimenter_session.c.expires_at <= now))
-        connection.execute(
-            insert(experimenter_session).values(
-                experimenter_id=experimenter_id,
-                token_hash=digest(token),
-                created_at=now,
-                expires_at=now + SESSION_LASTS,
-            )
+    return renew_link(database, UNNAMED, now, "owner")
+
+
+def is_set_up_link(connection: Connection, secret: str, now: datetime) -> bool:
+    return bool(connection.scalar(select(exists().where(experimenter.c.name == UNNAMED, *_good_link(secret, now)))))
+
+
+def finish_set_up(connection: Connection, secret: str, name: str, password_hash: str, now: datetime) -> int | None:
+    """Make the owner of who has the set-up link; their id, or None if nobody has such a link. It ends."""
+    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
+    return connection.execute(
+        update(experimenter)
+        .where(experimenter.c.name == UNNAMED, *_good_link(secret, now))
+        .values(name=name, role="owner", password_hash=password_hash, **spent)
+        .returning(experimenter.c.id)
+    ).scalar_one_or_none()
+
+
+def experimenter_by_link(connection: Connection, secret: str, now: datetime) -> Experimenter | None:
+    """Who has this sign-in link; it holds until it expires, is renewed, or its owner has chosen a password."""
+    return _one(connection, experimenter.c.name != UNNAMED, *_good_link(secret, now))
+
+
+def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
+    """The id and the password's hash of who may sign in under a name."""
+    row = connection.execute(
+        select(experimenter.c.id, experimenter.c.password_hash).where(
+            experimenter.c.name == name, experimenter.c.password_hash.is_not(None), experimenter.c.disabled_at.is_(None)
         )
+    ).one_or_none()
+    return (row.id, row.password_hash) if row else None
+
+
+def set_password(connection: Connection, experimenter_id: int, password_hash: str) -> None:
+    """Keep a new password; the sign-in link and all sessions end."""
+    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
+    connection.execute(
+        update(experimenter).where(experimenter.c.id == experimenter_id).values(password_hash=password_hash, **spent)
+    )
+    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id == experimenter_id))
+
+
+def begin_experimenter_session(connection: Connection, experimenter_id: int, now: datetime) -> str:
+    """The token of a new session; sessions that are over are forgotten."""
+    token = new_secret()
+    connection.execute(delete(experimenter_session).where(experimenter_session.c.expires_at <= now))
+    connection.execute(
+        insert(experimenter_session).values(
+            experimenter_id=experimenter_id,
+            token_hash=digest(token),
+            form_token=new_secret(),
+            created_at=now,
+            rotated_at=now,
+            seen_at=now,
+            expires_at=now + SESSION_LASTS,
+        )
+    )
     return token
 
 
-def experimenter_by_token(connection: Connection, token: str, now: datetime) -> Experimenter | None:
-    row = connection.execute(
-        select(experimenter.c.id, experimenter.c.name)
-        .join(experimenter_session)
-        .where(experimenter_session.c.token_hash == digest(token), experimenter_session.c.expires_at > now)
+def open_session(database: Database, token: str, now: datetime) -> OpenSession | None:
+    """The session of a token, which is renewed when it has served its time; None if there is none."""
+    with database.reading() as connection:
+        row = _session_row(connection, token, now)
+        found = _one(connection, experimenter.c.id == row.experimenter_id) if row else None
+    if row is None or found is None or found.is_disabled:
+        return None
+    renewed = None
+    if row.token_hash == digest(token) and now - row.rotated_at > TOKEN_LASTS:
+        renewed = _renew_token(database, row.id, row.token_hash, now)
+    elif now - row.seen_at > SEEN_EVERY:
+        with database.writing() as connection:
+            connection.execute(
+                update(experimenter_session).where(experimenter_session.c.id == row.id).values(seen_at=now)
+            )
+    return OpenSession(found, row.form_token, renewed)
+
+
+def sign_out(connection: Connection, token: str) -> None:
+    connection.execute(delete(experimenter_session).where(_has_token(token)))
+
+
+def all_experimenters(connection: Connection) -> list[Experimenter]:
+    rows = connection.execute(
+        select(experimenter).where(experimenter.c.name != UNNAMED).order_by(func.lower(experimenter.c.name))
+    )
+    return [_experimenter(row) for row in rows]
+
+
+def set_role(connection: Connection, name: str, role: Role) -> None:
+    """Give somebody a role.
+
+    Raises
+    ------
+    ConflictError
+        If nobody would be left who is an owner.
+    """
+    connection.execute(update(experimenter).where(experimenter.c.name == name).values(role=role))
+    _refuse_to_lock_out(connection)
+
+
+def disable(connection: Connection, name: str, now: datetime) -> None:
+    """Let somebody in no more; their sessions end. A new link lets them in again.
+
+    Raises
+    ------
+    ConflictError
+        If nobody would be left who is an owner.
+    """
+    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
+    connection.execute(update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **spent))
+    own = select(experimenter.c.id).where(experimenter.c.name == name)
+    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(own)))
+    _refuse_to_lock_out(connection)
+
+
+def experimenter_named(connection: Connection, name: str) -> Experimenter | None:
+    return _one(connection, experimenter.c.name == name)
+
+
+def _refuse_to_lock_out(connection: Connection) -> None:
+    owners = exists().where(
+        experimenter.c.role == "owner", experimenter.c.disabled_at.is_(None), experimenter.c.name != UNNAMED
+    )
+    if not connection.scalar(select(owners)):
+        raise ConflictError("Nobody would be left who is an owner. Make somebody else an owner first.")
+
+
+def _session_row(connection: Connection, token: str, now: datetime) -> Row[Any] | None:
+    return connection.execute(
+        select(experimenter_session).where(
+            _has_token(token),
+            experimenter_session.c.expires_at > now,
+            experimenter_session.c.seen_at > now - IDLE_LASTS,
+            or_(
+                experimenter_session.c.token_hash == digest(token),
+                experimenter_session.c.rotated_at > now - OLD_TOKEN_LASTS,
+            ),
+        )
     ).one_or_none()
-    return Experimenter(row.id, row.name) if row else None
 
 
-def sign_out(database: Database, token: str) -> None:
+def _has_token(token: str) -> ColumnElement[bool]:
+    known = digest(token)
+    return or_(experimenter_session.c.token_hash == known, experimenter_session.c.previous_hash == known)
+
+
+def _renew_token(database: Database, session_id: int, token_hash: str, now: datetime) -> str | None:
+    """The session's new token; None if another request has just renewed it."""
+    token = new_secret()
+    values = {"token_hash": digest(token), "previous_hash": token_hash, "rotated_at": now, "seen_at": now}
     with database.writing() as connection:
-        connection.execute(delete(experimenter_session).where(experimenter_session.c.token_hash == digest(token)))
+        changed = connection.execute(
+            update(experimenter_session)
+            .where(experimenter_session.c.id == session_id, experimenter_session.c.token_hash == token_hash)
+            .values(**values)
+        )
+    return token if changed.rowcount else None
+
+
+def _good_link(secret: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
+    return (
+        experimenter.c.link_hash == digest(secret),
+        experimenter.c.link_expires_at > now,
+        experimenter.c.disabled_at.is_(None),
+    )
+
+
+def _one(connection: Connection, *conditions: ColumnElement[bool]) -> Experimenter | None:
+    row = connection.execute(select(experimenter).where(*conditions)).one_or_none()
+    return _experimenter(row) if row else None
+
+
+def _experimenter(row: Row[Any]) -> Experimenter:
+    return Experimenter(
+        row.id, row.name, row.role, row.password_hash is not None, row.disabled_at is not None, row.link_expires_at
+    )

@@ -14,7 +14,7 @@ from app.store.tables import invitation, participant, session
 
 @dataclass(frozen=True)
 class Invitation:
-    """A code that lets participants in; `places` is how many, None for as many as come."""
+    """A code that lets participants in; `places` is how many, None for as many as come, 0 for previews only."""
 
     id: int
     study_id: int
@@ -34,6 +34,15 @@ def insert_invitation(connection: Connection, study_id: int, places: int | None,
     return code
 
 
+def preview_invitation(connection: Connection, study_id: int, now: datetime) -> int:
+    """The invitation under which a study's previews stand; it has no places and lets nobody in."""
+    own = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
+    if (found := connection.scalar(select(invitation.c.id).where(own))) is not None:
+        return int(found)
+    code = insert_invitation(connection, study_id, 0, now)
+    return int(connection.execute(select(invitation.c.id).where(invitation.c.code == code)).scalar_one())
+
+
 def invitation_by_code(connection: Connection, code: str) -> Invitation | None:
     row = connection.execute(_invitations().where(invitation.c.code == code)).one_or_none()
     return Invitation(**row._mapping) if row else None
@@ -46,7 +55,8 @@ def invitation_of_session(connection: Connection, token: str) -> str | None:
 
 
 def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:
-    rows = connection.execute(_invitations().where(invitation.c.study_id == study_id).order_by(invitation.c.id))
+    own = (invitation.c.study_id == study_id) & invitation.c.places.is_distinct_from(0)
+    rows = connection.execute(_invitations().where(own).order_by(invitation.c.id))
     return [Invitation(**row._mapping) for row in rows]
 
 

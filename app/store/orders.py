@@ -56,7 +56,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
             assignment.c.role,
         )
         .join(participant)
-        .where(participant.c.study_id == of.id)
+        .where(participant.c.study_id == of.id, participant.c.is_preview.is_(False))
         .order_by(assignment.c.participant_id, assignment.c.position)
     ):
         planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
@@ -70,7 +70,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
     people = connection.execute(
         select(participant.c.id, participant.c.label, participant.c.order_slot, participant.c.released_at, state)
         .select_from(participant.join(session))
-        .where(participant.c.study_id == of.id)
+        .where(participant.c.study_id == of.id, participant.c.is_preview.is_(False))
         .order_by(participant.c.order_slot, participant.c.id)
     )
     return [

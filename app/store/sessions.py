@@ -12,9 +12,10 @@ from sqlalchemy import Connection, func, insert, select, update
 from app.errors import ConflictError, ForbiddenError, GoneError
 from app.store.designs import planned_pairs
 from app.store.engine import Database
-from app.store.invitations import Invitation, invitation_by_code
+from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
 from app.store.orders import take_order_slot
+from app.store.participants import forget_preview_votes
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
@@ -115,11 +116,28 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
 def _admit(connection: Connection, invitation: Invitation, token: str, key: str | None, now: datetime) -> None:
     of = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
     current = invitation_by_code(connection, invitation.code)
-    if of.state == "closed":
+    study_now = Study(**of._mapping)
+    if study_now.standing == "paused":
+        raise ForbiddenError("This study pauses. Please come back later.")
+    if study_now.standing != "open":
         raise ForbiddenError("This study is closed. Thank you for your interest.")
     if current is None or current.is_used:
         raise GoneError("This invitation has been used. Please ask for a new one.")
-    _insert_session(connection, Study(**of._mapping), invitation.id, token, key, now)
+    _insert_session(connection, study_now, invitation.id, token, key, now)
+
+
+def begin_preview(database: Database, of: Study, now: datetime) -> str:
+    """Let an experimenter walk through a study: a session that counts nowhere. Earlier previews are forgotten.
+
+    Returns
+    -------
+    The session's token.
+    """
+    token = new_secret()
+    with database.writing() as connection:
+        forget_preview_votes(connection, of.id)
+        _insert_session(connection, of, preview_invitation(connection, of.id, now), token, None, now, is_preview=True)
+    return token
 
 
 def session_by_token(connection: Connection, token: str) -> Session | None:
@@ -194,14 +212,29 @@ def enter_stage(connection: Connection, session_id: int, stage: str, now: dateti
 
 
 def _insert_session(
-    connection: Connection, of: Study, invitation_id: int, token: str, key: str | None, now: datetime
+    connection: Connection,
+    of: Study,
+    invitation_id: int,
+    token: str,
+    key: str | None,
+    now: datetime,
+    *,
+    is_preview: bool = False,
 ) -> None:
-    slots = select(func.coalesce(func.max(participant.c.slot), -1) + 1).where(participant.c.study_id == of.id)
-    slot = int(connection.execute(slots).scalar_one())
-    order_slot = take_order_slot(connection, of, now)
-    person = {"study_id": of.id, "invitation_id": invitation_id, "slot": slot, "label": f"P{slot + 1:03d}"}
+    slot = _next_slot(connection, of.id, is_preview=is_preview)
+    label = f"preview{-slot}" if is_preview else f"P{slot + 1:03d}"
+    order_slot = slot if is_preview else take_order_slot(connection, of, now)
+    person = {
+        "study_id": of.id,
+        "invitation_id": invitation_id,
+        "slot": slot,
+        "label": label,
+        "order_slot": order_slot,
+        "is_preview": is_preview,
+        "released_at": now if is_preview else None,  # a preview holds nobody's order
+    }
     participant_id = connection.execute(
-        insert(participant).values(**person, order_slot=order_slot, created_at=now).returning(participant.c.id)
+        insert(participant).values(**person, created_at=now).returning(participant.c.id)
     ).scalar_one()
     secrets = {
         "token_hash": digest(token),
@@ -216,9 +249,18 @@ def _insert_session(
     _insert_trials(connection, of, order_slot, participant_id, session_id)
 
 
+def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> int:
+    """0, 1, 2, … for participants; previews go the other way, so that they take nobody's order."""
+    own = select(func.max(participant.c.slot), func.min(participant.c.slot)).where(participant.c.study_id == study_id)
+    highest, lowest = connection.execute(own).one()
+    if is_preview:
+        return min(lowest or 0, 0) - 1
+    return max(-1 if highest is None else int(highest), -1) + 1
+
+
 def _insert_trials(connection: Connection, of: Study, slot: int, participant_id: int, session_id: int) -> None:
     repetition = parse_options(of.options).repetition
-    order = participant_order(planned_pairs(connection, of.id), of.seed, slot, repetition)
+    order = participant_order(planned_pairs(connection, of.id), of.seed, abs(slot), repetition)
     rows = [
         {
             "participant_id": participant_id,

@@ -9,10 +9,12 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, Row, Select, exists, func, insert, select, update
 
+from app.errors import ConflictError
 from app.store.tables import condition, dataset, pair, participant, session, study, vote
 from app.study.stages import FINISHED
 
-State = Literal["open", "closed"]
+Standing = Literal["open", "paused", "closed", "archived"]
+STANDINGS: tuple[Standing, ...] = ("open", "paused", "closed", "archived")
 
 
 @dataclass(frozen=True)
@@ -22,13 +24,25 @@ class Study:
     id: int
     slug: str
     name: str
-    state: State
+    state: Literal["open", "closed"]
     exposure_s: float
     seed: int
     factors: Mapping[str, Sequence[str]]
     options: Mapping[str, Any]
     manifest_sha256: str
     created_at: datetime
+    paused_at: datetime | None
+    archived_at: datetime | None
+    revision: int
+
+    @property
+    def standing(self) -> Standing:
+        """Open: people may begin; paused: not now; closed: nobody new; archived: closed and out of the way."""
+        if self.archived_at is not None:
+            return "archived"
+        if self.state == "closed":
+            return "closed"
+        return "open" if self.paused_at is None else "paused"
 
 
 @dataclass(frozen=True)
@@ -66,12 +80,36 @@ def all_studies(connection: Connection) -> list[Study]:
     return [Study(**row._mapping) for row in rows]
 
 
-def set_state(connection: Connection, study_id: int, state: State) -> None:
-    connection.execute(update(study).where(study.c.id == study_id).values(state=state))
+def set_standing(connection: Connection, study_id: int, standing: Standing, now: datetime) -> None:
+    values = {
+        "state": "open" if standing in ("open", "paused") else "closed",
+        "paused_at": now if standing == "paused" else None,
+        "archived_at": now if standing == "archived" else None,
+    }
+    connection.execute(update(study).where(study.c.id == study_id).values(**values))
+
+
+def edit_study(connection: Connection, study_id: int, seen_revision: int, values: Mapping[str, Any]) -> None:
+    """Change columns of a study that stands as its editor saw it.
+
+    Raises
+    ------
+    ConflictError
+        If somebody else has changed it meanwhile.
+    """
+    changed = connection.execute(
+        update(study)
+        .where(study.c.id == study_id, study.c.revision == seen_revision)
+        .values(**values, revision=seen_revision + 1)
+    )
+    if not changed.rowcount:
+        raise ConflictError(
+            "Somebody else has changed this study meanwhile. Look at it again, then repeat your change."
+        )
 
 
 def progress_of(connection: Connection, study_id: int) -> Progress:
-    own = participant.c.study_id == study_id
+    own = (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
     sessions = select(func.count()).select_from(session.join(participant)).where(own)
     counts = select(
         _count(select(func.count()).where(dataset.c.study_id == study_id)).label("n_datasets"),

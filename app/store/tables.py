@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import (
     JSON,
     BigInteger,
+    Boolean,
     CheckConstraint,
     Column,
     DateTime,
@@ -21,6 +22,7 @@ from sqlalchemy import (
     Table,
     TypeDecorator,
     UniqueConstraint,
+    false,
 )
 
 
@@ -82,6 +84,9 @@ study = Table(
     _required("options", JSON, server_default="{}"),
     _digest("manifest_sha256"),
     _required("created_at", UtcDateTime),
+    Column("paused_at", UtcDateTime),  # NULL: it does not pause
+    Column("archived_at", UtcDateTime),  # NULL: it is not put away
+    _required("revision", Integer, server_default="1"),  # counts edits, so that two editors notice each other
     CheckConstraint("state in ('open', 'closed')", name="state"),
     CheckConstraint("exposure_s > 0", name="exposure"),
 )
@@ -179,6 +184,8 @@ participant = Table(
     Column("released_at", UtcDateTime),  # when somebody else got this order; NULL: it is held
     _required("label", String(40)),
     _required("created_at", UtcDateTime),
+    _required("is_preview", Boolean, server_default=false()),  # an experimenter's look; it counts nowhere
+    Column("erased_at", UtcDateTime),  # NULL: what was given is still there
     UniqueConstraint("study_id", "slot"),
     UniqueConstraint("study_id", "label"),
 )
@@ -268,12 +275,28 @@ vote = Table(
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 
+exclusion = Table(
+    "exclusion",
+    metadata,
+    _id(),
+    _reference("participant"),
+    _required("reason", String(500)),
+    _required("excluded_by", String(120)),
+    _required("excluded_at", UtcDateTime),
+    Column("undone_by", String(120)),
+    Column("undone_at", UtcDateTime),  # NULL: it holds
+)
+
 experimenter = Table(
     "experimenter",
     metadata,
     _id(),
     _required("name", String(100), unique=True),
+    _required("role", String(12), server_default="owner"),
+    Column("password_hash", String(200)),  # NULL: none chosen yet
     _digest("link_hash", unique=True),
+    Column("link_expires_at", UtcDateTime),  # NULL: the link is of no use
+    Column("disabled_at", UtcDateTime),
     _required("created_at", UtcDateTime),
 )
 
@@ -283,7 +306,11 @@ experimenter_session = Table(
     _id(),
     _reference("experimenter"),
     _digest("token_hash", unique=True),
+    Column("previous_hash", String(64), index=True),  # of the token before, which lives on for a moment
     _required("created_at", UtcDateTime),
+    Column("rotated_at", UtcDateTime),
+    Column("seen_at", UtcDateTime),
+    Column("form_token", String(64)),  # what every form of this session must carry
     _required("expires_at", UtcDateTime),
 )
 
@@ -295,4 +322,36 @@ api_token = Table(
     _digest("token_hash", unique=True),
     _required("scopes", JSON),
     _required("created_at", UtcDateTime),
+    Column("created_by", String(120)),
+    Column("expires_at", UtcDateTime),  # NULL: until it is revoked
+    Column("revoked_at", UtcDateTime),
+)
+
+audit_entry = Table(
+    "audit_entry",
+    metadata,
+    _id(),
+    _required("at", UtcDateTime),
+    _required("actor", String(120)),
+    _required("action", String(60)),
+    Column("study_id", ForeignKey("study.id"), index=True),  # NULL: of no study
+    _required("subject", String(200)),
+    _required("detail", JSON),
+)
+
+job = Table(
+    "job",
+    metadata,
+    _id(),
+    _required("public_id", String(32), unique=True),
+    _required("actor", String(120)),
+    _required("title", String(300)),
+    _required("state", String(8)),
+    _required("done", Integer),
+    _required("total", Integer),
+    _required("detail", String(500)),
+    Column("result", String(200)),  # where to go when it is done
+    _required("started_at", UtcDateTime),
+    _required("beat_at", UtcDateTime),  # when it last told that it lives
+    CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )

@@ -16,6 +16,7 @@ from app.store.tables import (
     assignment,
     condition,
     dataset,
+    exclusion,
     pair,
     participant,
     session,
@@ -135,7 +136,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     ----------
     session_id : the public id of one session; None for all
     """
-    query = _records().where(participant.c.study_id == study_id)
+    query = _records().where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
     for row in connection.execute(query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)):
@@ -161,6 +162,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
             "n_switches": row.n_switches,
             "viewing": row.viewing if row.voided_at is None else row.void_viewing,
             "withdrawn": row.withdrawn_at is not None,
+            "exclusion": row.exclusion,
         }
 
 
@@ -185,6 +187,7 @@ def _records() -> Select[Any]:
             trial.c.void_reason,
             trial.c.void_viewing,
             session.c.withdrawn_at,
+            exclusion.c.reason.label("exclusion"),
             vote.c.received_at,
             vote.c.choice,
             vote.c.shown_ms,
@@ -203,4 +206,5 @@ def _records() -> Select[Any]:
         .join(top_condition, top.c.condition_id == top_condition.c.id)
         .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
         .outerjoin(vote, vote.c.trial_id == trial.c.id)
+        .outerjoin(exclusion, (exclusion.c.participant_id == participant.c.id) & exclusion.c.undone_at.is_(None))
     )

@@ -85,8 +85,8 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "trial": record["trial"],
                 "response_ms": record["response_ms"],
                 "practice": False,
-                "excluded": record["withdrawn"],
-                "reason": "withdrawn" if record["withdrawn"] else "",
+                "excluded": record["withdrawn"] or record["exclusion"] is not None,
+                "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
                 "role": record["role"],
             }
 

@@ -12,10 +12,11 @@ from fastapi.responses import JSONResponse, Response
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database
 from app.store.studies import Study, all_studies, progress_of
+from app.store.tokens import READ
 from app.store.trials import trial_records
 from app.store.votes import vote_records
 from app.web.answers import ChosenFormat, flattened, table
-from app.web.gates import AStudy, Store, analyst
+from app.web.gates import AStudy, Store, may_read
 from app.web.results import analysis_of
 
 VOTES = (
@@ -100,7 +101,7 @@ EMPTY_ANALYSIS: dict[str, Any] = {
 }
 CSV_TOO: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 
-router = APIRouter(prefix="/api/v1", tags=["results"], dependencies=[Depends(analyst)])
+router = APIRouter(prefix="/api/v1", tags=["results"], dependencies=[Depends(may_read(READ))])
 
 
 @router.get("/studies", responses=CSV_TOO)
@@ -180,7 +181,7 @@ def _summary(database: Database, of: Study) -> dict[str, Any]:
     return {
         "slug": of.slug,
         "name": of.name,
-        "state": of.state,
+        "state": of.standing,
         "exposure_s": of.exposure_s,
         "created_at": of.created_at.isoformat(),
         **asdict(progress),

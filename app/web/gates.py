@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from secrets import compare_digest
 from typing import Annotated, Literal
 
-from fastapi import Depends, Request
+from fastapi import Depends, Form, Header, Request
+from limits import RateLimitItemPerMinute
 
-from app.errors import NoSessionError, NotFoundError, UnauthorisedError
+from app.errors import ForbiddenError, NoSessionError, NotFoundError, UnauthorisedError
 from app.settings import Settings
+from app.store.audit import Actor, Entry, record_alone
 from app.store.engine import Database
-from app.store.experimenters import Experimenter, experimenter_by_token
+from app.store.experimenters import Experimenter, Role, open_session
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
-from app.store.tokens import READ, scopes_of
+from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
 from app.study.options import StudyOptions, parse_options
+from app.web.throttle import WRONG_CODES, Throttle
 
 PARTICIPANT_COOKIE = "session"
 EXPERIMENTER_COOKIE = "experimenter"
+SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
+    "viewer": (READ,),
+    "experimenter": (READ, PERSONAL, AUDIT),
+    "owner": (READ, PERSONAL, AUDIT),
+}
 
 
 @dataclass(frozen=True)
@@ -29,7 +39,7 @@ class Entrance:
 
     slug: str
     title: str
-    state: Literal["open", "mine", "used", "closed"]
+    state: Literal["open", "mine", "used", "paused", "closed"]
     is_shared: bool  # another participant may begin with it now
     options: StudyOptions
 
@@ -50,6 +60,16 @@ def database(request: Request) -> Database:
 def settings(request: Request) -> Settings:
     found: Settings = request.app.state.settings
     return found
+
+
+def throttle(request: Request) -> Throttle:
+    found: Throttle = request.app.state.throttle
+    return found
+
+
+def address(request: Request) -> str:
+    """Where a request comes from, to count by; it is kept nowhere."""
+    return request.client.host if request.client else "unknown"
 
 
 def is_secure(request: Request) -> bool:
@@ -79,26 +99,108 @@ def participant(request: Request, token: Annotated[str, Depends(participant_toke
     return SignedIn(session, token)
 
 
-def analyst(request: Request) -> None:
-    """A bearer token that may read, or an experimenter's cookie."""
-    token = _bearer(request)
-    if token is None:
-        experimenter(request)
-        return
-    with database(request).reading() as connection:
-        scopes = scopes_of(connection, token)
-    if scopes is None or READ not in scopes:
-        raise UnauthorisedError("This token is not known here, or may not read results.")
+@dataclass(frozen=True)
+class Reader:
+    """Who reads results: the bearer of a token, or a signed-in experimenter."""
+
+    name: str
+    scopes: tuple[str, ...]
+
+
+def reader(request: Request) -> Reader:
+    """Who asks, by a bearer token or an experimenter's cookie; not too often."""
+    secret = _bearer(request)
+    if secret is None:
+        person = experimenter(request)
+        found = Reader(person.name, SCOPES_OF_ROLE[person.role])
+    else:
+        with database(request).reading() as connection:
+            token = token_by_secret(connection, secret, now(request))
+        if token is None:
+            raise UnauthorisedError("This token is not known here, has expired or was revoked.")
+        found = Reader(f"token {token.name}", token.scopes)
+    limit = RateLimitItemPerMinute(settings(request).api_requests_per_minute)
+    throttle(request).count(limit, "api", found.name)
+    return found
+
+
+def may_read(scope: str) -> Callable[[Request], Reader]:
+    """The gate for those who have a scope."""
+
+    def gate(request: Request) -> Reader:
+        found = reader(request)
+        if scope not in found.scopes:
+            raise ForbiddenError(f"This takes the scope {scope}; yours are {', '.join(found.scopes)}.")
+        return found
+
+    return gate
 
 
 def experimenter(request: Request) -> Experimenter:
-    """The experimenter who is signed in by cookie."""
+    """The experimenter who is signed in by cookie, whatever their role."""
+    if (known := getattr(request.state, "person", None)) is not None:  # several gates of one request ask
+        person: Experimenter = known
+        return person
     token = request.cookies.get(EXPERIMENTER_COOKIE)
-    with database(request).reading() as connection:
-        found = experimenter_by_token(connection, token, now(request)) if token else None
+    found = open_session(database(request), token, now(request)) if token else None
     if found is None:
-        raise UnauthorisedError("You are not signed in. Open the sign-in link that `reconstudy admin add NAME` prints.")
-    return found
+        raise UnauthorisedError(
+            "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
+        )
+    request.state.person = found.experimenter
+    request.state.form_token = found.form_token
+    if found.renewed:
+        request.state.renewed_token = found.renewed
+    return found.experimenter
+
+
+def looking(role: Role) -> Callable[[Request], Experimenter]:
+    """The gate of a page that takes a role."""
+
+    def gate(request: Request) -> Experimenter:
+        return _with_role(request, role)
+
+    return gate
+
+
+def acting(role: Role) -> Callable[..., Actor]:
+    """The gate of a form that takes a role: who sends it must have been given it."""
+
+    def gate(
+        request: Request,
+        form_token: Annotated[str, Form(max_length=100)] = "",
+        header: Annotated[str, Header(alias="X-CSRF-Token", max_length=100)] = "",
+    ) -> Actor:
+        return _acting(request, role, form_token or header)
+
+    return gate
+
+
+def acting_by_header(role: Role) -> Callable[..., Actor]:
+    """The gate of a request whose body is a file: the form's token comes in a header."""
+
+    def gate(request: Request, header: Annotated[str, Header(alias="X-CSRF-Token", max_length=100)] = "") -> Actor:
+        return _acting(request, role, header)
+
+    return gate
+
+
+def _acting(request: Request, role: Role, form_token: str) -> Actor:
+    person = _with_role(request, role)
+    if not compare_digest(form_token.encode(), request.state.form_token.encode()):
+        entry = Entry("form refused", subject=request.url.path)
+        record_alone(database(request), person.name, entry, now(request))
+        raise ForbiddenError("This form is out of date. Load the page again, then repeat your change.")
+    return Actor(person.id, person.name, now(request))
+
+
+def _with_role(request: Request, role: Role) -> Experimenter:
+    person = experimenter(request)
+    if not person.may(role):
+        entry = Entry("access refused", subject=request.url.path, detail={"role": person.role, "needed": role})
+        record_alone(database(request), person.name, entry, now(request))
+        raise ForbiddenError(f"This takes the role {role}; yours is {person.role}. An owner can change it.")
+    return person
 
 
 def study_called(request: Request, slug: str) -> Study:
@@ -109,12 +211,14 @@ def study_called(request: Request, slug: str) -> Study:
     return found
 
 
-def invitation_to(database: Database, slug: str, code: str) -> Invitation:
-    """The invitation with this code, if it is one to this study."""
-    with database.reading() as connection:
+def invitation_to(request: Request, slug: str, code: str) -> Invitation:
+    """The invitation with this code, if it is one to this study; who guesses codes is slowed down."""
+    throttle(request).check(WRONG_CODES, address(request))
+    with database(request).reading() as connection:
         invitation = invitation_by_code(connection, code)
         study = study_by_id(connection, invitation.study_id) if invitation else None
     if invitation is None or study is None or study.slug != slug:
+        throttle(request).count(WRONG_CODES, address(request))
         raise NotFoundError("There is no such invitation. Please check the code.")
     return invitation
 
@@ -128,12 +232,12 @@ def entrance(request: Request, code: str) -> Entrance | None:
         session = session_by_token(connection, token) if token else None
     if invitation is None or study is None:
         return None
-    state: Literal["open", "mine", "used", "closed"] = "used" if invitation.is_used else "open"
+    state: Literal["open", "mine", "used", "paused", "closed"] = "used" if invitation.is_used else "open"
     if session is not None and session.invitation_id == invitation.id:
         state = "mine"
-    elif study.state == "closed":
-        state = "closed"
-    is_shared = study.state == "open" and not invitation.is_used
+    elif study.standing != "open":
+        state = "paused" if study.standing == "paused" else "closed"
+    is_shared = study.standing == "open" and not invitation.is_used
     return Entrance(study.slug, study.name, state, is_shared, parse_options(study.options))
 
 
@@ -161,4 +265,9 @@ Votes = Annotated[VoteWriter, Depends(_votes)]
 ParticipantToken = Annotated[str, Depends(participant_token)]
 Participant = Annotated[SignedIn, Depends(participant)]
 Person = Annotated[Experimenter, Depends(experimenter)]
+Looking = Annotated[Experimenter, Depends(looking("experimenter"))]
+Owner = Annotated[Experimenter, Depends(looking("owner"))]
+Myself = Annotated[Actor, Depends(acting("viewer"))]
+Acting = Annotated[Actor, Depends(acting("experimenter"))]
+ActingOwner = Annotated[Actor, Depends(acting("owner"))]
 AStudy = Annotated[Study, Depends(study_called)]

@@ -16,13 +16,14 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
-from app.web.gates import Store, entrance
+from app.web.gates import Store, address, entrance, throttle
 from app.web.participant import remember
+from app.web.throttle import WRONG_CODES
 
 TEXTS = Path(__file__).parents[2] / "templates" / "participant" / "texts"
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
-STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "closed": 403}
+STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "paused": 403, "closed": 403}
 
 router = APIRouter(include_in_schema=False)
 
@@ -36,8 +37,11 @@ def entrance_page(request: Request, code: str = "") -> Response:
 
 @router.get("/s/{code}")
 def participant_page(request: Request, code: str) -> Response:
+    throttle(request).check(WRONG_CODES, address(request))
     found = entrance(request, code)
     state = found.state if found else "unknown"
+    if found is None:
+        throttle(request).count(WRONG_CODES, address(request))
     if found is None or state in STATUS_OF_MESSAGE:
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
     return _page(request, "participant/study.html", study=found, code=code)
@@ -46,8 +50,10 @@ def participant_page(request: Request, code: str) -> Response:
 @router.post("/resume")
 def resume_elsewhere(request: Request, resume_code: Annotated[str, Form(max_length=40)], database: Store) -> Response:
     """Go on in this browser with a session that began in another one."""
+    throttle(request).check(WRONG_CODES, address(request))
     token = resume_session(database, resume_code.strip().lower())
     if token is None:
+        throttle(request).count(WRONG_CODES, address(request))
         message = "unknown_resume_code"
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message)
     with database.reading() as connection:

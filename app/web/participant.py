@@ -28,7 +28,8 @@ from app.store.sessions import (
 from app.study.comprehension import is_understood
 from app.study.stage_data import InvalidStageError, check_stage_data
 from app.study.stages import TRIAL, IllegalMoveError
-from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, invitation_to, is_secure
+from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
+from app.web.throttle import WRONG_CODES
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
 LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
@@ -120,7 +121,7 @@ def begin(
 
     With a key, a request whose answer was lost may be sent again: 200 with the same session.
     """
-    invitation = invitation_to(database, slug, admission.invitation)
+    invitation = invitation_to(request, slug, admission.invitation)
     if admission.key is None:
         return _opened(request, response, database, begin_session(database, invitation, now), now)
     admitted = begin_session_once(database, invitation, admission.key, now)
@@ -133,8 +134,10 @@ def resume(
     resumption: Resumption, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
     """Go on with a session in another browser; the session's older token and resume code end."""
+    throttle(request).check(WRONG_CODES, address(request))
     token = resume_session(database, resumption.resume_code)
     if token is None:
+        throttle(request).count(WRONG_CODES, address(request))
         raise NotFoundError("There is no session with this code. Please check it.")
     return _opened(request, response, database, token, now)
 

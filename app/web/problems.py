@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import StudyError, UnavailableError
+from app.errors import StudyError, TooManyError, UnavailableError
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ class UnforeseenErrors:
 def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
-    if isinstance(error, UnavailableError):
+    if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)
     return _answer(request, error.status, error.detail, headers)
 
@@ -81,19 +81,30 @@ def _http_error(request: Request, error: Exception) -> Response:
     return _answer(request, error.status_code, SENTENCES.get(error.status_code, str(error.detail)), error.headers)
 
 
-def _validation_error(_request: Request, error: Exception) -> Response:
+def _validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     faults = [{"at": ".".join(map(str, fault["loc"])), "message": fault["msg"]} for fault in error.errors()]
     where = f"{faults[0]['at']}: {faults[0]['message']}" if faults else "unreadable"
-    return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
+    if not _is_page(request):
+        return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
+    return _answer(request, 422, f"The form is not as expected: {where}.")
+
+
+def _is_page(request: Request) -> bool:
+    """Whether a person reads the answer."""
+    return not request.url.path.startswith(PROGRAMS) and "text/html" in request.headers.get("accept", "")
 
 
 def _answer(request: Request, status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
-    is_page = not request.url.path.startswith(PROGRAMS) and "text/html" in request.headers.get("accept", "")
-    if not is_page:
+    if not _is_page(request):
         return problem(status, detail, headers=headers)
     context = {"title": HTTPStatus(status).phrase, "detail": detail}
+    is_stranger = status == 401 and request.url.path.startswith("/admin")
     page: Response = request.app.state.templates.TemplateResponse(
-        request, "admin/problem.html", context, status_code=status, headers=dict(headers or {})
+        request,
+        "admin/sign_in.html" if is_stranger else "admin/problem.html",
+        context,
+        status_code=status,
+        headers=dict(headers or {}),
     )
     return page

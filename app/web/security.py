@@ -6,8 +6,11 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.store.experimenters import SESSION_LASTS
+from app.web.gates import EXPERIMENTER_COOKIE
 from app.web.problems import problem
 
 POLICY = "; ".join(
@@ -29,6 +32,7 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
+UPLOAD_PATH = "/admin/stimuli/upload"
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
@@ -36,14 +40,15 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 class SecurityHeaders:
     """Security headers on every answer; what does not say how long it may be kept is not kept."""
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, is_https: bool = False) -> None:
         self.app = app
+        self.headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else HEADERS
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                for name, value in HEADERS.items():
+                for name, value in self.headers.items():
                     headers.setdefault(name, value)
                 headers.setdefault("Cache-Control", "no-cache" if scope["path"].startswith("/static/") else "no-store")
             await send(message)
@@ -72,14 +77,39 @@ def is_foreign(headers: Headers) -> bool:
     return origin is not None and urlsplit(origin).netloc != headers.get("host")
 
 
+class RenewedSession:
+    """Give a browser the new token of its experimenter's session, where a gate has renewed it."""
+
+    def __init__(self, app: ASGIApp, is_https: bool = False) -> None:
+        self.app = app
+        self.is_https = is_https
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def with_cookie(message: Message) -> None:
+            token = scope.get("state", {}).get("renewed_token")
+            if message["type"] == "http.response.start" and token is not None:
+                answer = Response()
+                set_experimenter_cookie(answer, token, is_https=self.is_https or scope["scheme"] == "https")
+                MutableHeaders(scope=message).append("Set-Cookie", answer.headers["set-cookie"])
+            await send(message)
+
+        await self.app(scope, receive, with_cookie if scope["type"] == "http" else send)
+
+
+def set_experimenter_cookie(answer: Response, token: str, *, is_https: bool) -> None:
+    """Let a browser hold a session's token where no script can read it."""
+    lasts_s = int(SESSION_LASTS.total_seconds())
+    answer.set_cookie(EXPERIMENTER_COOKIE, token, max_age=lasts_s, httponly=True, samesite="lax", secure=is_https)
+
+
 class BodyLimit:
-    """Refuse bodies that no honest client sends, before they fill the memory."""
+    """Refuse bodies that no honest client sends, before they fill the memory; uploads are limited where they arrive."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
+        if scope["type"] != "http" or scope["path"] == UPLOAD_PATH:
             await self.app(scope, receive, send)
             return
         n_received = 0

@@ -22,7 +22,7 @@ from app.store.sessions import (
     resume_session,
     session_by_token,
 )
-from app.store.studies import set_state
+from app.store.studies import set_standing
 from app.store.tables import assignment, participant, session, stage_record
 from app.study.design import participant_order
 
@@ -89,7 +89,7 @@ def test_a_closed_study_lets_nobody_in(
 ) -> None:
     invitation = invite(None)
     with database.writing() as connection:
-        set_state(connection, study_id, "closed")
+        set_standing(connection, study_id, "closed", now)
     with pytest.raises(ForbiddenError):
         begin_session(database, invitation, now)
 

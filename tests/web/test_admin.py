@@ -7,6 +7,7 @@ from typing import Any
 
 import httpx
 import pytest
+from dashboard import Dashboard, signed_in
 
 from app import operate
 from app.settings import Settings
@@ -15,10 +16,9 @@ from app.web.admin.results_view import decimal, p_value
 
 
 @pytest.fixture
-def experimenter(server: str, settings: Settings) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=server, timeout=60, follow_redirects=True, headers={"Accept": "text/html"}) as client:
-        client.get(operate.add_experimenter(settings, "Ann Example")["path"])
-        yield client
+def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
+    with signed_in(server, settings, "Ann Example") as dashboard:
+        yield dashboard
 
 
 @pytest.fixture(scope="module")
@@ -55,19 +55,19 @@ def test_nobody_sees_the_pages_without_signing_in(client: httpx.Client, study: d
     assert client.post(f"{results}/state", data={"state": "closed"}).status_code == 401
 
 
-def test_signing_out_ends_the_session(experimenter: httpx.Client) -> None:
+def test_signing_out_ends_the_session(experimenter: Dashboard) -> None:
     cookie = experimenter.cookies["experimenter"]
-    assert experimenter.post("/admin/logout").status_code == 200
+    assert experimenter.act("/admin/logout").status_code == 200
     assert experimenter.get("/admin", headers={"Cookie": f"experimenter={cookie}"}).status_code == 401
 
 
-def test_all_studies_are_listed_with_their_invitations(experimenter: httpx.Client, study: dict[str, Any]) -> None:
+def test_all_studies_are_listed_with_their_invitations(experimenter: Dashboard, study: dict[str, Any]) -> None:
     page = experimenter.get("/admin").text
     assert study["name"] in page
     assert f"{experimenter.base_url}/s/{study['invitation']}".replace("//s/", "/s/") in page
 
 
-def test_results_show_scores_triads_and_downloads(experimenter: httpx.Client, taken: dict[str, Any]) -> None:
+def test_results_show_scores_triads_and_downloads(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     page = experimenter.get(f"/admin/studies/{taken['slug']}").text
     assert "Circular triads" in page
     assert "P003" in page
@@ -78,7 +78,7 @@ def test_results_show_scores_triads_and_downloads(experimenter: httpx.Client, ta
 
 @pytest.mark.parametrize("comparison", ["all", "depth"])
 def test_the_plot_is_an_image_that_names_the_items(
-    experimenter: httpx.Client, taken: dict[str, Any], comparison: str
+    experimenter: Dashboard, taken: dict[str, Any], comparison: str
 ) -> None:
     answer = experimenter.get(f"/admin/studies/{taken['slug']}/scores/{comparison}.svg")
     assert answer.headers["content-type"] == "image/svg+xml"
@@ -86,35 +86,35 @@ def test_the_plot_is_an_image_that_names_the_items(
     assert ("pm_fb" if comparison == "all" else "pm") in answer.text
 
 
-def test_there_is_no_plot_of_nothing(experimenter: httpx.Client, taken: dict[str, Any]) -> None:
+def test_there_is_no_plot_of_nothing(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     for path in (f"{taken['slug']}/scores/holiday.svg", "unknown/scores/all.svg"):
         assert experimenter.get(f"/admin/studies/{path}").status_code == 404
 
 
-def test_a_study_without_votes_says_so(experimenter: httpx.Client, new_study: Callable[[], dict[str, Any]]) -> None:
+def test_a_study_without_votes_says_so(experimenter: Dashboard, new_study: Callable[[], dict[str, Any]]) -> None:
     assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}").text
 
 
 def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(
-    experimenter: httpx.Client, client: httpx.Client, new_study: Callable[[], dict[str, Any]]
+    experimenter: Dashboard, client: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:
     study = new_study()
     change = f"/admin/studies/{study['slug']}/state"
     begin = f"/api/v1/studies/{study['slug']}/sessions"
-    assert "Open again" in experimenter.post(change, data={"state": "closed"}).text
+    assert "Open again" in experimenter.act(change, state="closed").text
     assert client.post(begin, json={"invitation": study["invitation"]}).status_code == 403
     assert client.get(f"/s/{study['invitation']}").status_code == 403
-    experimenter.post(change, data={"state": "open"})
+    experimenter.act(change, state="open")
     assert client.post(begin, json={"invitation": study["invitation"]}).status_code == 201
 
 
-def test_another_site_cannot_close_a_study(experimenter: httpx.Client, study: dict[str, Any]) -> None:
+def test_another_site_cannot_close_a_study(experimenter: Dashboard, study: dict[str, Any]) -> None:
     foreign = {"Origin": "http://elsewhere.example"}
     answer = experimenter.post(f"/admin/studies/{study['slug']}/state", data={"state": "closed"}, headers=foreign)
     assert answer.status_code == 403
 
 
-def test_names_are_escaped(experimenter: httpx.Client, settings: Settings, stimulus_set: Any) -> None:
+def test_names_are_escaped(experimenter: Dashboard, settings: Settings, stimulus_set: Any) -> None:
     operate.create_study(settings, stimulus_set, "<script>alert(1)</script> study")
     page = experimenter.get("/admin").text
     assert "<script>" not in page

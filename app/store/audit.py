@@ -1,0 +1,94 @@
+"""The audit log: who did what, when. Entries are added with the change that they tell of, and never altered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Select, insert, or_, select
+
+from app.store.engine import Database
+from app.store.studies import Study
+from app.store.tables import audit_entry
+from app.store.tables import study as study_table
+
+COMMAND_LINE = "command line"
+STRANGER = "stranger"
+LONGEST_SUBJECT = 200
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What was done, and to what.
+
+    Parameters
+    ----------
+    action : in a few words, for example "study paused"
+    subject : whom or what it was done to, for example a participant's label
+    detail : what an auditor would want to know beyond that; nothing secret
+    """
+
+    action: str
+    study_id: int | None = None
+    subject: str = ""
+    detail: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Actor:
+    """An experimenter who changes something now, and notes it in the transaction of the change."""
+
+    id: int
+    name: str
+    now: datetime
+
+    def note(
+        self, connection: Connection, action: str, study: Study | None = None, subject: str = "", **detail: object
+    ) -> None:
+        record(connection, self.name, Entry(action, study.id if study else None, subject, detail), self.now)
+
+
+def record(connection: Connection, actor: str, entry: Entry, now: datetime) -> None:
+    """Add an entry to the log, in the transaction of the change."""
+    values = {
+        "at": now,
+        "actor": actor,
+        "action": entry.action,
+        "study_id": entry.study_id,
+        "subject": entry.subject[:LONGEST_SUBJECT],
+        "detail": dict(entry.detail),
+    }
+    connection.execute(insert(audit_entry).values(**values))
+
+
+def record_alone(database: Database, actor: str, entry: Entry, now: datetime) -> None:
+    """Add an entry that belongs to no change, for example a refusal."""
+    with database.writing() as connection:
+        record(connection, actor, entry, now)
+
+
+def audit_records(
+    connection: Connection, *, study_id: int | None = None, search: str = "", limit: int | None = None, offset: int = 0
+) -> list[dict[str, Any]]:
+    """Entries, the newest first.
+
+    Parameters
+    ----------
+    study_id : None: of everything
+    search : a part of the actor, action or subject
+    """
+    rows = _entries().order_by(audit_entry.c.id.desc()).limit(limit).offset(offset)
+    if study_id is not None:
+        rows = rows.where(audit_entry.c.study_id == study_id)
+    if search:
+        columns = (audit_entry.c.actor, audit_entry.c.action, audit_entry.c.subject)
+        rows = rows.where(or_(*(column.icontains(search, autoescape=True) for column in columns)))
+    return [dict(row._mapping) for row in connection.execute(rows)]
+
+
+def _entries() -> Select[Any]:
+    columns = (audit_entry.c.id.label("entry"), audit_entry.c.at, audit_entry.c.actor, audit_entry.c.action)
+    more = (study_table.c.slug.label("study"), audit_entry.c.subject, audit_entry.c.detail)
+    return select(*columns, *more).select_from(audit_entry.outerjoin(study_table))

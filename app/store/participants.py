@@ -1,0 +1,167 @@
+"""Participants as an experimenter sees them: how far they are, who was excluded and why, who was erased."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Table, delete, func, insert, select, update
+
+from app.errors import ConflictError, NotFoundError
+from app.store.keys import digest, new_secret
+from app.store.tables import exclusion, metadata, participant, session, trial, vote
+from app.study.stages import WITHDRAWN
+
+ERASED = "erased"
+KEPT_AT_ERASURE = ("assignment", "exclusion", "session", "trial")  # who was shown what says nothing about them
+
+
+@dataclass(frozen=True)
+class Person:
+    """A participant, by the study's own label."""
+
+    id: int
+    label: str
+    study_id: int
+    erased_at: datetime | None
+
+
+def participant_labelled(connection: Connection, study_id: int, label: str) -> Person:
+    """The participant with a label.
+
+    Raises
+    ------
+    NotFoundError
+        If the study has nobody of this label.
+    """
+    row = connection.execute(
+        select(participant.c.id, participant.c.label, participant.c.study_id, participant.c.erased_at).where(
+            participant.c.study_id == study_id, participant.c.label == label, participant.c.is_preview.is_(False)
+        )
+    ).one_or_none()
+    if row is None:
+        raise NotFoundError("This study has no such participant.")
+    return Person(**row._mapping)
+
+
+def participant_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Everybody who has begun, in order of arrival."""
+    trials = select(func.count()).where(trial.c.session_id == session.c.id)
+    of_votes = vote.c.session_id == session.c.id
+    facts = {
+        "n_trials": trials.where(trial.c.voided_at.is_(None)),
+        "n_votes": select(func.count()).where(of_votes),
+        "n_voided": trials.where(trial.c.voided_at.is_not(None)),
+        "last_vote_at": select(func.max(vote.c.received_at)).where(of_votes),
+        "mean_response_ms": select(func.avg(vote.c.response_ms)).where(of_votes),
+    }
+    rows = connection.execute(
+        select(
+            participant.c.label.label("participant"),
+            session.c.public_id.label("session"),
+            session.c.stage,
+            session.c.started_at,
+            session.c.finished_at,
+            session.c.withdrawn_at,
+            participant.c.erased_at,
+            exclusion.c.reason,
+            exclusion.c.excluded_by,
+            exclusion.c.excluded_at,
+            *(query.scalar_subquery().label(name) for name, query in facts.items()),
+        )
+        .select_from(participant.join(session))
+        .outerjoin(exclusion, (exclusion.c.participant_id == participant.c.id) & exclusion.c.undone_at.is_(None))
+        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+        .order_by(participant.c.slot)
+    )
+    return [{**row._mapping, "excluded": row.reason is not None} for row in rows]
+
+
+def exclusion_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
+    """All exclusions of a participant, those that were undone too, the newest first."""
+    rows = select(exclusion).where(exclusion.c.participant_id == participant_id).order_by(exclusion.c.id.desc())
+    return [dict(row._mapping) for row in connection.execute(rows)]
+
+
+def exclude(connection: Connection, person: Person, reason: str, by: str, now: datetime) -> None:
+    """Leave a participant's votes out of the analysis, for a reason.
+
+    Raises
+    ------
+    ConflictError
+        If they are left out already.
+    """
+    open_one = (exclusion.c.participant_id == person.id) & exclusion.c.undone_at.is_(None)
+    if connection.execute(select(exclusion.c.id).where(open_one)).first():
+        raise ConflictError(f"{person.label} is excluded already.")
+    values = {"participant_id": person.id, "reason": reason, "excluded_by": by, "excluded_at": now}
+    connection.execute(insert(exclusion).values(**values))
+
+
+def undo_exclusion(connection: Connection, person: Person, by: str, now: datetime) -> None:
+    """Count a participant's votes again.
+
+    Raises
+    ------
+    ConflictError
+        If they are not left out.
+    """
+    changed = connection.execute(
+        update(exclusion)
+        .where(exclusion.c.participant_id == person.id, exclusion.c.undone_at.is_(None))
+        .values(undone_by=by, undone_at=now)
+    )
+    if not changed.rowcount:
+        raise ConflictError(f"{person.label} is not excluded.")
+
+
+def withdraw_participant(connection: Connection, person: Person, now: datetime) -> None:
+    """End a participant's session because they have asked to; what they gave stays apart and counts no more."""
+    connection.execute(
+        update(session)
+        .where(session.c.participant_id == person.id, session.c.withdrawn_at.is_(None))
+        .values(stage=WITHDRAWN, withdrawn_at=now)
+    )
+
+
+def erase(connection: Connection, person: Person, now: datetime) -> None:
+    """Delete what a participant gave, for good: votes, answers, screening. Label and slot stay, so that orders balance.
+
+    Raises
+    ------
+    ConflictError
+        If they were erased before.
+    """
+    if person.erased_at is not None:
+        raise ConflictError(f"{person.label} was erased before.")
+    withdraw_participant(connection, person, now)
+    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
+    _delete_given(connection, person.id, sessions)
+    connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
+    nobodys = {"resume_hash": digest(new_secret()), "begin_hash": None, "token_hash": digest(new_secret())}
+    for session_id in sessions:
+        connection.execute(update(session).where(session.c.id == session_id).values(**nobodys))
+    connection.execute(update(participant).where(participant.c.id == person.id).values(erased_at=now))
+
+
+def forget_preview_votes(connection: Connection, study_id: int) -> None:
+    """Delete what previews of a study left behind."""
+    own = select(session.c.id).select_from(session.join(participant))
+    previews = own.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
+    _delete_given(connection, None, list(connection.scalars(previews)))
+
+
+def _delete_given(connection: Connection, participant_id: int | None, sessions: Sequence[int]) -> None:
+    """Delete the rows that hang on sessions, or on a participant, in whatever table; those at the leaves first."""
+    for table in reversed(metadata.sorted_tables):
+        if table.name not in KEPT_AT_ERASURE:
+            _delete_rows(connection, table, participant_id, sessions)
+
+
+def _delete_rows(connection: Connection, table: Table, participant_id: int | None, sessions: Sequence[int]) -> None:
+    if "session_id" in table.c:
+        connection.execute(delete(table).where(table.c.session_id.in_(sessions)))
+    elif "participant_id" in table.c and participant_id is not None:
+        connection.execute(delete(table).where(table.c.participant_id == participant_id))

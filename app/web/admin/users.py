@@ -1,0 +1,129 @@
+"""Who may use the dashboard, the tokens of analysts, and the audit log."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Query, Request
+from fastapi.responses import Response
+
+from app.errors import ConflictError, InvalidError, NotFoundError
+from app.store.audit import audit_records
+from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_role
+from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
+from app.web.admin.shell import page, see
+from app.web.gates import ActingOwner, Looking, Now, Owner, Store
+
+ENTRIES_ON_A_PAGE = 50
+LONGEST_TOKEN_DAYS = 3650
+
+Name = Annotated[str, Form(min_length=1, max_length=100)]
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@router.get("/users")
+def users_page(request: Request, person: Owner, database: Store) -> Response:
+    with database.reading() as connection:
+        found = all_experimenters(connection)
+    return page(request, "users", person, {"people": found, "link": None})
+
+
+@router.post("/users")
+def add_user(
+    request: Request, person: Owner, actor: ActingOwner, name: Name, role: Annotated[Role, Form()], database: Store
+) -> Response:
+    """Add somebody, or give them a new link; the link is shown this once."""
+    name = name.strip()
+    with database.reading() as connection:
+        known = experimenter_named(connection, name)
+    if not name:
+        raise InvalidError("A name is needed.")
+    if known and known.name == actor.name:
+        raise ConflictError("You are signed in already; change your password under your name.")
+    secret = renew_link(database, name, actor.now, None if known else role)
+    with database.writing() as connection:
+        actor.note(connection, "sign-in link made", subject=name, role=known.role if known else role)
+        found = all_experimenters(connection)
+    link = {"name": name, "url": f"{request.base_url}admin/login/{secret}"}
+    return page(request, "users", person, {"people": found, "link": link})
+
+
+@router.post("/users/role")
+def change_role(actor: ActingOwner, name: Name, role: Annotated[Role, Form()], database: Store) -> Response:
+    with database.writing() as connection:
+        if experimenter_named(connection, name) is None:
+            raise NotFoundError("There is nobody of this name.")
+        set_role(connection, name, role)
+        actor.note(connection, "role changed", subject=name, role=role)
+    return see("/admin/users")
+
+
+@router.post("/users/disable")
+def disable_user(actor: ActingOwner, name: Name, database: Store) -> Response:
+    with database.writing() as connection:
+        if experimenter_named(connection, name) is None:
+            raise NotFoundError("There is nobody of this name.")
+        disable(connection, name, actor.now)
+        actor.note(connection, "access ended", subject=name)
+    return see("/admin/users")
+
+
+@router.get("/tokens")
+def tokens_page(request: Request, person: Owner, database: Store) -> Response:
+    with database.reading() as connection:
+        found = all_tokens(connection)
+    return page(request, "tokens", person, {"tokens": found, "scopes": SCOPES, "made": None})
+
+
+@router.post("/tokens")
+def add_token(
+    request: Request,
+    person: Owner,
+    actor: ActingOwner,
+    name: Name,
+    database: Store,
+    scope: Annotated[list[str], Form(max_length=len(SCOPES))] = [],  # noqa: B006 (FastAPI copies it)
+    days: Annotated[int | None, Form(ge=1, le=LONGEST_TOKEN_DAYS)] = None,
+) -> Response:
+    """A new token, shown this once."""
+    expires_at = actor.now + timedelta(days=days) if days else None
+    try:
+        with database.writing() as connection:
+            secret = insert_token(connection, name.strip(), scope, actor.name, actor.now, expires_at)
+            actor.note(connection, "token made", subject=name.strip(), scopes=scope, days=days)
+            found = all_tokens(connection)
+    except ValueError as error:
+        raise InvalidError(f"This token was not made: {error}.") from error
+    made = {"name": name.strip(), "secret": secret}
+    return page(request, "tokens", person, {"tokens": found, "scopes": SCOPES, "made": made})
+
+
+@router.post("/tokens/revoke")
+def end_token(actor: ActingOwner, name: Name, database: Store) -> Response:
+    with database.writing() as connection:
+        if not revoke_token(connection, name, actor.now):
+            raise NotFoundError("There is no such token, or it was revoked before.")
+        actor.note(connection, "token revoked", subject=name)
+    return see("/admin/tokens")
+
+
+@router.get("/audit")
+def audit_page(
+    request: Request,
+    person: Looking,
+    database: Store,
+    _now: Now,
+    search: Annotated[str, Query(max_length=100)] = "",
+    at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
+) -> Response:
+    with database.reading() as connection:
+        found = audit_records(connection, search=search.strip(), limit=ENTRIES_ON_A_PAGE + 1, offset=at)
+    context = {
+        "entries": found[:ENTRIES_ON_A_PAGE],
+        "search": search,
+        "newer": max(0, at - ENTRIES_ON_A_PAGE) if at else None,
+        "older": at + ENTRIES_ON_A_PAGE if len(found) > ENTRIES_ON_A_PAGE else None,
+    }
+    return page(request, "audit", person, context)

@@ -1,0 +1,37 @@
+"""An experimenter at the dashboard, who sends forms as a browser would."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+
+from app import operate
+from app.settings import Settings
+from app.store.experimenters import Role
+
+
+class Dashboard(httpx.Client):
+    """A browser in which somebody may be signed in; `act` sends a form with the token that its page carries."""
+
+    def __init__(self, server: str) -> None:
+        super().__init__(base_url=server, timeout=60, follow_redirects=True, headers={"Accept": "text/html"})
+
+    @property
+    def form_token(self) -> str:
+        found = re.search(r'name="form_token" value="([^"]+)"', self.get("/admin/account").text)
+        assert found, "nobody is signed in"
+        return found[1]
+
+    def act(self, path: str, **fields: Any) -> httpx.Response:
+        return self.post(path, data={"form_token": self.form_token, **fields})
+
+
+@contextmanager
+def signed_in(server: str, settings: Settings, name: str, role: Role | None = None) -> Iterator[Dashboard]:
+    with Dashboard(server) as dashboard:
+        dashboard.get(operate.add_experimenter(settings, name, role)["path"])
+        yield dashboard
