@@ -19,7 +19,7 @@ from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
 from app.analysis.votes import VotesTable
 
-CORRELATIONS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
+BETWEEN_DATASETS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
 LARGEST_TRANSITIVITY = 60  # items; 34 220 triples
 
 
@@ -164,7 +164,7 @@ def dataset_agreement_rows(scores: Mapping[str, Mapping[str, float]]) -> list[di
         values, others = (np.array([scores[dataset][item] for item in shared]) for dataset in (first, second))
         rows.append(
             {"dataset_a": first, "dataset_b": second, "n_items": len(shared)}
-            | {name: defined(correlation, values, others) for name, correlation in CORRELATIONS.items()}
+            | {name: defined(correlation, values, others) for name, correlation in BETWEEN_DATASETS.items()}
         )
     return rows
 

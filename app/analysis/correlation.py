@@ -60,9 +60,10 @@ def correlation_rows(
     -------
     list of dict
         `measure, dataset, n, n_missing, pearson, pearson_monotone, spearman, kendall, pairs_different,
-        pairs_correct`, and for all datasets together 95 % intervals of the first three from resampling participants
-        and datasets. A measure of which less is better has negative correlations. Pairs count as correct in the
-        direction of its rank correlation, which gives a measure that says nothing somewhat more than one half.
+        pairs_correct`, and 95 % intervals of the correlations and of the last (`…_low, …_high`) from resampling
+        participants, over all datasets also datasets; None without replicates. A measure of which less is better has
+        negative correlations. Pairs count as correct in the direction of its rank correlation, which gives a measure
+        that says nothing somewhat more than one half.
     """
     rows = []
     for measure, values in measures.items():
@@ -70,16 +71,12 @@ def correlation_rows(
         missing = sum(len(one.items) for one in by_dataset.values()) - sum(len(part[0]) for part in parts.values())
         found = [
             {"measure": measure, "dataset": name, "n_missing": len(by_dataset[name].items) - len(part[0])}
-            | _correlations([part])
+            | _described([part], rng)
             for name, part in parts.items()
         ]
         if len(parts) > 1:
             together = list(parts.values())
-            found.append(
-                {"measure": measure, "dataset": ALL, "n_missing": missing}
-                | _correlations(together)
-                | _intervals(together, rng)
-            )
+            found.append({"measure": measure, "dataset": ALL, "n_missing": missing} | _described(together, rng))
         rows += found
     return rows
 
@@ -99,18 +96,21 @@ def _matched(by_dataset: Mapping[str, ScoreSet], values: Mapping[str, Mapping[st
     return parts
 
 
-def _correlations(parts: Sequence[Part]) -> dict[str, Any]:
+def _described(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any]:
+    observed = [(values, scores, pairs) for values, scores, _, pairs in parts]
+    return _association(observed) | _intervals(parts, rng)
+
+
+def _association(parts: Sequence[tuple[Array, Array, list[tuple[int, int]]]]) -> dict[str, Any]:
+    """Return the correlations and the pairs in order, of values, scores and significantly different pairs."""
     values = np.concatenate([part[0] - part[0].mean() for part in parts])
     scores = np.concatenate([part[1] - part[1].mean() for part in parts])
     direction = defined(spearman, values, scores) or 0.0
-    differences = [value[a] - value[b] for value, _, _, pairs in parts for a, b in pairs]
+    differences = [value[a] - value[b] for value, _, pairs in parts for a, b in pairs]
     correct = float(sum(1.0 if d * direction > 0 else 0.5 * (d == 0) for d in differences))
     return {
         "n": len(values),
-        "pearson": defined(pearson, values, scores),
-        "pearson_monotone": defined(monotone_pearson, values, scores),
-        "spearman": defined(spearman, values, scores),
-        "kendall": defined(kendall, values, scores),
+        **{name: defined(correlation, values, scores) for name, correlation in CORRELATIONS.items()},
         "pairs_different": len(differences),
         "pairs_correct": correct / len(differences) if differences and direction else None,
     }
@@ -151,21 +151,28 @@ def monotone_pearson(values: Array, scores: Array) -> float:
 
 
 def _intervals(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any]:
-    """Return percentile intervals: participants drawn for the replicates' scores, datasets drawn here."""
-    n_replicates = min(len(part[2]) for part in parts)
-    found: dict[str, list[float]] = {"pearson": [], "pearson_monotone": [], "spearman": []}
-    kinds = {"pearson": pearson, "pearson_monotone": monotone_pearson, "spearman": spearman}
-    for replicate in range(n_replicates):
+    """Return percentile intervals: participants drawn for the replicates' scores, datasets drawn here if there are
+    several.
+    """
+    found: dict[str, list[float]] = {name: [] for name in (*CORRELATIONS, "pairs_correct")}
+    for replicate in range(min(len(part[2]) for part in parts)):
         chosen = [parts[index] for index in rng.integers(0, len(parts), len(parts))]
-        scores = np.concatenate([part[2][replicate] - part[2][replicate].mean() for part in chosen])
-        values = np.concatenate([part[0] - part[0].mean() for part in chosen])
-        for name, correlation in kinds.items():
-            value = None if np.isnan(scores).any() else defined(correlation, values, scores)
-            if value is not None:
-                found[name].append(value)
+        drawn = [(values, replicates[replicate], pairs) for values, _, replicates, pairs in chosen]
+        if not any(np.isnan(scores).any() for _, scores, _ in drawn):
+            for name, value in _association(drawn).items():
+                if value is not None and name in found:
+                    found[name].append(value)
     tail = (1 - LEVEL) / 2
     limits: dict[str, Any] = {}
-    for name, drawn in found.items():
-        low, high = np.quantile(drawn, [tail, 1 - tail]).tolist() if drawn else (None, None)
+    for name, values in found.items():
+        low, high = np.quantile(values, [tail, 1 - tail]).tolist() if values else (None, None)
         limits |= {f"{name}_low": low, f"{name}_high": high}
     return limits
+
+
+CORRELATIONS: dict[str, Callable[[Array, Array], float]] = {
+    "pearson": pearson,
+    "pearson_monotone": monotone_pearson,
+    "spearman": spearman,
+    "kendall": kendall,
+}

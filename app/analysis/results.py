@@ -42,6 +42,8 @@ from app.analysis.triads import triads
 from app.analysis.votes import MAIN, VotesTable
 from app.analysis.warnings import MOST_PAIRS, warnings_of
 
+MEASURE_REPLICATES = 500  # over participants, for the intervals of correlations
+
 
 def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict[str, Any]:
     """Analyse votes: screening, scores, factors, agreement.
@@ -80,7 +82,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "groups": [row for one in groups for row in group_rows(one)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
-        "measures": _measure_rows(compared, settings),
+        "measures": _measure_rows(used, settings, compared),
         "agreement": agreement_rows(used),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset),
@@ -141,9 +143,14 @@ def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
     return parts_differ("datasets differ", model, ALL, parts[ALL].fit, single)
 
 
-def _measure_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
+def _measure_rows(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> list[dict[str, Any]]:
+    """Return the measures beside the scores; their intervals need replicates, which are made here if there are none."""
     if not settings.measures:
         return []
+    if not settings.bootstrap:
+        compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed=())))
     of_items = [one for one in compared if one.comparison == ALL and one.fit.scores is not None]
     single = [one for one in of_items if one.dataset != ALL] or of_items
     return correlation_rows(

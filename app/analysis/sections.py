@@ -112,21 +112,30 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     rows = [
         (
-            *(row["measure"], row["dataset"], row["n"], row["pearson"], row["pearson_monotone"], row["spearman"]),
-            *(row["kendall"], row["pairs_different"], row["pairs_correct"]),
+            *(row["measure"], row["dataset"], row["n"]),
+            *(_with_interval(row, name) for name in ("pearson", "pearson_monotone", "spearman", "kendall")),
+            *(row["pairs_different"], _with_interval(row, "pairs_correct")),
         )
         for row in analysis["measures"]
     ]
     text = (
         "How well objective measures go with the scores. The monotone correlation is that after the best monotone "
         "curve; the last column is the share of significantly different pairs that the measure puts in the right "
-        "order. Over all datasets, measure and score are taken relative to their dataset's mean."
+        "order. Over all datasets, measure and score are taken relative to their dataset's mean. Intervals: 95 %, "
+        "from resampling participants, over all datasets also datasets."
     )
     columns = [
         *("measure", "dataset", "points", "Pearson", "monotone", "Spearman", "Kendall", "pairs that differ", "in order")
     ]
     shown = [figure for name, figure in figures.items() if name.startswith("measure_")]
     return _section("Objective measures", text, columns, rows, shown)
+
+
+def _with_interval(row: Mapping[str, Any], name: str) -> str | None:
+    value, low, high = (row[key] for key in (name, f"{name}_low", f"{name}_high"))
+    if value is None:
+        return None
+    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _excluded(analysis: Analysis) -> dict[str, Any]:
