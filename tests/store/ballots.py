@@ -9,12 +9,13 @@ from uuid import uuid4
 
 from sqlalchemy import func, select
 
+from app.errors import StudyError
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.sessions import Session, begin_session, complete_stage, session_by_token
 from app.store.tables import vote
 from app.store.trials import NextTrial, mark_served, next_trials
-from app.store.votes import Ballot
+from app.store.votes import Ballot, KeptVote, keep_votes
 from app.study.votes import Vote
 
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
@@ -64,3 +65,11 @@ def ballot_of(of: Participant, trial: NextTrial, **changes: Any) -> Ballot:
 def n_votes(database: Database) -> int:
     with database.reading() as connection:
         return connection.scalar(select(func.count()).select_from(vote)) or 0
+
+
+def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
+    """Keep one vote, or raise why it is not kept."""
+    (outcome,) = keep_votes(database, [Ballot(of.token, trial_id, sent, now)])
+    if isinstance(outcome, StudyError):
+        raise outcome
+    return outcome

@@ -10,17 +10,16 @@ from dataclasses import replace
 from datetime import datetime
 
 import pytest
-from ballots import NOW, Participant, ballot_of, let_in, n_votes, serve_next, serve_trials, vote_on
+from ballots import NOW, Participant, ballot_of, keep_vote, let_in, n_votes, serve_next, serve_trials, vote_on
 from sqlalchemy import select
 
-from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
+from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError
 from app.store.engine import Database, open_database
 from app.store.invitations import Invitation
 from app.store.sessions import withdraw
 from app.store.tables import session, vote
 from app.store.trials import NextTrial, next_trials, trial_records, void_trial
 from app.store.votes import Ballot, KeptVote, keep_votes, vote_records
-from app.study.votes import Vote
 
 MakeInvitation = Callable[[int | None], Invitation]
 
@@ -28,13 +27,6 @@ MakeInvitation = Callable[[int | None], Invitation]
 @pytest.fixture
 def of(database: Database, invite: MakeInvitation) -> Participant:
     return let_in(database, invite(None))
-
-
-def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
-    (outcome,) = keep_votes(database, [Ballot(of.token, trial_id, sent, now)])
-    if isinstance(outcome, StudyError):
-        raise outcome
-    return outcome
 
 
 def test_a_vote_is_counted_once_when_it_is_sent_twice(database: Database, of: Participant, now: datetime) -> None:
