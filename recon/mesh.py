@@ -173,6 +173,29 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     return path
 
 
+def write_coloured(
+    path: Path, points: NDArray[np.floating], faces: NDArray[np.integer], colours: NDArray[np.uint8]
+) -> Path:
+    """Write points (N, 3) with colours (N, 3), and triangles (M, 3) where there are any, as binary PLY to look at.
+
+    Raises
+    ------
+    ValueError
+        If there is no point or the name does not end in .ply.
+    """
+    _check_suffix(path, (".ply",))
+    if not len(points):
+        raise ValueError(f"{path}: there is no point, nothing to write")
+    table = np.empty(len(points), np.dtype([(n, "<f4") for n in "xyz"] + [(n, "|u1") for n in UINT8_COLOUR]))
+    for axis in range(3):
+        table["xyz"[axis]] = points[:, axis]
+        table[UINT8_COLOUR[axis]] = colours[:, axis]
+    content = _ply_header(table, len(faces) or None) + table.tobytes() + _face_bytes(faces)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
 def read_cloud(path: Path) -> Cloud:
     """Read a PLY of coloured, oriented points.
 
@@ -216,6 +239,24 @@ def read_points(path: Path) -> NDArray[np.float32]:
     """
     try:
         return _finite(_columns(path, _read_ply(path), ("x", "y", "z")), "points")
+    except ValueError as error:
+        raise _named(path, error) from error
+
+
+def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Read only the points (N, 3) and triangles (M, 3) of any PLY; M is 0 where the file holds no faces.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
+    """
+    try:
+        elements = _read_ply(path)
+        points = _finite(_columns(path, elements, ("x", "y", "z")), "points")
+        if not elements.get("face", {}).get("length"):
+            return points, np.zeros((0, 3), np.int32)
+        return points, _faces(_face_table(path, elements), len(points))
     except ValueError as error:
         raise _named(path, error) from error
 
@@ -278,10 +319,14 @@ def _ply_header(vertices: NDArray[np.void], n_faces: int | None = None) -> bytes
 
 def _ply_mesh(mesh: Mesh) -> bytes:
     vertices = _vertex_table(mesh.vertices, mesh.normals, mesh.colours)
-    faces = np.empty(len(mesh.faces), np.dtype([("count", "|u1"), ("index", "<i4", (3,))]))
-    faces["count"] = 3
-    faces["index"] = mesh.faces
-    return _ply_header(vertices, len(faces)) + vertices.tobytes() + faces.tobytes()
+    return _ply_header(vertices, len(mesh.faces)) + vertices.tobytes() + _face_bytes(mesh.faces)
+
+
+def _face_bytes(faces: NDArray[np.integer]) -> bytes:
+    table = np.empty(len(faces), np.dtype([("count", "|u1"), ("index", "<i4", (3,))]))
+    table["count"] = 3
+    table["index"] = faces
+    return table.tobytes()
 
 
 def _read_ply(path: Path) -> dict[str, Any]:

@@ -9,6 +9,14 @@ import typer
 
 from recon.console import JsonOption, ProgressLine, print_result
 
+EVERY_DATASET = "all"
+DatasetOption = Annotated[
+    str, typer.Option(help="Scene of a study that this speaks for; all for an approach whatever the scene.")
+]
+ApproachOption = Annotated[
+    list[str] | None, typer.Option(help="Approach of a study that this speaks for, such as pm_fb; may be repeated.")
+]
+
 app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres, meshes against the truth.")
 
 
@@ -59,16 +67,23 @@ def validate_mesh(
     truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same frame.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
     thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP, mm.")] = "1:20:1",
+    threshold: Annotated[
+        float | None, typer.Option(help="The one of these whose F-score counts as a measure; default: the middle one.")
+    ] = None,
+    dataset: DatasetOption = EVERY_DATASET,
+    approach: ApproachOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Accuracy, completeness and F-score against the truth."""
-    from recon.validation.ground_truth import measure_mesh
+    from recon.validation.ground_truth import MeshSettings, measure_mesh
+    from recon.validation.measures import Subject
     from recon.validation.mesh_report import write_mesh_report
 
-    report = measure_mesh(mesh, truth, parse_thresholds(thresholds), seed)
+    settings = MeshSettings(parse_thresholds(thresholds), threshold, Subject(dataset, tuple(approach or ())), seed)
+    report = measure_mesh(mesh, truth, settings)
     page = write_mesh_report(report, out)
-    best = report["scores"][len(report["scores"]) // 2]
+    best = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
     sentence = (
         f"accuracy {report['accuracy']['mean_mm']:.3g} mm, completeness {report['completeness']['mean_mm']:.3g} mm, "
         f"F-score {best['f_score']:.2%} at {best['threshold_mm']:g} mm: {page}"

@@ -2,21 +2,24 @@
 
 Source: Knapitsch et al., "Tanks and Temples" (2017), section 3.3; Schöps et al., ETH3D (2017), section 4. Precision
 (accuracy) is the share of the reconstruction's points within a threshold of the truth, recall (completeness) the share
-of the truth's within the threshold of the reconstruction, the F-score their harmonic mean.
+of the truth's within the threshold of the reconstruction, the F-score their harmonic mean. Both take the other side as
+points; where it is a mesh, distances to its triangles are exact, which is what ever denser samples come to.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import read_mesh
-from recon.validation.measured import read_measured
+from recon.mesh import read_surface
+from recon.validation.measured import TEXT_SUFFIXES, read_measured
+from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.triangles import TriangleTree
 
 N_SAMPLES = 250_000
 PERCENTILES = (50, 90, 95)
@@ -44,17 +47,14 @@ def read_shape(path: Path) -> Shape:
     ValueError
         If the file cannot be read as either.
     """
-    try:
-        mesh = read_mesh(path)
-    except ValueError as error:
-        if "no faces" not in str(error) and "have no" not in str(error):
-            raise
+    if path.suffix.lower() in TEXT_SUFFIXES:
         return Shape(read_measured(path).astype(np.float64), np.zeros((0, 3), np.int32))
-    return Shape(mesh.vertices.astype(np.float64), mesh.faces)
+    points, faces = read_surface(path)
+    return Shape(points.astype(np.float64), faces)
 
 
 def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """n points (n, 3) spread over the triangles by their area; a cloud's own points, at most n of them.
+    """n points (n, 3) spread over the triangles by their area; of a cloud all of its own, as the benchmarks do.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
         If the triangles have no area.
     """
     if not len(shape.faces):
-        return shape.points if len(shape.points) <= n else shape.points[rng.choice(len(shape.points), n, replace=False)]
+        return shape.points
     a, b, c = (shape.points[shape.faces[:, corner]] for corner in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
@@ -75,14 +75,20 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
 def compare_points(
     measured: NDArray[np.floating], truth: NDArray[np.floating], thresholds: Sequence[float]
 ) -> dict[str, Any]:
-    """Distances both ways, and precision, recall and F-score at each threshold.
+    """Distances both ways from point to point, and precision, recall and F-score at each threshold.
 
     Parameters
     ----------
     measured, truth : floating (N, 3) and (M, 3), mm
     thresholds : mm
     """
-    to_truth, to_measured = nearest_distances(measured, truth), nearest_distances(truth, measured)
+    return compared(nearest_distances(measured, truth), nearest_distances(truth, measured), thresholds)
+
+
+def compared(
+    to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], thresholds: Sequence[float]
+) -> dict[str, Any]:
+    """What distances (N,) of the measured points and (M,) of the truth's say."""
     return {
         "accuracy": _summary(to_truth),
         "completeness": _summary(to_measured),
@@ -99,7 +105,30 @@ def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]
     return np.asarray(distances)
 
 
-def measure_mesh(mesh: Path, truth: Path, thresholds: Sequence[float], seed: int = 1) -> dict[str, Any]:
+@dataclass(frozen=True)
+class MeshSettings:
+    """What is compared, and how.
+
+    Parameters
+    ----------
+    thresholds : mm, of the scores
+    table_threshold : mm, that of the F-score in `measures`; None for the middle one
+    subject : what the mesh is of
+    seed : of the samples on the surfaces
+    """
+
+    thresholds: tuple[float, ...]
+    table_threshold: float | None = None
+    subject: Subject = field(default_factory=Subject)
+    seed: int = 1
+
+    @property
+    def chosen(self) -> float:
+        """The threshold of the F-score in `measures`, mm."""
+        return self.table_threshold or self.thresholds[len(self.thresholds) // 2]
+
+
+def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, Any]:
     """Compare two files; the content of report.json.
 
     Raises
@@ -107,23 +136,60 @@ def measure_mesh(mesh: Path, truth: Path, thresholds: Sequence[float], seed: int
     ValueError
         If a file cannot be read or a threshold is not positive.
     """
+    thresholds = settings.thresholds
     if not thresholds or not min(thresholds) > 0:
         raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
-    rng = np.random.default_rng(seed)
-    measured, real = (sample_evenly(read_shape(path), N_SAMPLES, rng) for path in (mesh, truth))
-    return {
+    if settings.chosen not in thresholds:
+        raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
+    rng = np.random.default_rng(settings.seed)
+    shapes = read_shape(mesh), read_shape(truth)
+    measured, real = (sample_evenly(shape, N_SAMPLES, rng) for shape in shapes)
+    exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
+    report: dict[str, Any] = {
         "schema_version": 1,
         "kind": "mesh",
         "settings": {
             "mesh": str(mesh),
             "truth": str(truth),
             "thresholds_mm": list(thresholds),
+            "table_threshold_mm": settings.chosen,
             "samples": [len(measured), len(real)],
+            "accuracy_to": "triangles" if len(shapes[1].faces) else "points",
+            "completeness_to": "triangles" if len(shapes[0].faces) else "points",
             "spacing_mm": _spacing(real),
-            "seed": seed,
+            "seed": settings.seed,
         },
-        **compare_points(measured, real, thresholds),
+        **exact,
+        "sampled": compare_points(measured, real, thresholds),
     }
+    return report | {"measures": _measures(report, settings)}
+
+
+def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (N,) of points (N, 3) to a shape: to its triangles where it has any, else to its points, mm."""
+    if not len(shape.faces):
+        return nearest_distances(points, shape.points)
+    return TriangleTree(shape.points, shape.faces).nearest(points).distances
+
+
+def signed_vertex_errors(measured: Shape, truth: Shape) -> NDArray[np.float64]:
+    """Signed distance (N,) of a shape's points to the truth, mm, positive outside; unsigned where that is a cloud."""
+    if not len(truth.faces):
+        return nearest_distances(measured.points, truth.points)
+    return TriangleTree(truth.points, truth.faces).nearest(measured.points).signed
+
+
+def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, Any]]:
+    subject = settings.subject
+    score = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
+    at = f"at {settings.chosen:g} mm"
+    return joined(
+        [
+            measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
+            measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
+            measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
+        ]
+    )
 
 
 def _score(to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], threshold: float) -> dict[str, float]:

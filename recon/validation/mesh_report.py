@@ -6,9 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from recon.mesh import error_colours, write_coloured
+from recon.validation.ground_truth import read_shape, signed_vertex_errors
+from recon.validation.pictures import error_picture, png
 from recon.validation.report import (
     PALETTE,
     Section,
+    write_bytes,
     write_figure,
     write_page,
     write_report_json,
@@ -16,25 +22,59 @@ from recon.validation.report import (
 )
 
 MEASURES = ("precision", "recall", "f_score")
+COLOURED = "errors.ply"
+COLOUR_SHARE = 95  # percentile of the errors at which the colours end
 
 
 def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
-    """Write report.json, the table, the figure and report.html; returns the HTML's path."""
+    """Write report.json, tables, the figure, the mesh coloured by error and report.html; returns the HTML's path."""
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     write_table(out / "scores.csv", report["scores"])
+    write_table(out / "measures.csv", report["measures"])
     svg = write_figure(out / "scores", _chart(report))
-    distances = [{"distance": name, **report[name]} for name in ("accuracy", "completeness")]
-    settings = report["settings"]
-    text = (
-        f"{settings['samples'][0]} points of {Path(settings['mesh']).name} against {settings['samples'][1]} of "
-        f"{Path(settings['truth']).name}, meshes sampled uniformly by area (seed {settings['seed']}). The truth's "
-        f"samples are {settings['spacing_mm']:.3g} mm apart (median): distances of that size are not resolved."
-    )
-    scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
     figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
-    sections = [Section("Distances", text, distances), Section("Scores", scores, report["scores"], [figure])]
+    scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
+    sections = [
+        Section("Distances", _settings_text(report["settings"]), _distances(report)),
+        Section("Scores", scores, report["scores"], [figure]),
+        _errors(report, out),
+    ]
     return write_page(out / "report.html", "Comparison with the truth", sections)
+
+
+def _settings_text(settings: Mapping[str, Any]) -> str:
+    return (
+        f"{settings['samples'][0]} points of {Path(settings['mesh']).name} against {settings['samples'][1]} of "
+        f"{Path(settings['truth']).name}; meshes are sampled uniformly by area (seed {settings['seed']}). Accuracy is "
+        f"the distance to the truth's {settings['accuracy_to']}, completeness that to the mesh's "
+        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which know "
+        f"points only: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and distances of that size are "
+        "not resolved there."
+    )
+
+
+def _distances(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    parts = (("", report), (", between samples", report["sampled"]))
+    return [
+        {"distance": name + suffix, **part[name]} for suffix, part in parts for name in ("accuracy", "completeness")
+    ]
+
+
+def _errors(report: Mapping[str, Any], out: Path) -> Section:
+    """The measured shape with its errors as colours, as a file and as pictures."""
+    settings = report["settings"]
+    measured, truth = (read_shape(Path(settings[name])) for name in ("mesh", "truth"))
+    errors = signed_vertex_errors(measured, truth)
+    limit = max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3)
+    write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
+    picture = png(error_picture(measured.points, errors, limit))
+    write_bytes(out / "errors.png", picture)
+    text = (
+        f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "
+        f"{COLOUR_SHARE}th percentile. {COLOURED} holds the same for any viewer."
+    )
+    return Section("Where the errors are", text, figures=[("Along each of the three axes of the world.", picture)])
 
 
 def _chart(report: Mapping[str, Any]) -> Any:

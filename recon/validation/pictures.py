@@ -1,12 +1,26 @@
-"""The paper's figure 5: a reconstructed ball with the fitted sphere, and its outliers, from the sensor and the side."""
+"""Pictures of clouds: the paper's figure 5 (a ball, its fitted sphere and outliers), and errors as colours."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.mesh import error_colours
+
 SIDE_PX = 360  # of each of the four squares
+BACKGROUND = 205  # grey, on which white is seen
+SCALE_PX, SCALE_WIDTH_PX = 32, 240  # of the strip of colours under a picture
+AXIS_VIEWS = tuple(
+    np.array(axes, dtype=np.float64)
+    for axes in (
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    )
+)
 SHOWN = 1.5  # radii from the centre that are shown
 GREY, ORANGE, BLUE, CIRCLE = (150, 150, 150), (213, 94, 0), (0, 114, 178), (0, 0, 0)  # Okabe and Ito (2008)
 
@@ -37,6 +51,40 @@ def sphere_picture(
     return np.concatenate(rows)
 
 
+def error_picture(
+    points: NDArray[np.floating],
+    errors: NDArray[np.floating],
+    limit: float,
+    views: Sequence[NDArray[np.float64]] = AXIS_VIEWS,
+) -> NDArray[np.uint8]:
+    """Points (N, 3) coloured by signed error (N,), mm, seen from each of the views side by side, with the scale below.
+
+    Parameters
+    ----------
+    limit : mm, at which the colours end
+    views : float64 (3, 3) each; rows are right, up and towards the viewer
+    """
+    colours = error_colours(errors, limit).astype(np.int64)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    offsets = np.asarray(points, dtype=np.float64) - middle
+    reach = 1.05 * max(float(np.abs(offsets @ axes[:2].T).max()) for axes in views)
+    squares = [_splats(offsets @ axes.T, colours, reach, BACKGROUND) for axes in views]
+    picture = np.concatenate(squares, axis=1)
+    return np.concatenate([picture, _colour_scale(limit, picture.shape[1])])
+
+
+def _colour_scale(limit: float, width: int) -> NDArray[np.uint8]:
+    """The colours from -limit to limit with the numbers beside them, uint8 (SCALE_PX, width, 3)."""
+    strip = np.full((SCALE_PX, width, 3), 255, np.uint8)
+    left, right = width // 2 - SCALE_WIDTH_PX // 2, width // 2 + SCALE_WIDTH_PX // 2
+    strip[8 : SCALE_PX - 8, left:right] = error_colours(np.linspace(-limit, limit, right - left), limit)
+    low, high = f"{-limit:.3g} mm", f"{limit:.3g} mm"
+    offset = cv2.getTextSize(low, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
+    for text, column in ((low, left - offset - 8), (high, right + 8)):
+        cv2.putText(strip, text, (column, SCALE_PX - 11), cv2.FONT_HERSHEY_SIMPLEX, 0.45, CIRCLE, 1, cv2.LINE_AA)
+    return strip
+
+
 def png(picture: NDArray[np.uint8]) -> bytes:
     """An RGB picture as PNG."""
     return bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
@@ -51,12 +99,21 @@ def _view(towards: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _square(places: NDArray[np.float64], colours: NDArray[np.integer], radius: float) -> NDArray[np.uint8]:
-    picture = np.full((SIDE_PX, SIDE_PX, 3), 255, np.uint8)
-    scale, middle = SIDE_PX / (2 * SHOWN * radius), (SIDE_PX - 1) / 2
+    picture = _splats(places, colours, SHOWN * radius, 255)
+    middle = round((SIDE_PX - 1) / 2)
+    cv2.circle(picture, (middle, middle), round(SIDE_PX / (2 * SHOWN)), CIRCLE, 1, cv2.LINE_AA)
+    return picture
+
+
+def _splats(
+    places: NDArray[np.float64], colours: NDArray[np.integer], reach: float, background: int
+) -> NDArray[np.uint8]:
+    """A pixel for each place (right, up, towards the viewer), mm, within `reach` of the middle; the nearest last."""
+    picture = np.full((SIDE_PX, SIDE_PX, 3), background, np.uint8)
+    scale, middle = SIDE_PX / (2 * reach), (SIDE_PX - 1) / 2
     nearest_last = np.argsort(places[:, 2], kind="stable")
     columns = np.rint(middle + scale * places[nearest_last, 0]).astype(int)
     rows = np.rint(middle - scale * places[nearest_last, 1]).astype(int)
     inside = (columns >= 0) & (columns < SIDE_PX) & (rows >= 0) & (rows < SIDE_PX)
     picture[rows[inside], columns[inside]] = colours[nearest_last][inside]
-    cv2.circle(picture, (round(middle), round(middle)), round(scale * radius), CIRCLE, 1, cv2.LINE_AA)
     return picture

@@ -10,8 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from recon.cli import app
-from recon.mesh import Cloud, Mesh, write_cloud, write_mesh
+from recon.mesh import Cloud, Mesh, write_cloud, write_coloured, write_mesh
+from recon.studio.objects import ball
 from recon.validation.ground_truth import (
+    MeshSettings,
     Shape,
     compare_points,
     measure_mesh,
@@ -19,6 +21,7 @@ from recon.validation.ground_truth import (
     read_shape,
     sample_evenly,
 )
+from recon.validation.measures import Subject
 
 
 def square(height: float, side: float = 100.0) -> Mesh:
@@ -60,8 +63,8 @@ def test_samples_are_spread_by_area() -> None:
 
 def test_a_shifted_square_is_off_by_its_shift(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
-    report = measure_mesh(mesh, truth, [2.5, 3.5])
-    assert report["accuracy"]["mean_mm"] == pytest.approx(3.0, abs=0.05)
+    report = measure_mesh(mesh, truth, MeshSettings((2.5, 3.5)))
+    assert report["accuracy"]["mean_mm"] == pytest.approx(3.0, abs=1e-6)
     assert [score["f_score"] for score in report["scores"]] == [0.0, 1.0]
 
 
@@ -69,9 +72,9 @@ def test_half_of_the_truth_is_half_complete(tmp_path: Path) -> None:
     half = square(0.0)
     half = Mesh(half.vertices * np.array([0.5, 1, 1], np.float32), half.faces, half.normals, half.colours)
     mesh, truth = write_mesh(tmp_path / "a.ply", half), write_mesh(tmp_path / "b.ply", square(0.0))
-    (score,) = measure_mesh(mesh, truth, [2.0])["scores"]
+    (score,) = measure_mesh(mesh, truth, MeshSettings((2.0,)))["scores"]
     assert score["precision"] == 1.0
-    assert score["recall"] == pytest.approx(0.52, abs=0.01)
+    assert score["recall"] == pytest.approx(0.52, abs=0.004)
 
 
 def test_a_cloud_is_compared_by_its_own_points(tmp_path: Path) -> None:
@@ -84,13 +87,48 @@ def test_a_cloud_is_compared_by_its_own_points(tmp_path: Path) -> None:
     assert np.array_equal(read_shape(path).points, points.astype(np.float64))
 
 
+def test_a_mesh_without_colours_is_still_a_mesh(tmp_path: Path) -> None:
+    path = write_coloured(tmp_path / "plain.ply", square(0.0).vertices, square(0.0).faces, square(0.0).colours)
+    text = path.read_bytes().replace(b"property uchar red\nproperty uchar green\nproperty uchar blue\n", b"")
+    header, body = text.split(b"end_header\n")
+    vertices = b"".join(body[15 * row : 15 * row + 12] for row in range(4))
+    (tmp_path / "bare.ply").write_bytes(header + b"end_header\n" + vertices + body[60:])
+    assert np.array_equal(read_shape(tmp_path / "bare.ply").faces, square(0.0).faces)
+
+
+def test_distances_to_a_mesh_are_not_inflated_by_samples(tmp_path: Path) -> None:
+    vertices, faces = ball(100.0, 8.0)
+    measured = Mesh(
+        (vertices * 1.001).astype(np.float32),
+        faces,
+        (vertices / 100).astype(np.float32),
+        np.full(vertices.shape, 99, np.uint8),
+    )
+    mesh = write_mesh(tmp_path / "a.ply", measured)
+    truth = write_coloured(tmp_path / "b.ply", vertices, faces, measured.colours)
+    report = measure_mesh(mesh, truth, MeshSettings((1.0,)))
+    assert report["accuracy"]["mean_mm"] == pytest.approx(0.1, abs=0.002)
+    assert report["sampled"]["accuracy"]["mean_mm"] > 0.3
+
+
+def test_the_report_lists_measures_of_an_approach(tmp_path: Path) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
+    report = measure_mesh(mesh, truth, MeshSettings((2.5, 3.5), 3.5, Subject("ball", ("pm_fb",))))
+    assert [(row["measure"], row["direction"]) for row in report["measures"]] == [
+        ("accuracy", "less is better"),
+        ("completeness", "less is better"),
+        ("F-score at 3.5 mm", "more is better"),
+    ]
+    assert {(row["dataset"], row["approach"]) for row in report["measures"]} == {("ball", "pm_fb")}
+
+
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.ply").write_text("ply\n", encoding="utf-8")
     for name in ("bad.ply", "absent.ply"):
         with pytest.raises(ValueError, match=name):
             read_shape(tmp_path / name)
     with pytest.raises(ValueError, match="positive lengths"):
-        measure_mesh(tmp_path / "bad.ply", tmp_path / "bad.ply", [0.0])
+        measure_mesh(tmp_path / "bad.ply", tmp_path / "bad.ply", MeshSettings((0.0,)))
 
 
 def test_the_command_writes_its_report(tmp_path: Path) -> None:
@@ -100,5 +138,14 @@ def test_the_command_writes_its_report(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     assert len(json.loads(result.stdout)["scores"]) == 5
-    for name in ("report.json", "scores.csv", "scores.svg", "scores.png", "scores.pdf", "report.html"):
+    for name in (
+        "report.json",
+        "scores.csv",
+        "scores.svg",
+        "scores.png",
+        "scores.pdf",
+        "report.html",
+        "errors.ply",
+        "errors.png",
+    ):
         assert (out / name).stat().st_size > 0
