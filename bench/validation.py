@@ -13,8 +13,9 @@ import numpy as np
 
 from recon.validation.caps import SPOILS, CapParameters, simulate_cap
 from recon.validation.exclusion import exclusion_reasons, part_shifts
-from recon.validation.sphere import FitError, SphereFit, fit_sphere
-from recon.validation.spheres import METHODS
+from recon.validation.measured import FitError
+from recon.validation.sphere import SphereFit, fit_sphere
+from recon.validation.sphere_methods import METHODS
 
 RADIUS = 150.0
 AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))

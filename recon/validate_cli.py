@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from recon.console import JsonOption, ProgressLine, print_result
+from recon.options import parse_position
 
 EVERY_DATASET = "all"
 DatasetOption = Annotated[
@@ -37,12 +38,17 @@ def validate_sphere(
     ] = None,
     keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use whatever the rule says.")] = None,
     drop: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out whatever the rule says.")] = None,
+    dataset: DatasetOption = EVERY_DATASET,
+    approach: ApproachOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Fit spheres of a known radius; signed errors and inlier ratios per sensor and combined."""
+    from recon.validation.measured import named_clouds
+    from recon.validation.measures import Subject
+    from recon.validation.sphere_methods import SphereSettings
     from recon.validation.sphere_report import write_sphere_report
-    from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
+    from recon.validation.spheres import measure_spheres
 
     settings = SphereSettings(
         radius=radius,
@@ -52,13 +58,53 @@ def validate_sphere(
         viewpoints=dict(parse_viewpoint(text) for text in viewpoint or ()),
         keep=tuple(keep or ()),
         drop=tuple(drop or ()),
+        subject=Subject(dataset, tuple(approach or ())),
         seed=seed,
     )
     progress = ProgressLine()
-    report = measure_spheres(sphere_clouds(clouds, sensor or ()), settings, progress)
+    report = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
     page = write_sphere_report(report, out)
     print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
+
+
+@app.command("cuboid")
+def validate_cuboid(
+    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one per sensor and placed cuboid.")],
+    size: Annotated[str, typer.Option(help="AxBxC, the known edges in mm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    sensor: Annotated[
+        list[str] | None, typer.Option(help="Sensors of the clouds, in their order; fewer names repeat.")
+    ] = None,
+    position: Annotated[
+        list[str] | None, typer.Option(help="x,y,z of the cuboid's middle where it is known, mm; once per sample.")
+    ] = None,
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    dataset: DatasetOption = EVERY_DATASET,
+    approach: ApproachOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Planes, angles, edges and position of cuboids of known size, per sensor and combined."""
+    from recon.validation.cuboid_report import write_cuboid_report
+    from recon.validation.cuboids import CuboidSettings, measure_cuboids
+    from recon.validation.measured import named_clouds
+    from recon.validation.measures import Subject
+
+    settings = CuboidSettings(
+        size=parse_edges(size),
+        thresholds=parse_thresholds(thresholds),
+        unit=unit,
+        positions=tuple(parse_position(text) for text in position or ()),
+        subject=Subject(dataset, tuple(approach or ())),
+        seed=seed,
+    )
+    progress = ProgressLine()
+    report, measured = measure_cuboids(named_clouds(clouds, sensor or ()), settings, progress)
+    progress.close()
+    page = write_cuboid_report(report, measured, out)
+    print_result({"report": str(page), **report}, _cuboid_sentences(report, page), as_json=as_json)
 
 
 @app.command("mesh")
@@ -104,6 +150,17 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
     return tuple(low + step * index for index in range(int((high - low) / step + 1e-9) + 1))
 
 
+def parse_edges(text: str) -> tuple[float, float, float]:
+    """The edges of "AxBxC", mm."""
+    try:
+        a, b, c = (float(value) for value in text.lower().split("x"))
+    except ValueError:
+        a, b, c = 0.0, 0.0, 0.0
+    if not (min(a, b, c) > 0 and max(a, b, c) < 1e6):
+        raise typer.BadParameter(f"{text!r} is no size; expected AxBxC in mm, for example 220x320x160")
+    return a, b, c
+
+
 def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
     """Sensor and place of "SENSOR=x,y,z", or of "x,y,z" for the only sensor, S1."""
     name, _, place = text.rpartition("=")
@@ -114,6 +171,21 @@ def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
             f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
         ) from error
     return name or "S1", (x, y, z)
+
+
+def _cuboid_sentences(report: dict[str, Any], page: Path) -> str:
+    lines = []
+    for row in report["reconstructions"]:
+        if row["failure"]:
+            lines.append(f"no fit: {row['name']}: {row['failure']}")
+            continue
+        angles, edges = (
+            ", ".join(f"{one[column]:+.3g}" for one in report[part] if one["name"] == row["name"])
+            for part, column in (("angles", "error_deg"), ("edges", "error_mm"))
+        )
+        faces = f"faces {' '.join(row['faces'])}"
+        lines.append(f"{row['name']}: {faces}; angles off by {angles} degrees, edges by {edges} mm")
+    return "\n".join([*lines, f"Report: {page}"])
 
 
 def _sphere_sentences(report: dict[str, Any], page: Path) -> str:

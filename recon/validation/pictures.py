@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from recon.mesh import error_colours
 
 SIDE_PX = 360  # of each of the four squares
+MAP_CELLS, TITLE_PX = 60, 22  # along the longer edge of a face; above its map
 BACKGROUND = 205  # grey, on which white is seen
 SCALE_PX, SCALE_WIDTH_PX = 32, 240  # of the strip of colours under a picture
 AXIS_VIEWS = tuple(
@@ -71,6 +72,43 @@ def error_picture(
     squares = [_splats(offsets @ axes.T, colours, reach, BACKGROUND) for axes in views]
     picture = np.concatenate(squares, axis=1)
     return np.concatenate([picture, _colour_scale(limit, picture.shape[1])])
+
+
+def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: float, title: str) -> NDArray[np.uint8]:
+    """The median error of each place of a face as a colour; grey where there are no points.
+
+    Parameters
+    ----------
+    places : float64 (N, 2), mm along the face's two edges
+    errors : float64 (N,), mm
+    limit : mm, at which the colours end
+    """
+    low, high = np.percentile(places, (0.5, 99.5), axis=0)
+    cell = float((high - low).max()) / MAP_CELLS
+    shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+    cells = np.floor((places - low) / cell).astype(int)
+    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
+    keys = cells[inside, 1] * shape[0] + cells[inside, 0]
+    order = np.lexsort((errors[inside], keys))
+    found, first, count = np.unique(keys[order], return_index=True, return_counts=True)
+    medians = np.full(shape[0] * shape[1], np.nan)
+    medians[found] = errors[inside][order][first + count // 2]
+    colours = error_colours(medians, limit).reshape(shape[1], shape[0], 3)[::-1]
+    scale = max(1, SIDE_PX // max(colours.shape[:2]))
+    large = np.repeat(np.repeat(colours, scale, axis=0), scale, axis=1)
+    picture = np.full((SIDE_PX + TITLE_PX, SIDE_PX, 3), 255, np.uint8)
+    left = (SIDE_PX - large.shape[1]) // 2
+    picture[TITLE_PX : TITLE_PX + large.shape[0], left : left + large.shape[1]] = large[:SIDE_PX]
+    text = f"{title}: blue -{limit:.2g} mm, red +{limit:.2g} mm"
+    cv2.putText(picture, text, (left, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, CIRCLE, 1, cv2.LINE_AA)
+    return picture
+
+
+def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np.uint8]:
+    """Pictures beside each other, with white between them and below shorter ones."""
+    height = max(picture.shape[0] for picture in pictures)
+    parts = [np.pad(p, ((0, height - p.shape[0]), (0, gap), (0, 0)), constant_values=255) for p in pictures]
+    return np.concatenate(parts, axis=1)[:, :-gap]
 
 
 def _colour_scale(limit: float, width: int) -> NDArray[np.uint8]:

@@ -95,6 +95,27 @@ def curve_chart(rows: Sequence[Mapping[str, Any]]) -> Any:
     return (band + line).properties(width=460, height=280)
 
 
+def curve_columns(table: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of inlier ratios in the words and percents of a report."""
+    return [
+        {
+            "sensor": row["sensor"],
+            "subset": row["subset"],
+            "samples": row["n_samples"],
+            "inliers %": percent(row["inliers"]),
+            "outliers %": percent(row["outliers"]),
+            "from %": percent(row["ci_low"]),
+            "to %": percent(row["ci_high"]),
+        }
+        for row in table
+    ]
+
+
+def percent(share: float | None) -> str:
+    """A share as percents; a dash where there is none."""
+    return "–" if share is None else f"{100 * share:.2f}"
+
+
 def write_bytes(path: Path, content: bytes) -> Path:
     """Write a file, whole or not at all."""
     return _write(path, content)

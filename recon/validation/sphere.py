@@ -6,17 +6,16 @@ consensus of spheres through three points, then Gauss-Newton steps with Tukey's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.sphere_kernels import extent, local_consensus, signed_errors, tukey_sums
+from recon.validation.measured import MIN_POINTS, UNITS_MM, FitError, checked_points
+from recon.validation.sampling import fibonacci_sphere, first_in_cells, subsample, thinned
+from recon.validation.sphere_kernels import local_consensus, signed_errors, tukey_sums
 
-MIN_POINTS = 50
 BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's table 4, for its 150 mm
-LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
 CELL_SHARE = 1 / 12  # of the radius: one point a cell is searched, so that dense walls count by their area
 SEED_SHARE = 0.6  # of the radius: spacing of the points that spheres are tried through
 FINAL_STEPS = 1  # over all points
@@ -38,11 +37,6 @@ ONE_SIDED = (
 MAX_SCALE = 0.07  # of the radius, scatter of the points; of points that know nothing of the surface it is 0.12
 WIDE = 2.2  # radii; a ball alone extends over two
 N_DIRECTIONS = 400
-UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
-
-
-class FitError(ValueError):
-    """There is no sphere of this radius in the cloud, or more than one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +106,7 @@ def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SpherePa
     FitError
         If no sphere of this radius is there, or two are. The message says what was found instead.
     """
-    points, parameters = checked_points(points, radius), parameters or SphereParameters()
+    points, parameters = checked_points(points, radius, "radius"), parameters or SphereParameters()
     sample = subsample(points, parameters.seed)
     try:
         return _fit(points, sample, radius, parameters)
@@ -136,12 +130,6 @@ def refine_sphere(
     return _fit_from(points, subsample(points, parameters.seed), centre, radius, parameters)
 
 
-def inlier_curve(errors: NDArray[np.floating], thresholds: Sequence[float]) -> NDArray[np.float64]:
-    """Share of the points whose error is at most each threshold (T,), mm, on either side."""
-    ordered = np.sort(np.abs(errors))
-    return np.asarray(np.searchsorted(ordered, np.asarray(thresholds, dtype=ordered.dtype), side="right") / len(errors))
-
-
 def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
     """The centre to which other points (N, 3) move a fit that keeps its cutoff.
 
@@ -159,30 +147,10 @@ def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: Sphere
     return centre
 
 
-def checked_points(points: NDArray[np.floating], radius: float) -> NDArray[np.float32]:
-    """The points as float32, if they can be fitted at all."""
-    if not (np.isfinite(radius) and radius > 0):
-        raise ValueError(f"the radius is {radius:g} mm, expected a positive number")
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points have shape {points.shape}, expected (N, 3)")
-    if len(points) < MIN_POINTS:
-        raise ValueError(f"the cloud has {len(points)} points, expected at least {MIN_POINTS}")
-    low, high, row = extent(points)
-    if row >= 0:
-        raise ValueError(f"point {row} is {points[row].tolist()}: not a finite number; remove such points first")
-    largest = max(-low, high)
-    if largest > 1e5 * radius:
-        raise ValueError(
-            f"a coordinate is {largest:.3g} mm where the radius is {radius:g} mm: too far away to be measured in "
-            "single precision; move the cloud to its origin, or look for a wrong unit"
-        )
-    return np.ascontiguousarray(points, dtype=np.float32)
-
-
 def _fit(
     points: NDArray[np.float32], sample: NDArray[np.float32], radius: float, parameters: SphereParameters
 ) -> SphereFit:
-    even = _thinned(sample, CELL_SHARE * radius)
+    even = thinned(sample, CELL_SHARE * radius)
     found: list[SphereFit] = []
     reasons: list[str] = []
     least = 0.0
@@ -212,7 +180,7 @@ def _candidates(
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Centres and scores of the most promising spheres, best first, from points that are evenly spread."""
     even = even.astype(np.float64)
-    seeds = _first_in_cells(even, SEED_SHARE * radius)
+    seeds = first_in_cells(even, SEED_SHARE * radius)
     band = _band(radius, parameters)
     centres, scores = local_consensus(even, seeds, radius, band, parameters.n_trials, parameters.seed)
     chosen: list[tuple[NDArray[np.float64], float]] = []
@@ -382,14 +350,6 @@ def coverage(offsets: NDArray[np.floating]) -> float:
     return float(np.mean(counts > 0.1 * counts[counts > 0].mean()))
 
 
-def fibonacci_sphere(n: int) -> NDArray[np.float64]:
-    """Evenly spread directions (n, 3) of unit length."""
-    index = np.arange(n) + 0.5
-    y, turn = 1 - 2 * index / n, np.pi * (1 + 5**0.5) * index
-    sine = np.sqrt(1 - y**2)
-    return np.stack([sine * np.cos(turn), y, sine * np.sin(turn)], axis=1)
-
-
 def _fitting_unit(sample: NDArray[np.float32], radius: float, parameters: SphereParameters) -> str | None:
     """The unit in which the cloud would hold a sphere of the radius, or None."""
     if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
@@ -408,23 +368,3 @@ def _fitting_unit(sample: NDArray[np.float32], radius: float, parameters: Sphere
 
 def _band(radius: float, parameters: SphereParameters) -> float:
     return parameters.band or BAND_SHARE * radius
-
-
-def subsample(points: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """At most LARGEST_SAMPLE of the points, one out of each run of equal length."""
-    if len(points) <= LARGEST_SAMPLE:
-        return points
-    edges = np.linspace(0, len(points), LARGEST_SAMPLE + 1).astype(np.int64)
-    at = np.random.default_rng(seed).random(LARGEST_SAMPLE)
-    return points[edges[:-1] + (at * np.diff(edges)).astype(np.int64)]
-
-
-def _thinned(points: NDArray[np.floating], cell: float) -> NDArray[np.floating]:
-    return points[_first_in_cells(points, cell)]
-
-
-def _first_in_cells(points: NDArray[np.floating], cell: float) -> NDArray[np.int64]:
-    """Index of the first point in every occupied cell of a grid."""
-    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    keys = (cells[:, 0] * 2_000_003 + cells[:, 1]) * 2_000_003 + cells[:, 2]
-    return np.sort(np.unique(keys, return_index=True)[1])

@@ -13,6 +13,8 @@ from recon.validation.pictures import png, sphere_picture
 from recon.validation.report import (
     Section,
     curve_chart,
+    curve_columns,
+    percent,
     write_bytes,
     write_figure,
     write_page,
@@ -38,6 +40,7 @@ def write_sphere_report(report: Mapping[str, Any], out: Path) -> Path:
     write_table(out / "reconstructions.csv", report["reconstructions"])
     write_table(out / "sensors.csv", report["table"])
     write_table(out / "curve.csv", report["curve"])
+    write_table(out / "measures.csv", report["measures"])
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _left_out(report), _pictures(report, out)]
@@ -61,19 +64,7 @@ def _sensors(report: Mapping[str, Any]) -> Section:
         f"from {report['settings']['replicates']} bootstrap replicates over samples. Combined are all sensors' points "
         "against one sphere. The rows “all” include what the exclusion rule leaves out."
     )
-    rows = [
-        {
-            "sensor": row["sensor"],
-            "subset": row["subset"],
-            "samples": row["n_samples"],
-            "inliers %": _percent(row["inliers"]),
-            "outliers %": _percent(row["outliers"]),
-            "from %": _percent(row["ci_low"]),
-            "to %": _percent(row["ci_high"]),
-        }
-        for row in report["table"]
-    ]
-    return Section("Sensors", text, rows)
+    return Section("Sensors", text, curve_columns(report["table"]))
 
 
 def _curve(subset: str, svg: str) -> Section:
@@ -86,7 +77,7 @@ def _left_out(report: Mapping[str, Any]) -> Section:
         {
             "name": row["name"],
             "used": not row["is_excluded"],
-            "inliers %": _percent(row.get("inliers")),
+            "inliers %": percent(row.get("inliers")),
             "free radius mm": row.get("free_radius_mm"),
             "sector shift mm": row.get("sector_shift_mm"),
             "ring shift mm": row.get("ring_shift_mm"),
@@ -117,7 +108,3 @@ def _shown(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Which reconstructions are pictured: those that were left out first, then the others."""
     fitted = [row for row in rows if "centre_mm" in row]
     return sorted(fitted, key=lambda row: not row["is_excluded"])[:MOST_PICTURES]
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.2f}"

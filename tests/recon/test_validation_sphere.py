@@ -13,7 +13,9 @@ from recon.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import read_depth
 from recon.validation.caps import CapParameters, simulate_cap
-from recon.validation.sphere import FitError, fit_sphere, inlier_curve
+from recon.validation.curves import inlier_curve
+from recon.validation.measured import FitError
+from recon.validation.sphere import fit_sphere
 
 RADIUS = 150.0
 

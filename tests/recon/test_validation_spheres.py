@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from recon.cli import app
 from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
-from recon.validation.measured import read_measured
-from recon.validation.sphere import FitError
+from recon.validation.measured import FitError, named_clouds, read_measured
+from recon.validation.sphere_methods import SphereSettings
 from recon.validation.sphere_report import write_sphere_report
-from recon.validation.spheres import SphereSettings, measure_spheres, sphere_clouds
+from recon.validation.spheres import measure_spheres
 
 SETTINGS = SphereSettings(150.0, (5.0, 12.5, 50.0))
 SENSORS = ("S1", "S2", "S3")
@@ -41,16 +41,16 @@ def write_caps(
 
 def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
     paths = [Path(name) for name in "abcd"]
-    assert [cloud.name for cloud in sphere_clouds(paths, ("L", "R"))] == ["1/L", "1/R", "2/L", "2/R"]
-    assert [cloud.name for cloud in sphere_clouds(paths, ("L", "L", "R", "R"))] == ["1/L", "2/L", "1/R", "2/R"]
-    assert [cloud.name for cloud in sphere_clouds(paths, ())] == ["1/S1", "2/S1", "3/S1", "4/S1"]
+    assert [cloud.name for cloud in named_clouds(paths, ("L", "R"))] == ["1/L", "1/R", "2/L", "2/R"]
+    assert [cloud.name for cloud in named_clouds(paths, ("L", "L", "R", "R"))] == ["1/L", "2/L", "1/R", "2/R"]
+    assert [cloud.name for cloud in named_clouds(paths, ())] == ["1/S1", "2/S1", "3/S1", "4/S1"]
     with pytest.raises(ValueError, match="4 clouds cannot be shared among 3 sensors"):
-        sphere_clouds(paths, SENSORS)
+        named_clouds(paths, SENSORS)
 
 
 def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
     paths = write_caps(tmp_path)
-    report = measure_spheres(sphere_clouds(paths, SENSORS), SETTINGS)
+    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
     for row in report["reconstructions"]:
         place = np.random.default_rng(row["sample"] - 1).uniform(-300, 300, 3)
         errors = np.linalg.norm(read_measured(Path(row["file"])) - place, axis=1) - 150
@@ -61,7 +61,7 @@ def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
 
 
 def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None:
-    report = measure_spheres(sphere_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
+    report = measure_spheres(named_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
     for sensor in (*SENSORS, "combined"):
         rows = [row for row in report["curve"] if row["sensor"] == sensor and row["subset"] == "used"]
         assert [row["inliers"] for row in rows] == sorted(row["inliers"] for row in rows)
@@ -70,7 +70,7 @@ def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("spoil", ["wedge", "patch", "pushed"])
 def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Path, spoil: str) -> None:
-    clouds = sphere_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
+    clouds = named_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
     report = measure_spheres(clouds, SETTINGS)
     assert [row["name"] for row in report["excluded"]] == ["1/S2"]
     assert report["excluded"][0]["reasons"]
@@ -83,7 +83,7 @@ def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Pat
 
 
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
-    clouds = sphere_clouds(write_caps(tmp_path, 1), SENSORS)
+    clouds = named_clouds(write_caps(tmp_path, 1), SENSORS)
     report = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))
     assert report["excluded"] == [{"name": "1/S3", "reasons": ["left out on request"]}]
     with pytest.raises(ValueError, match="no reconstruction 9/S1"):
@@ -93,10 +93,10 @@ def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
 def test_a_cloud_without_a_sphere_is_a_failure_beside_the_others(tmp_path: Path) -> None:
     paths = write_caps(tmp_path, 1)
     np.savetxt(paths[1], np.random.default_rng(0).uniform(-300, 300, (5000, 3)))
-    report = measure_spheres(sphere_clouds(paths, SENSORS), SETTINGS)
+    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
     assert report["failed"] == ["1/S2"]
     with pytest.raises(FitError, match="no sphere was found in any of 1 clouds"):
-        measure_spheres(sphere_clouds(paths[1:2], ()), SETTINGS)
+        measure_spheres(named_clouds(paths[1:2], ()), SETTINGS)
 
 
 @pytest.mark.parametrize("content", ["", "1 2\n3 4\n", "a b c\n", "ply\nformat ascii 1.0\n"])
@@ -105,11 +105,11 @@ def test_an_unreadable_cloud_is_named(tmp_path: Path, content: str, suffix: str)
     path = tmp_path / f"cloud{suffix}"
     path.write_text(content, encoding="utf-8")
     with pytest.raises(ValueError, match=f"cloud{suffix}"):
-        measure_spheres(sphere_clouds([path], ()), SETTINGS)
+        measure_spheres(named_clouds([path], ()), SETTINGS)
 
 
 def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
-    report = measure_spheres(sphere_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
+    report = measure_spheres(named_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
     page = write_sphere_report(report, tmp_path / "out").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "out/report.json").read_text())["table"] == report["table"]
     with (tmp_path / "out/sensors.csv").open() as file:
@@ -143,13 +143,13 @@ def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path:
     path = tmp_path / "scene.xyz"
     np.savetxt(path, np.concatenate([points - centre, wall]))
     settings = SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 2500.0)})
-    (row,) = measure_spheres(sphere_clouds([path], ()), settings)["reconstructions"]
+    (row,) = measure_spheres(named_clouds([path], ()), settings)["reconstructions"]
     behind = np.hypot(wall[:, 0], wall[:, 1]) < 4000 * np.tan(np.arcsin(150 / 2500))
     assert row["n_points"] == pytest.approx(6000 + behind.sum(), abs=3)
     with pytest.raises(ValueError, match="inside the fitted sphere"):
-        measure_spheres(sphere_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+        measure_spheres(named_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
     with pytest.raises(ValueError, match="viewpoints are given for S7"):
-        measure_spheres(sphere_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S7": (0.0, 0.0, 1e3)}))
+        measure_spheres(named_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S7": (0.0, 0.0, 1e3)}))
 
 
 def test_a_viewpoint_names_its_sensor_or_means_the_only_one() -> None:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.congruent import congruent_bases, pairs_at_distance
-from recon.validation.sphere import FitError
-from recon.validation.spheres import METHODS, fit_super4pcs
+from recon.validation.measured import FitError
+from recon.validation.sphere_methods import METHODS, fit_super4pcs
 from recon.validation.super4pcs import Super4PCSParameters, rigid_motions, super4pcs
 
 

@@ -1,0 +1,37 @@
+"""Fewer points that stand for many, and directions evenly spread over a sphere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
+
+
+def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE) -> NDArray[np.float32]:
+    """At most `most` of the points, one out of each run of equal length."""
+    if len(points) <= most:
+        return points
+    edges = np.linspace(0, len(points), most + 1).astype(np.int64)
+    at = np.random.default_rng(seed).random(most)
+    return points[edges[:-1] + (at * np.diff(edges)).astype(np.int64)]
+
+
+def thinned(points: NDArray[np.floating], cell: float) -> NDArray[np.floating]:
+    """The first point in every occupied cell of a grid: dense parts then count by their area."""
+    return points[first_in_cells(points, cell)]
+
+
+def first_in_cells(points: NDArray[np.floating], cell: float) -> NDArray[np.int64]:
+    """Index of the first point in every occupied cell of a grid."""
+    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    keys = (cells[:, 0] * 2_000_003 + cells[:, 1]) * 2_000_003 + cells[:, 2]
+    return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def fibonacci_sphere(n: int) -> NDArray[np.float64]:
+    """Evenly spread directions (n, 3) of unit length."""
+    index = np.arange(n) + 0.5
+    y, turn = 1 - 2 * index / n, np.pi * (1 + 5**0.5) * index
+    sine = np.sqrt(1 - y**2)
+    return np.stack([sine * np.cos(turn), y, sine * np.sin(turn)], axis=1)
