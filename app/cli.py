@@ -9,7 +9,7 @@ import os
 import socket
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,7 +39,7 @@ app = typer.Typer(
     help="Objective and subjective evaluation of multi-stereo 3D reconstruction.",
 )
 app.add_typer(recon_app)
-study_app = typer.Typer(no_args_is_help=True, help="Studies: create, list.")
+study_app = typer.Typer(no_args_is_help=True, help="Studies: create, import, export, invite, balance, list.")
 admin_app = typer.Typer(no_args_is_help=True, help="Experimenters.")
 token_app = typer.Typer(no_args_is_help=True, help="Tokens with which analysts fetch results.")
 db_app = typer.Typer(no_args_is_help=True, help="The database.")
@@ -141,6 +141,25 @@ def study_create(
         Path | None,
         typer.Option("--options", help="TOML: optional_stages (practice, interview), consent, questions, …"),
     ] = None,
+    both_orders: Annotated[
+        bool, typer.Option("--both-orders", help="Show every pair twice, with A and B exchanged the second time.")
+    ] = False,
+    repeated_pairs: Annotated[
+        int | None, typer.Option(min=0, help="Pairs of each dataset that come again, to see whether choices repeat.")
+    ] = None,
+    identical_pairs: Annotated[
+        int | None, typer.Option(min=0, help="Pairs of each dataset that hold one stimulus twice, to check attention.")
+    ] = None,
+    free_exposure: Annotated[
+        bool,
+        typer.Option("--free-exposure", help="Let the participant end the exposure; the videos repeat until then."),
+    ] = False,
+    reference: Annotated[
+        str | None, typer.Option(help="Condition to show as the reference beside every pair, and not to compare.")
+    ] = None,
+    break_every: Annotated[
+        int | None, typer.Option(min=0, help="Trials after which a break is offered; 0: never; default: 25.")
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
@@ -148,7 +167,15 @@ def study_create(
     from app.operate import create_study, read_options
     from app.settings import Settings
 
-    options = read_options(options_file) if options_file else None
+    given = {
+        "both_orders": both_orders or None,
+        "repeated_pairs": repeated_pairs,
+        "identical_pairs": identical_pairs,
+        "free_exposure": free_exposure or None,
+        "reference": reference,
+        "break_every": break_every,
+    }
+    options = read_options(options_file, {name: value for name, value in given.items() if value is not None})
     progress = ProgressLine()
     study = create_study(
         Settings(),
@@ -160,12 +187,75 @@ def study_create(
         progress=_counted(progress),
     )
     progress.close()
-    study["link"] = url + study["path"]
-    sentences = (
-        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
-        f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
-    )
-    print_result(study, sentences, as_json=as_json)
+    _tell_of_study(study, url, as_json=as_json)
+
+
+@study_app.command("import")
+def study_import(
+    file: Annotated[Path, typer.Argument(help="TOML: name, stimuli, exposure_s, seed, [options]; see study export.")],
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of the stimulus set; default: the one that the file names.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Create a study as a study file says, with an open invitation."""
+    from app.operate import import_study
+    from app.settings import Settings
+
+    progress = ProgressLine()
+    study = import_study(Settings(), file, stimuli=stimuli, progress=_counted(progress))
+    progress.close()
+    _tell_of_study(study, url, as_json=as_json)
+
+
+@study_app.command("export")
+def study_export(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: standard output.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a study as a study file, from which `study import` makes it again."""
+    from app.operate import export_study
+    from app.settings import Settings
+
+    text = export_study(Settings(), study)
+    if out is not None:
+        out.write_text(text, encoding="utf-8")
+    result = {"study": study, "toml": text, "file": str(out) if out else None}
+    print_result(result, f"Wrote {out}." if out else text.rstrip(), as_json=as_json)
+
+
+@study_app.command("invite")
+def study_invite(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    places: Annotated[
+        int | None, typer.Option(min=1, help="For so many participants; default: as many as come.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Make another invitation to a study."""
+    from app.operate import add_invitation
+    from app.settings import Settings
+
+    made = add_invitation(Settings(), study, places=places)
+    made["link"] = url + made["path"]
+    people = "as many participants as come" if places is None else f"{places} participant{'s' * (places > 1)}"
+    print_result(made, f"For {people}: {made['link']}", as_json=as_json)
+
+
+@study_app.command("balance")
+def study_balance(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Whether everybody's order follows from the seed, and whether labels, first looks and datasets are balanced."""
+    from app.operate import study_balance as balance_of
+    from app.settings import Settings
+
+    report = balance_of(Settings(), study)
+    print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
 
 
 @study_app.command("list")
@@ -408,6 +498,23 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
         f"{study['slug']} ({study['state']}): {study['n_finished']} of {study['n_started']} participants finished, "
         f"{study['n_votes']} votes; invitations {', '.join(study['invitations'])}"
     )
+
+
+def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
+    study["link"] = url + study["path"]
+    sentences = (
+        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
+        f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
+    )
+    print_result(study, sentences, as_json=as_json)
+
+
+def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
+    yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
+    yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
+    for rule in report["rules"]:
+        verdict = "ok" if rule["ok"] else "NO"
+        yield f"  {verdict} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"
 
 
 def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:

@@ -6,7 +6,7 @@ import re
 import secrets
 import tomllib
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -14,13 +14,17 @@ from typing import Any
 
 from app.settings import Settings
 from app.stimuli import (
+    MANIFEST,
+    NO_REFERENCES,
     Progress,
     StimulusSet,
+    file_digest,
     no_progress,
     prepare_identical,
     prepare_pairs,
     prepare_practice,
     read_stimulus_set,
+    split_reference,
 )
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Entry, record, record_alone
@@ -30,9 +34,12 @@ from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
+from app.store.orders import study_plan, taken_orders
 from app.store.tokens import SCOPES, insert_token
+from app.study.balance import balance_report
 from app.study.options import StudyOptions, parse_options
 from app.study.stages import PRACTICE
+from app.study.study_file import StudyFile, parse_study_file, write_study_file
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -105,9 +112,12 @@ def create_study(
         if seed is not None and not 0 <= seed < 2**63:
             raise ValueError(f"seed {seed}: expected a whole number from 0 to 2^63 - 1")
         options = options or StudyOptions()
-        pairs = prepare_pairs(stimulus_set, settings.media_dir, progress)
+        compared, references = (
+            split_reference(stimulus_set, options.reference) if options.reference else (stimulus_set, NO_REFERENCES)
+        )
+        pairs = prepare_pairs(compared, settings.media_dir, progress, references)
         if options.identical_pairs:
-            pairs += prepare_identical(stimulus_set, settings.media_dir, progress)
+            pairs += prepare_identical(compared, settings.media_dir, progress, references)
         practice = prepare_practice(stimulus_set, settings.media_dir) if PRACTICE in options.way else []
         created_at = utc_now()
         row = {
@@ -124,7 +134,7 @@ def create_study(
         }
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, stimulus_set, pairs)
+            insert_design(connection, study_id, compared, pairs)
             insert_practice(connection, study_id, practice)
             code = insert_invitation(connection, study_id, None, created_at)
             entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
@@ -142,18 +152,82 @@ def create_study(
     }
 
 
-def read_options(path: Path) -> StudyOptions:
-    """A study's options from a TOML file.
+def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
+    """A study's options from a TOML file, where there is one; what is given besides goes before it.
 
     Raises
     ------
     ValueError
         If the file is not readable or not as described: names it and what is wrong.
     """
+    if path is None:
+        return parse_options(given)
     try:
-        return parse_options(tomllib.loads(path.read_text(encoding="utf-8")))
+        return parse_options({**tomllib.loads(path.read_text(encoding="utf-8")), **given})
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def import_study(
+    settings: Settings, path: Path, *, stimuli: Path | None = None, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Create a study as a study file says.
+
+    Parameters
+    ----------
+    path : the study file
+    stimuli : the stimulus set's folder; None: the one that the file names
+
+    Raises
+    ------
+    ValueError
+        If the file is not readable or not as described, or its stimulus set is another one; else as `create_study`.
+    """
+    try:
+        found = parse_study_file(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+    if stimuli is None and found.stimuli is None:
+        raise ValueError(f'{path}: names no stimuli; add stimuli = "FOLDER", or name the folder by --stimuli')
+    folder = stimuli or path.parent / str(found.stimuli)
+    manifest = folder / MANIFEST if folder.is_dir() else folder
+    if found.manifest_sha256 and manifest.is_file() and file_digest(manifest) != found.manifest_sha256:
+        raise ValueError(
+            f"{manifest}: its SHA-256 is {file_digest(manifest)}, {path} expects {found.manifest_sha256}: "
+            "this is another stimulus set"
+        )
+    return create_study(
+        settings,
+        folder,
+        found.name,
+        exposure_s=found.exposure_s,
+        seed=found.seed,
+        options=found.options,
+        progress=progress,
+    )
+
+
+def export_study(settings: Settings, slug: str) -> str:
+    """A study as a study file, to be imported on another server beside its stimulus set."""
+    with _store(settings) as database:
+        study = _study(database, slug)
+    return write_study_file(
+        StudyFile(
+            name=study.name,
+            manifest_sha256=study.manifest_sha256,
+            exposure_s=study.exposure_s,
+            seed=study.seed,
+            options=parse_options(study.options),
+        )
+    )
+
+
+def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
+    """Whether a study's orders follow from its seed and balance, see `balance_report`."""
+    with _store(settings) as database:
+        study = _study(database, slug)
+        with database.reading() as connection:
+            return balance_report(study_plan(connection, study), taken_orders(connection, study, utc_now()))
 
 
 def list_studies(settings: Settings) -> list[dict[str, Any]]:
@@ -177,12 +251,11 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     """Invite to a study: `places` participants, or as many as come."""
     if places is not None and not 1 <= places <= 1_000_000:
         raise ValueError(f"{places} places: expected between 1 and 1000000")
-    with _store(settings) as database, database.writing() as connection:
-        study = studies.study_by_slug(connection, slug)
-        if study is None:
-            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
-        code = insert_invitation(connection, study.id, places, utc_now())
-        record(connection, COMMAND_LINE, Entry("invitation made", study.id, detail={"places": places}), utc_now())
+    with _store(settings) as database:
+        study = _study(database, slug)
+        with database.writing() as connection:
+            code = insert_invitation(connection, study.id, places, utc_now())
+            record(connection, COMMAND_LINE, Entry("invitation made", study.id, detail={"places": places}), utc_now())
     return {"invitation": code, "path": f"/s/{code}"}
 
 
@@ -250,6 +323,14 @@ def _store(settings: Settings) -> Iterator[Database]:
         yield database
     finally:
         database.dispose()
+
+
+def _study(database: Database, slug: str) -> studies.Study:
+    with database.reading() as connection:
+        found = studies.study_by_slug(connection, slug)
+    if found is None:
+        raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+    return found
 
 
 def _refuse_second(database: Database, slug: str, name: str) -> None:

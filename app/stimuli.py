@@ -1,7 +1,8 @@
 """The only door from reconstruction: checks a stimulus set and prepares the videos that the player shows.
 
-A pair video holds the one stimulus above the other, so that both are decoded together and never differ by a frame. At
-the seam both edges are repeated over a guard band, so that neither bleeds into the other where the player crops.
+A pair video holds the one stimulus above the other, so that both are decoded together and never differ by a frame; a
+reference lies below them. At a seam both edges are repeated over a guard band, so that neither bleeds into the other
+where the player crops.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import hashlib
 import json
 import re
 import subprocess
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
@@ -114,6 +115,10 @@ class StimulusSet:
     def conditions(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(stimulus.approach for stimulus in self.stimuli))
 
+    def without(self, condition: str) -> StimulusSet:
+        """The set without one condition."""
+        return replace(self, stimuli=tuple(one for one in self.stimuli if one.approach != condition))
+
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
         return tuple(stimulus for stimulus in self.stimuli if stimulus.dataset == dataset)
 
@@ -155,6 +160,10 @@ class PairVideo:
     n_frames: int
 
 
+References = Mapping[str, Stimulus]  # by dataset
+NO_REFERENCES: References = {}
+
+
 def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusSet:
     """Read a stimulus set and check every video in it by decoding it.
 
@@ -188,13 +197,16 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
     return stimulus_set
 
 
-def prepare_pairs(stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress) -> list[PairVideo]:
+def prepare_pairs(
+    stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress, references: References = NO_REFERENCES
+) -> list[PairVideo]:
     """Make the video of every unordered pair of stimuli of the same dataset, unless it is already there.
 
     Parameters
     ----------
     media_dir : where the files go, named by what they are made of
     progress : told after each pair
+    references : what lies below the pairs of a dataset
 
     Raises
     ------
@@ -202,18 +214,33 @@ def prepare_pairs(stimulus_set: StimulusSet, media_dir: Path, progress: Progress
         If a pair cannot be encoded, or what was encoded does not decode to the frames it should hold.
     """
     pairs = [pair for name in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(name), 2)]
-    return _prepare(stimulus_set, pairs, media_dir, progress)
+    return _prepare(stimulus_set, pairs, media_dir, progress, references)
 
 
-def prepare_identical(stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress) -> list[PairVideo]:
-    """Make the video of every stimulus beside itself, for pairs that check attention.
+def prepare_identical(
+    stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress, references: References = NO_REFERENCES
+) -> list[PairVideo]:
+    """Make the video of every stimulus beside itself, for pairs that check attention; otherwise as `prepare_pairs`."""
+    return _prepare(stimulus_set, [(one, one) for one in stimulus_set.stimuli], media_dir, progress, references)
+
+
+def split_reference(stimulus_set: StimulusSet, reference: str) -> tuple[StimulusSet, References]:
+    """What is compared, and by dataset what is shown beside it as the reference.
 
     Raises
     ------
     StimuliError
-        As `prepare_pairs`.
+        If a dataset lacks the reference, or has too little to compare besides it.
     """
-    return _prepare(stimulus_set, [(one, one) for one in stimulus_set.stimuli], media_dir, progress)
+    compared = stimulus_set.without(reference)
+    references = {one.dataset: one for one in stimulus_set.stimuli if one.approach == reference}
+    for dataset in stimulus_set.datasets:
+        if dataset not in references:
+            found = ", ".join(one.approach for one in stimulus_set.of_dataset(dataset))
+            raise StimuliError(f"dataset {dataset} has {found}; the reference {reference!r} is not among them")
+        if len(compared.of_dataset(dataset)) < 2:
+            raise StimuliError(f"dataset {dataset} has one stimulus beside the reference, expected two to compare")
+    return compared, references
 
 
 def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVideo]:
@@ -233,28 +260,36 @@ def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVid
         digests = {stimulus.name: file_digest(practising.source(stimulus)) for stimulus in practising.practice}
         pairs = []
         for top, bottom in ((sharp, other), (sharp, sharp)):
-            path = media_dir / f"{_pair_key(digests[top.name], digests[bottom.name])}.mp4"
+            path = media_dir / f"{_pair_key([digests[top.name], digests[bottom.name]])}.mp4"
             if not path.is_file():
-                _encode_pair(practising, top, bottom, path)
+                _encode_pair(practising, (top, bottom), path)
             pairs.append(_pair_video(top, bottom, path))
     return pairs
 
 
 def _prepare(
-    stimulus_set: StimulusSet, pairs: Sequence[tuple[Stimulus, Stimulus]], media_dir: Path, progress: Progress
+    stimulus_set: StimulusSet,
+    pairs: Sequence[tuple[Stimulus, Stimulus]],
+    media_dir: Path,
+    progress: Progress,
+    references: References,
 ) -> list[PairVideo]:
-    digests = {s.name: file_digest(stimulus_set.source(s)) for s in stimulus_set.stimuli}
-    sorted_pairs = [tuple(sorted(pair, key=lambda s: (digests[s.name], s.name))) for pair in pairs]
-    files = [media_dir / f"{_pair_key(digests[top.name], digests[bottom.name])}.mp4" for top, bottom in sorted_pairs]
-    missing = {path: pair for path, pair in zip(files, sorted_pairs, strict=True) if not path.is_file()}  # each once
+    shown = (*stimulus_set.stimuli, *references.values())
+    digests = {s.name: file_digest(stimulus_set.source(s)) for s in shown}
+    videos: list[tuple[tuple[Stimulus, ...], Path]] = []
+    for pair in pairs:
+        below = filter(None, [references.get(pair[0].dataset)])
+        strips = (*sorted(pair, key=lambda s: (digests[s.name], s.name)), *below)
+        videos.append((strips, media_dir / f"{_pair_key([digests[s.name] for s in strips])}.mp4"))
+    missing = {path: strips for strips, path in videos if not path.is_file()}  # each content once
     _in_parallel(
         [
-            (f"pairing {top.name} with {bottom.name}", partial(_encode_pair, stimulus_set, top, bottom, path))
-            for path, (top, bottom) in missing.items()
+            (f"pairing {strips[0].name} with {strips[1].name}", partial(_encode_pair, stimulus_set, strips, path))
+            for path, strips in missing.items()
         ],
         progress,
     )
-    return [_pair_video(top, bottom, path) for (top, bottom), path in zip(sorted_pairs, files, strict=True)]
+    return [_pair_video(strips[0], strips[1], path) for strips, path in videos]
 
 
 def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
@@ -374,11 +409,13 @@ def _check_facts(path: Path, found: VideoFacts, stimulus: Stimulus) -> None:
         raise StimuliError(f"{path}: fps is {found.fps:g}, the manifest says {stimulus.fps:g}")
 
 
-def _encode_pair(stimulus_set: StimulusSet, top: Stimulus, bottom: Stimulus, path: Path) -> None:
-    expected = VideoFacts(top.width, 2 * top.height + GUARD_ROWS, top.fps, top.n_frames)
+def _encode_pair(stimulus_set: StimulusSet, strips: Sequence[Stimulus], path: Path) -> None:
+    first = strips[0]
+    n_rows = len(strips) * first.height + (len(strips) - 1) * GUARD_ROWS
+    expected = VideoFacts(first.width, n_rows, first.fps, first.n_frames)
     with whole_file(path) as temporary:
-        _stack([stimulus_set.source(top), stimulus_set.source(bottom)], temporary)
-        _check_pair(decode(temporary), expected, f"{top.name} above {bottom.name}")
+        _stack([stimulus_set.source(strip) for strip in strips], temporary)
+        _check_pair(decode(temporary), expected, " above ".join(strip.name for strip in strips))
 
 
 def _pair_video(top: Stimulus, bottom: Stimulus, path: Path) -> PairVideo:
@@ -386,19 +423,16 @@ def _pair_video(top: Stimulus, bottom: Stimulus, path: Path) -> PairVideo:
     return PairVideo(top, bottom, path.name, digest, top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
 
 
-def _pair_key(top_sha256: str, bottom_sha256: str) -> str:
-    recipe = [PAIR_RECIPE, GUARD_ROWS, GOP, CRF, top_sha256, bottom_sha256]
+def _pair_key(sha256s: Sequence[str]) -> str:
+    recipe = [PAIR_RECIPE, GUARD_ROWS, GOP, CRF, *sha256s]
     return hashlib.sha256(json.dumps(recipe).encode()).hexdigest()
 
 
 def _stack(sources: Sequence[Path], out: Path) -> None:
-    half = GUARD_ROWS // 2
-    # The halves are padded in full colour resolution; `smear` repeats the outermost row over the padding.
-    graph = (
-        f"[0:v]format=yuv444p,pad=iw:ih+{half}:0:0,fillborders=bottom={half}:mode=smear[top];"
-        f"[1:v]format=yuv444p,pad=iw:ih+{half}:0:{half},fillborders=top={half}:mode=smear[bottom];"
-        "[top][bottom]vstack=shortest=1,format=yuv420p[pair]"
-    )
+    n, half = len(sources), GUARD_ROWS // 2
+    strips = [_padded(number, half * (number > 0), half * (number < n - 1)) for number in range(n)]
+    names = "".join(f"[strip{number}]" for number in range(n))
+    graph = "".join(strips) + f"{names}vstack=inputs={n}:shortest=1,format=yuv420p[pair]"
     inputs = [part for source in sources for part in ("-i", str(source))]
     _ffmpeg(
         [
@@ -416,6 +450,13 @@ def _stack(sources: Sequence[Path], out: Path) -> None:
         ],
         f"{sources[0]} above {sources[1]}: cannot be encoded",
     )
+
+
+def _padded(number: int, above: int, below: int) -> str:
+    """A strip padded in full colour resolution; `smear` repeats the outermost row over the padding."""
+    pad = f"pad=iw:ih+{above + below}:0:{above}"
+    smear = f"fillborders=top={above}:bottom={below}:mode=smear"
+    return f"[{number}:v]format=yuv444p,{pad},{smear}[strip{number}];"
 
 
 def _check_pair(found: VideoFacts, expected: VideoFacts, name: str) -> None:

@@ -143,7 +143,7 @@ def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> 
     if target.voided_at is not None:
         return ConflictError("This trial was interrupted; it comes again at the end.")
     try:
-        check_vote(ballot.sent, target.first_shown)
+        check_vote(ballot.sent, target.first_shown, has_reference=bool(target.study_options.get("reference")))
     except InvalidVoteError as error:
         return InvalidError(f"The viewing record is not right: {error}.")
     return target

@@ -37,7 +37,7 @@ class Vote:
         return switches
 
 
-def check_vote(vote: Vote, first_shown: Label) -> None:
+def check_vote(vote: Vote, first_shown: Label, *, has_reference: bool = False) -> None:
     """Check a well-formed vote against itself and its trial.
 
     Only contradictions are refused. Short looks and quick answers are facts about a participant: they are kept, and the
@@ -47,12 +47,13 @@ def check_vote(vote: Vote, first_shown: Label) -> None:
     ----------
     vote : types and bounds are already checked
     first_shown : the label that the trial shows first
+    has_reference : whether the trial shows a reference besides A and B
 
     Raises
     ------
     InvalidVoteError
-        If another label was shown first, a switch does not change what is shown, or switches are not in the order of
-        time.
+        If another label was shown first, a switch does not change what is shown or goes to what is not there, or
+        switches are not in the order of time.
     """
     if vote.viewing["first_shown"] != first_shown:
         raise InvalidVoteError(f"first_shown is {vote.viewing['first_shown']!r}; the trial shows {first_shown!r} first")
@@ -60,6 +61,8 @@ def check_vote(vote: Vote, first_shown: Label) -> None:
     for number, switch in enumerate(vote.switches, start=1):
         if switch["to"] == shown:
             raise InvalidVoteError(f"switch {number} goes to {shown!r}, which is already shown")
+        if switch["to"] == "reference" and not has_reference:
+            raise InvalidVoteError(f"switch {number} goes to the reference, and the trial shows none")
         if switch["at_ms"] < at_ms:
             raise InvalidVoteError(f"switch {number} is at {switch['at_ms']} ms, before the one at {at_ms} ms")
         shown, at_ms = switch["to"], switch["at_ms"]

@@ -42,6 +42,7 @@ class MediaView(BaseModel):
     width: int = Field(description="of one half, pixels")
     height: int = Field(description="of one half, pixels")
     guard_rows: int = Field(description="rows between the halves that belong to neither")
+    reference: bool = Field(description="whether the reference lies below both, after as many guard rows")
     fps: float
     n_frames: int
 
@@ -54,6 +55,7 @@ class OneTrialView(BaseModel):
     number: int
     total: int
     exposure_s: float
+    free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
     first_shown: Label
     media: MediaView
 
@@ -66,7 +68,7 @@ class TrialView(OneTrialView):
 
 
 class SwitchBody(Strict):
-    to: Label
+    to: Label | Literal["reference"]
     at_ms: Milliseconds
     media_time_s: Seconds
     frame: Count | None = Field(default=None, description="number of the frame on screen, from 0")
@@ -75,6 +77,7 @@ class SwitchBody(Strict):
 class DwellBody(Strict):
     a: Milliseconds
     b: Milliseconds
+    reference: Milliseconds | None = None
 
 
 class DisplayBody(Strict):
@@ -198,7 +201,10 @@ def _trial_view(session: Session, current: NextTrial, done: Done, ahead: int) ->
         total=done.n_total,
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
-        media=_media_view(current, "top" if current.a_half == "top" else "bottom"),
+        free_exposure=session.options.free_exposure,
+        media=_media_view(
+            current, "top" if current.a_half == "top" else "bottom", has_reference=bool(session.options.reference)
+        ),
     )
 
 
@@ -212,11 +218,12 @@ def _practice_view(session: Session, pair: PracticePair, total: int) -> OneTrial
         total=total,
         exposure_s=session.exposure_s,
         first_shown="b" if turn else "a",
-        media=_media_view(pair, "top" if session.id % 2 else "bottom"),
+        free_exposure=session.options.free_exposure,
+        media=_media_view(pair, "top" if session.id % 2 else "bottom", has_reference=False),
     )
 
 
-def _media_view(of: NextTrial | PracticePair, a_half: Half) -> MediaView:
+def _media_view(of: NextTrial | PracticePair, a_half: Half, *, has_reference: bool) -> MediaView:
     return MediaView(
         url=media_url(of.media),
         layout="stacked",
@@ -224,6 +231,7 @@ def _media_view(of: NextTrial | PracticePair, a_half: Half) -> MediaView:
         width=of.width,
         height=of.height,
         guard_rows=of.guard_rows,
+        reference=has_reference,
         fps=of.fps,
         n_frames=of.n_frames,
     )

@@ -18,11 +18,11 @@ import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // about what a vote takes, for the length that is announced
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
-const BREAK_EVERY = 25; // trials
 const FEWEST_AFTER_BREAK = 5;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [403, "closed"]]);
 
 const page = /** @type {HTMLElement} */ (document.getElementById("study"));
+const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const beginKey = `begin ${code}`;
 const shelf = await openShelf();
@@ -295,7 +295,7 @@ async function runTrial(description) {
 /** @param {TrialDescription} description of the trial that comes */
 function isTimeForBreak({ number, total }) {
   const answered = number - 1;
-  if (answered % BREAK_EVERY || answered === lastBreak || total - answered < FEWEST_AFTER_BREAK) return false;
+  if (!breakEvery || answered % breakEvery || answered === lastBreak || total - answered < FEWEST_AFTER_BREAK) return false;
   lastBreak = answered;
   tell({ done: answered, total });
   return answered > 0;

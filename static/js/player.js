@@ -1,6 +1,6 @@
-/** Shows one half of a film that holds A above B. There is one video element, so both halves always come from the same frame. */
+/** Shows one strip of a film that holds A above B, and a reference below. There is one video element, so all come from the same frame. */
 
-/** @typedef {import("./session.js").Letter} Letter */
+/** @typedef {import("./session.js").Shown} Shown */
 
 const FLOAT_ERROR = 1e-6; // pixels; 1095.9999999 of them are 1096
 const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
@@ -10,8 +10,8 @@ export class StackedPlayer {
   constructor(film, video) {
     this.film = film;
     this.video = video;
-    this.halves = { a: "top", b: "bottom" };
-    /** @type {Letter} */
+    this.strips = { a: 0, b: 1, reference: 2 }; // counted from the top
+    /** @type {Shown} */
     this.shown = "a";
     this.loaded = new AbortController();
     this.address = "";
@@ -22,11 +22,11 @@ export class StackedPlayer {
 
   /**
    * Resolves when the first frame can be painted.
-   * @param {Blob} blob @param {import("./session.js").Media} media @param {Letter} first @param {AbortSignal} signal
+   * @param {Blob} blob @param {import("./session.js").Media} media @param {Shown} first @param {AbortSignal} signal
    */
   async load(blob, media, first, signal) {
     this.unload();
-    this.halves = media.a === "top" ? { a: "top", b: "bottom" } : { a: "bottom", b: "top" };
+    this.strips = media.a === "top" ? { a: 0, b: 1, reference: 2 } : { a: 1, b: 0, reference: 2 };
     this.show(first);
     const fit = () => fitToWindow(this.film, media);
     fit();
@@ -47,10 +47,10 @@ export class StackedPlayer {
     this.address = "";
   }
 
-  /** On screen by the next animation frame. @param {Letter} letter */
-  show(letter) {
-    this.shown = letter;
-    this.film.dataset.half = this.halves[letter];
+  /** On screen by the next animation frame. @param {Shown} which */
+  show(which) {
+    this.shown = which;
+    this.film.style.setProperty("--strip", String(this.strips[which]));
   }
 
   /** Seconds into the film, by the last frame on screen; by the player's position where the browser does not tell of frames. */
@@ -64,7 +64,7 @@ export class StackedPlayer {
 
   /**
    * Plays the film, over and over if it is shorter than the exposure.
-   * @param {number} exposure_s of film, by the film's own clock
+   * @param {number} exposure_s of film, by the film's own clock; Infinity: until the signal comes
    * @param {AbortSignal} signal
    * @returns {Promise<void>} when that much was shown; rejects when the film stands still
    */
@@ -98,7 +98,14 @@ export class StackedPlayer {
     const before = video.getVideoPlaybackQuality();
     this.before = { frames: before.totalVideoFrames, dropped: before.droppedVideoFrames };
     this.stalls = 0;
-    video.addEventListener("waiting", () => (this.stalls += 1), { signal });
+    let isStalled = false;
+    const resumes = () => (isStalled = false);
+    video.addEventListener("waiting", () => {
+      if (video.seeking || isStalled) return; // the film begins again, which is no wait for data
+      isStalled = true;
+      this.stalls += 1;
+    }, { signal });
+    for (const name of ["playing", "timeupdate"]) video.addEventListener(name, resumes, { signal });
   }
 
   /** Frames decoded, frames not shown, and waits for data since the film began. */
@@ -127,7 +134,8 @@ export class StackedPlayer {
  * whole number of the display's pixels. Browsers round it to that, and B would be moved against A by the rest.
  * @param {HTMLElement} film @param {import("./session.js").Media} media
  */
-function fitToWindow(film, { width, height, guard_rows }) {
+function fitToWindow(film, media) {
+  const { width, height, guard_rows } = media;
   const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (film.parentElement);
   const largest = Math.min(clientWidth / width, clientHeight / height);
   const scale = wholePixels(largest * (height + guard_rows), Math.floor) / (height + guard_rows);
@@ -136,10 +144,17 @@ function fitToWindow(film, { width, height, guard_rows }) {
     "--width": `${width}px`,
     "--height": `${height}px`,
     "--guard-rows": `${guard_rows}px`,
+    "--film-height": `${filmHeight(media)}px`,
     "--left": `${wholePixels((clientWidth - scale * width) / 2, Math.round)}px`,
     "--top": `${wholePixels((clientHeight - scale * height) / 2, Math.round)}px`,
   };
   for (const [name, value] of Object.entries(measures)) film.style.setProperty(name, String(value));
+}
+
+/** @param {import("./session.js").Media} media @returns {number} pixels */
+function filmHeight({ height, guard_rows, reference }) {
+  const n_strips = reference ? 3 : 2;
+  return n_strips * height + (n_strips - 1) * guard_rows;
 }
 
 /** @param {number} length CSS pixels @param {(x: number) => number} round @returns {number} CSS pixels */
@@ -201,7 +216,7 @@ function readiness(video, signal) {
 
 /** @param {HTMLVideoElement} video @param {import("./session.js").Media} media */
 function checkSize(video, media) {
-  const rows = 2 * media.height + media.guard_rows;
+  const rows = filmHeight(media);
   if (video.videoWidth !== media.width || video.videoHeight !== rows) {
     throw new Error(`the film is ${video.videoWidth}x${video.videoHeight}, expected ${media.width}x${rows}`);
   }

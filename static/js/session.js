@@ -4,6 +4,7 @@ import { Unreachable, request } from "./connection.js";
 
 /**
  * @typedef {"a" | "b"} Letter
+ * @typedef {Letter | "reference"} Shown
  * @typedef {"introduction" | "practice" | "trial" | "interview" | "finished" | "withdrawn"} Stage
  * @typedef {object} Session
  * @property {string} session its id
@@ -21,6 +22,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} width of one half, pixels
  * @property {number} height of one half, pixels
  * @property {number} guard_rows between the halves, pixels
+ * @property {boolean} reference whether it lies below both, after as many guard rows
  * @property {number} fps
  * @property {number} n_frames
  *
@@ -30,6 +32,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} number
  * @property {number} total
  * @property {number} exposure_s
+ * @property {boolean} free_exposure the participant ends it
  * @property {Letter} first_shown
  * @property {Media} media
  * @property {string | null} [next_media]
@@ -41,8 +44,8 @@ import { Unreachable, request } from "./connection.js";
  * @property {Letter} first_shown
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
- * @property {{to: Letter, at_ms: number, media_time_s: number, frame: number}[]} switches
- * @property {{a: number, b: number}} [dwell_ms] how long each was on screen
+ * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number}[]} switches
+ * @property {{a: number, b: number, reference?: number}} [dwell_ms] how long each was on screen
  * @property {number} [n_changes] of the choice, before Next
  * @property {number} [n_frames] decoded
  * @property {number} [n_dropped]

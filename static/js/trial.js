@@ -10,6 +10,7 @@ import { StackedPlayer } from "./player.js";
  * @typedef {import("./session.js").TrialDescription} TrialDescription
  * @typedef {import("./session.js").Vote} Vote
  * @typedef {import("./session.js").Letter} Letter
+ * @typedef {import("./session.js").Shown} Shown
  * @typedef {import("./session.js").Reason} Reason
  * @typedef {import("./outbox.js").Interruption} Interruption
  * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "interrupted" | "failed"} State
@@ -19,6 +20,8 @@ import { StackedPlayer } from "./player.js";
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
+const REFERENCE_KEY = "r";
+const RIGHT_BUTTON = 2;
 export const SWITCH_KEYS = new Set([" ", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"]);
 const MAY_COME_AGAIN = 1; // attempts; a repetition that is interrupted goes on, and says so
 const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
@@ -52,6 +55,7 @@ export class Trial {
     /** @type {Vote["viewing"]} */
     this.viewing = { first_shown: description.first_shown, shown_ms: 0, response_ms: 0, switches: [] };
     this.firstShownAt = NaN; // performance.now() of the first frame on screen
+    this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
     this.state = "loading";
     this.leaving = new AbortController();
@@ -115,7 +119,7 @@ export class Trial {
   /** @param {AbortSignal} signal */
   #fixate(signal) {
     this.screen.focus({ preventScroll: true });
-    this.#showLetter(this.description.first_shown);
+    this.#show(this.description.first_shown);
     after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));
   }
 
@@ -127,23 +131,32 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #expose(signal) {
-    const switchNow = (/** @type {Event} */ event) => {
+    const { free_exposure, media } = this.description;
+    const onPress = (/** @type {PointerEvent} */ event) => {
+      if (event.target instanceof HTMLButtonElement) return;
       event.preventDefault();
-      this.#switch(event.timeStamp);
+      this.#switch(event.timeStamp, media.reference && event.button === RIGHT_BUTTON);
     };
     const onKey = (/** @type {KeyboardEvent} */ event) => {
-      if (!SWITCH_KEYS.has(event.key) || event.ctrlKey || event.altKey || event.metaKey) return;
-      if (event.repeat) event.preventDefault();
-      else switchNow(event);
+      if (event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+      const isForReference = media.reference && event.key.toLowerCase() === REFERENCE_KEY;
+      if (isForReference || SWITCH_KEYS.has(event.key)) {
+        event.preventDefault();
+        if (!event.repeat) this.#switch(event.timeStamp, isForReference);
+      } else if (free_exposure && event.key === "Enter" && !event.repeat) {
+        event.preventDefault();
+        this.#endExposure();
+      }
     };
-    this.screen.addEventListener("pointerdown", switchNow, { signal });
+    this.screen.addEventListener("pointerdown", onPress, { signal });
     this.screen.addEventListener("mousedown", preventDefault, { signal }); // no scrolling by the middle button
     this.screen.addEventListener("contextmenu", preventDefault, { signal });
     document.addEventListener("keydown", onKey, { signal });
+    find(this.screen, ".end-exposure").addEventListener("click", () => this.#endExposure(), { signal });
     this.viewing.display = display();
     this.#watch(signal);
     if (signal.aborted) return;
-    this.player.play(this.description.exposure_s, signal).then(
+    this.player.play(free_exposure ? Infinity : this.description.exposure_s, signal).then(
       () => this.#endExposure(),
       (error) => signal.aborted || this.#go("failed", error),
     );
@@ -178,27 +191,35 @@ export class Trial {
 
   #closeRecord() {
     this.viewing.shown_ms = this.#since(performance.now());
-    this.viewing.dwell_ms = dwell(this.viewing);
+    this.viewing.dwell_ms = dwell(this.viewing, this.description.media.reference);
     Object.assign(this.viewing, this.player.quality);
   }
 
-  /** @param {number} at performance.now() of the press */
-  #switch(at) {
+  /**
+   * From A to B or back; the reference lasts until the next press, which leads back to what was shown before it.
+   * @param {number} at performance.now() of the press @param {boolean} isForReference
+   */
+  #switch(at, isForReference) {
     const { switches } = this.viewing;
-    const to = this.player.shown === "a" ? "b" : "a";
-    this.#showLetter(to);
+    const isAtReference = this.player.shown === "reference";
+    /** @type {Letter} */
+    const letter = isAtReference ? this.letter : this.letter === "a" ? "b" : "a";
+    const to = isForReference && !isAtReference ? "reference" : letter;
+    this.#show(to);
     // A mouse and a keyboard may each date their presses a little differently; the order is what happened.
     const at_ms = Math.max(this.#since(at), switches.at(-1)?.at_ms ?? 0);
     const media_time_s = this.player.mediaTime;
     switches.push({ to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) });
   }
 
-  /** @param {Letter} letter */
-  #showLetter(letter) {
-    this.player.show(letter);
-    this.screen.dataset.letter = letter;
+  /** @param {Shown} which */
+  #show(which) {
+    this.player.show(which);
+    if (which !== "reference") this.letter = which;
+    this.screen.dataset.letter = which;
     const status = find(this.screen, "[data-showing]");
-    status.textContent = fill(status.dataset.showing, { letter: letter.toUpperCase() });
+    const { showing, showingReference } = status.dataset;
+    status.textContent = which === "reference" ? showingReference ?? "" : fill(showing, { letter: which.toUpperCase() });
   }
 
   /** @param {number} at performance.now() @returns {number} ms, to a tenth, since the film appeared */
@@ -248,16 +269,17 @@ function display() {
   };
 }
 
-/** @param {Vote["viewing"]} viewing @returns {{a: number, b: number}} ms for which each was on screen */
-function dwell({ first_shown, shown_ms, switches }) {
-  const looks = { a: 0, b: 0 };
-  let letter = first_shown;
+/** @param {Vote["viewing"]} viewing @param {boolean} hasReference @returns {NonNullable<Vote["viewing"]["dwell_ms"]>} ms for which each was on screen */
+function dwell({ first_shown, shown_ms, switches }, hasReference) {
+  const looks = { a: 0, b: 0, reference: 0 };
+  /** @type {Shown} */
+  let shown = first_shown;
   let since = 0;
-  for (const { to, at_ms } of [...switches, { to: letter, at_ms: shown_ms }]) {
-    looks[letter] += Math.max(0, at_ms - since);
-    [letter, since] = [to, at_ms];
+  for (const { to, at_ms } of [...switches, { to: shown, at_ms: shown_ms }]) {
+    looks[shown] += Math.max(0, at_ms - since);
+    [shown, since] = [to, at_ms];
   }
-  return { a: tenths(looks.a), b: tenths(looks.b) };
+  return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
 }
 
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
@@ -295,7 +317,9 @@ export function enterFullScreen() {
 }
 
 /** @param {HTMLElement} screen @param {TrialDescription} description */
-function labelTrial(screen, { number, total }) {
+function labelTrial(screen, { number, total, free_exposure, media }) {
+  screen.classList.toggle("is-free", free_exposure);
+  screen.classList.toggle("has-reference", media.reference);
   for (const label of screen.querySelectorAll("[data-label]")) {
     label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
   }

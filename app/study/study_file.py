@@ -1,0 +1,86 @@
+"""A study as a TOML file: everything that makes it, but its stimuli, which stand in a folder of their own."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.study.options import StudyOptions, parse_options
+
+KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """What a study file says.
+
+    Parameters
+    ----------
+    name : what participants and experimenters read
+    stimuli : the stimulus set's folder, from the file's own; None: told otherwise
+    manifest_sha256 : of the set's manifest, to be sure that it is the same; None: any
+    exposure_s : how long a pair is shown; None: as long as the shortest video
+    seed : of everybody's order; None: drawn
+    options : what is asked besides votes
+    """
+
+    name: str
+    stimuli: str | None = None
+    manifest_sha256: str | None = None
+    exposure_s: float | None = None
+    seed: int | None = None
+    options: StudyOptions = field(default_factory=StudyOptions)
+
+
+def parse_study_file(text: str) -> StudyFile:
+    """Read a study file.
+
+    Raises
+    ------
+    ValueError
+        If it is not TOML, a key is unknown or missing, or a value is not as described: says which.
+    """
+    content = tomllib.loads(text)
+    if unknown := sorted(set(content) - set(KEYS)):
+        raise ValueError(f"{unknown[0]!r} is not known; expected some of {', '.join(KEYS)}")
+    if not isinstance(content.get("name"), str):
+        raise ValueError(f"name is {content.get('name')!r}, expected the study's name")
+    options = content.get("options", {})
+    if not isinstance(options, Mapping):
+        raise ValueError(f"options is {options!r}, expected a table")
+    return StudyFile(
+        name=content["name"],
+        stimuli=_typed(content, "stimuli", str, "a folder"),
+        manifest_sha256=_typed(content, "manifest_sha256", str, "64 hexadecimal digits"),
+        exposure_s=_typed(content, "exposure_s", (int, float), "seconds"),
+        seed=_typed(content, "seed", int, "a whole number"),
+        options=parse_options(options),
+    )
+
+
+def write_study_file(of: StudyFile) -> str:
+    """The file that `parse_study_file` reads as this; options that are as by default are left out."""
+    default = StudyOptions().as_json()
+    options = {name: value for name, value in of.options.as_json().items() if value != default[name]}
+    questions = options.pop("questions", [])
+    lines = [_line(key, getattr(of, key)) for key in KEYS[:-1] if getattr(of, key) is not None]
+    if options:
+        lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
+    for question in questions:
+        lines += ["", "[[options.questions]]", *(_line(*one) for one in question.items() if one[1] not in (None, []))]
+    return "\n".join(lines) + "\n"
+
+
+def _typed(content: Mapping[str, Any], key: str, kind: Any, expected: str) -> Any:
+    value = content.get(key)
+    if value is not None and (isinstance(value, bool) or not isinstance(value, kind)):
+        raise ValueError(f"{key} is {value!r}, expected {expected}")
+    return value
+
+
+def _line(key: str, value: Any) -> str:
+    """Texts, numbers, truth and lists of them are written alike in TOML and JSON, but for the character DEL."""
+    return f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
