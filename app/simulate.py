@@ -98,7 +98,9 @@ def simulate(
                 choice = preference.choose(compared["item_a"], compared["item_b"], rng)
                 vote(client, session["token"], trial, choice, rng)
                 n_votes += 1
-                progress(n_votes, participants * study["n_pairs"], f"participant {number + 1} of {participants}")
+                progress(
+                    n_votes, participants * session["progress"]["total"], f"participant {number + 1} of {participants}"
+                )
             pass_stages(client, session | _ask(client, "GET", "/api/v1/session", session["token"]).json())
     seconds = time.perf_counter() - started
     return {

@@ -301,3 +301,83 @@ def test_published_scores_come_back_from_the_votes(command: Command, real_data: 
         "hateren06": -1.59,
     }
     assert sum(row["circular"] for row in analysis["triads"]) == 0
+
+
+OPTIONS = """optional_stages = ["practice"]
+both_orders = true
+identical_pairs = 1
+"""
+
+
+def test_a_studys_options_come_from_a_file_and_from_the_command(
+    command: Command, stimuli: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "options.toml").write_text(OPTIONS)
+    created = command(
+        "study", "create", stimuli, "--name", "Tiny", "--options", tmp_path / "options.toml", "--identical-pairs", 2
+    )
+    assert created.code == 0, created.err
+    exported = command("study", "export", "tiny", "--json")
+    told = json.loads(exported.out)["toml"]
+    assert 'optional_stages = ["practice"]' in told
+    assert "both_orders = true\nidentical_pairs = 2\n" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [("breaks = 3", "option 'breaks' is not known"), ("both_orders = 'yes'", "both_orders is 'yes'"), ("x", "options")],
+)
+def test_options_that_are_not_right_are_named_with_their_file(
+    command: Command, stimuli: Path, tmp_path: Path, options: str, complaint: str
+) -> None:
+    (tmp_path / "options.toml").write_text(options)
+    told = command("study", "create", stimuli, "--name", "Tiny", "--options", tmp_path / "options.toml")
+    assert told.code == 1
+    assert f"{tmp_path / 'options.toml'}: " in told.err
+    assert complaint in told.err
+
+
+def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path) -> None:
+    told = command("study", "create", stimuli, "--name", "Tiny", "--reference", "truth")
+    assert told.code == 1
+    assert "the reference 'truth' is not among them" in told.err
+
+
+def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
+    command: Command, stimuli: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 5, "--both-orders", "--break-every", 0)
+    file = tmp_path / "tiny.toml"
+    assert command("study", "export", "tiny", "-o", file).code == 0
+    first = file.read_text()
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path / "elsewhere"))
+    assert "names no stimuli" in command("study", "import", file).err
+    imported = command("study", "import", file, "--stimuli", stimuli, "--json")
+    assert imported.code == 0, imported.err
+    assert json.loads(imported.out)["seed"] == 5
+    assert json.loads(command("study", "export", "tiny", "--json").out)["toml"] == first
+
+    manifest = read_json(stimuli / "manifest.json")
+    write_json(stimuli / "manifest.json", manifest | {"name": "another"})
+    file.write_text(f'stimuli = "{stimuli.name}"\n' + first.replace('"Tiny"', '"Other"'))
+    told = command("study", "import", file)
+    assert told.code == 1
+    assert "this is another stimulus set" in told.err
+
+
+def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny")
+    made = json.loads(command("study", "invite", "tiny", "--places", 3, "--json").out)
+    assert made["link"].endswith(f"/s/{made['invitation']}")
+    assert made["invitation"] in command("study", "list").out
+    assert "there is no study 'none'" in command("study", "invite", "none").err
+
+
+def test_balance_is_told(command: Command, stimuli: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
+    assert command("simulate", "--study", "tiny", "--participants", 3).code == 0
+    told = command("study", "balance", "tiny")
+    assert "Orders from the seed 1: balanced" in told.out
+    assert "3 finished" in told.out
+    report = json.loads(command("study", "balance", "tiny", "--json").out)
+    assert report["pairs"][0]["n_shown"] == 3

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_,
 
 from app.store.designs import planned_pairs, stimulus_names
 from app.store.studies import Study
-from app.store.tables import assignment, participant, session, stage_record, vote
+from app.store.tables import assignment, exclusion, participant, session, stage_record, vote
 from app.study.balance import StudyPlan, TakenOrder
 from app.study.options import parse_options
 from app.study.stages import FINISHED, INTERVIEW, WITHDRAWN
@@ -20,8 +20,8 @@ ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has its vote
 def take_order_slot(connection: Connection, of: Study, now: datetime) -> int:
     """The slot for who comes now: the first that was given up, whose holder then has it no more, or the next new one.
 
-    Given up are the slots of who has withdrawn, and of who has not voted on all trials and has not been heard of for as
-    many hours as the study says. The caller holds the study's row, so that nobody else takes a slot meanwhile.
+    Given up are the slots of who has withdrawn or was excluded, and of who has not voted on all trials and has not been
+    heard of for as many hours as the study says. The caller holds the study's row, so that nobody else takes a slot.
     """
     given_up = connection.execute(
         select(participant.c.id, participant.c.order_slot)
@@ -62,6 +62,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
         planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
         trials.setdefault(row.participant_id, []).append(planned)
     state = case(
+        (_is_excluded(), "excluded"),
         (session.c.stage.in_(ALL_VOTED), "finished"),
         (session.c.stage == WITHDRAWN, "withdrawn"),
         (_is_given_up(of, now), "abandoned"),
@@ -88,4 +89,8 @@ def _is_given_up(of: Study, now: datetime) -> ColumnElement[bool]:
     is_abandoned = and_(
         session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
     )
-    return or_(session.c.stage == WITHDRAWN, is_abandoned)
+    return or_(session.c.stage == WITHDRAWN, is_abandoned, _is_excluded())
+
+
+def _is_excluded() -> ColumnElement[bool]:
+    return exists().where(exclusion.c.participant_id == participant.c.id, exclusion.c.undone_at.is_(None))

@@ -12,8 +12,8 @@ from typing import Any, Literal
 from app.study.design import LONGEST_RUN, Repetition, longest_run, participant_order, williams_square
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
-State = Literal["finished", "under way", "abandoned", "withdrawn"]
-STATES: tuple[State, ...] = ("finished", "under way", "abandoned", "withdrawn")
+State = Literal["finished", "under way", "abandoned", "withdrawn", "excluded"]
+STATES: tuple[State, ...] = ("finished", "under way", "abandoned", "withdrawn", "excluded")
 
 
 @dataclass(frozen=True)

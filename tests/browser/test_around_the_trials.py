@@ -6,9 +6,10 @@ from pathlib import Path
 
 import httpx
 import pytest
+from films import squares
 from playwright.sync_api import Page, expect
 from test_accessibility import check_accessibility
-from visitor import NewStudy, Study, Visitor
+from visitor import MakeFilms, NewStudy, Study, Visitor
 
 from app.study.options import parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
@@ -172,3 +173,64 @@ def test_the_window_is_judged_again_when_it_changes(study: Study, page: Page) ->
     expect(page.get_by_text("Window: 1366 × 768", exact=True)).to_be_visible()
     expect(page.get_by_text("Pixel ratio: 1")).to_be_visible()
     expect(page.get_by_text("Refresh rate:")).to_be_visible()
+
+
+def test_a_reference_is_shown_by_its_key_and_by_the_right_button(
+    new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(films(1.0, 20, squares), 20.0, parse_options({"reference": "zebra", "free_exposure": True}))
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    seen = [(visitor.badge, visitor.reads_screen()[0])]
+    for press in (
+        lambda: page.keyboard.press("r"),
+        lambda: page.keyboard.press("Space"),  # back
+        lambda: page.keyboard.press("Space"),
+        lambda: page.mouse.click(300, 200, button="right"),
+        lambda: page.keyboard.press("r"),  # back
+    ):
+        press()
+        seen.append((visitor.badge, visitor.reads_screen()[0]))
+    shown = dict(seen)
+    assert shown["reference"] == "zebra"
+    assert {shown["a"], shown["b"]} == {"heron", "otter"}
+    first, other = seen[0], seen[3]
+    assert seen == [first, ("reference", "zebra"), first, other, ("reference", "zebra"), other]
+    page.keyboard.press("Enter")
+    visitor.votes("1")
+    visitor.sees("thanks")
+    (trial,) = study.read("trials")
+    assert [switch["to"] for switch in trial["viewing"]["switches"]][:2] == ["reference", first[0]]
+    assert trial["viewing"]["dwell_ms"]["reference"] > 0
+
+
+def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(short_films, 0.4, parse_options({"free_exposure": True}))
+    visitor.begin(study)
+    for end in (
+        lambda: page.get_by_role("button", name="Ready to vote").click(),
+        lambda: page.keyboard.press("Enter"),
+    ):
+        visitor.is_in("exposure")
+        page.wait_for_timeout(1000)  # longer than the film
+        visitor.is_in("exposure")
+        check_accessibility(page)
+        end()
+        visitor.votes("2")
+    voted = [trial["viewing"] for trial in study.read("trials") if trial["choice"]]
+    assert all(viewing["shown_ms"] > 900 and viewing["switches"] == [] for viewing in voted)
+
+
+def test_a_break_is_offered_as_often_as_the_study_says(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    options = {"both_orders": True, "identical_pairs": 1, "break_every": 2}
+    visitor.begin(new_study(short_films, 0.1, parse_options(options)))
+    for _ in range(2):
+        visitor.votes("2")
+    visitor.sees("break")
+    expect(page.locator("[data-view=break]")).to_contain_text("2 of 7 pairs")
+    page.keyboard.press("Enter")
+    visitor.is_in("voting")

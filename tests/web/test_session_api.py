@@ -116,14 +116,14 @@ def test_what_comes_with_a_stage_is_bounded(client: httpx.Client, study: dict[st
 
 def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     trial = participant.get("/api/v1/session/trials/next").json()
-    one = {"trial", "attempt", "number", "total", "exposure_s", "first_shown", "media"}
+    one = {"trial", "attempt", "number", "total", "exposure_s", "free_exposure", "first_shown", "media"}
     assert trial.keys() == one | {"next_media", "following"}
     assert trial["following"].keys() == one
     assert trial["following"]["media"]["url"] == trial["next_media"]
     assert (trial["number"], trial["total"], trial["exposure_s"]) == (1, 6, 0.4)
     assert trial["first_shown"] in ("a", "b")
     media = trial["media"]
-    assert media.keys() == {"url", "layout", "a", "width", "height", "guard_rows", "fps", "n_frames"}
+    assert media.keys() == {"url", "layout", "a", "width", "height", "guard_rows", "reference", "fps", "n_frames"}
     assert media["layout"] == "stacked"
     assert media["a"] in ("top", "bottom")
     assert (media["width"], media["height"], media["guard_rows"]) == (64, 48, 16)

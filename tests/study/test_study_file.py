@@ -1,0 +1,79 @@
+"""A study survives being written to a file and read again; a file that is not one says why."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.study.options import StudyOptions, parse_options
+from app.study.questionnaire import DEFAULT_QUESTIONS
+from app.study.study_file import StudyFile, parse_study_file, write_study_file
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=30).map(str.strip)
+options = st.builds(
+    StudyOptions,
+    consent=texts,
+    debriefing=texts,
+    comprehension=st.booleans(),
+    both_orders=st.booleans(),
+    repeated_pairs=st.integers(0, 9),
+    identical_pairs=st.integers(0, 9),
+    free_exposure=st.booleans(),
+    reference=texts,
+    break_every=st.integers(0, 99),
+    abandoned_after_h=st.floats(0.1, 1e6),
+    questions=st.sampled_from([(), DEFAULT_QUESTIONS]),
+)
+files = st.builds(
+    StudyFile,
+    name=texts,
+    stimuli=st.none() | texts,
+    manifest_sha256=st.none() | st.just("0" * 64),
+    exposure_s=st.none() | st.floats(0.1, 1e4),
+    seed=st.none() | st.integers(0, 2**63 - 1),
+    options=options,
+)
+
+
+@given(files)
+def test_a_file_that_was_written_is_read_as_it_was(of: StudyFile) -> None:
+    assert parse_study_file(write_study_file(of)) == of
+
+
+def test_options_that_are_as_by_default_are_not_written() -> None:
+    assert write_study_file(StudyFile("Temple", seed=3)) == 'name = "Temple"\nseed = 3\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("name = 'x'\nparticipants = 3", "'participants' is not known; expected some of name, stimuli"),
+        ("seed = 3", "name is None"),
+        ("name = 'x'\nseed = '3'", "seed is '3', expected a whole number"),
+        ("name = 'x'\nexposure_s = true", "exposure_s is True, expected seconds"),
+        ("name = 'x'\noptions = 3", "options is 3, expected a table"),
+        ("name = 'x'\n[options]\nbreaks = 3", "option 'breaks' is not known"),
+        ("name = x", "Invalid value"),
+    ],
+)
+def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        parse_study_file(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("both_orders", 1),
+        ("repeated_pairs", -1),
+        ("identical_pairs", True),
+        ("break_every", 2.5),
+        ("abandoned_after_h", 0),
+        ("abandoned_after_h", float("inf")),
+        ("reference", ["id"]),
+    ],
+)
+def test_an_option_that_is_not_as_described_is_named(name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=name):
+        parse_options({name: value})
