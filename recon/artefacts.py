@@ -1,7 +1,8 @@
 """Finished artefacts of a run, keyed by the digest of what they were made from, so that a run can be resumed.
 
 An artefact counts as finished only if its note says so: the note is written after the file, and holds the key
-(inputs, parameters, code version) and the file's own digest. A run that is killed between the two makes it again.
+(inputs, parameters, code version), the file's own digest, and what its maker warned of. A run that is killed between
+the two makes it again.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from typing import Any
 from recon.files import read_json, write_json
 
 PACKAGE = Path(__file__).parent
+
+Warnings = Sequence[str] | None
+"""What those who use an artefact should know about it, a sentence each."""
 
 
 def file_digest(path: Path) -> str:
@@ -46,14 +50,16 @@ class Artefacts:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def make(self, name: str, key: Mapping[str, Any], write: Callable[[Path], None]) -> bool:
-        """Call `write` with the artefact's path unless it is there already with the same key.
+    def make(self, name: str, key: Mapping[str, Any], write: Callable[[Path], Warnings]) -> bool:
+        """Call `write` with the artefact's path unless it is there already with the same key; keep its warnings.
 
         Returns whether it had to be made.
         """
         return self.make_together([name], key, lambda paths: write(paths[0]))
 
-    def make_together(self, names: Sequence[str], key: Mapping[str, Any], write: Callable[[list[Path]], None]) -> bool:
+    def make_together(
+        self, names: Sequence[str], key: Mapping[str, Any], write: Callable[[list[Path]], Warnings]
+    ) -> bool:
         """As `make`, for artefacts that one pass writes: unless all are there, all are made."""
         wanted = key_of(key)
         if all(self._is_whole(name, wanted) for name in names):
@@ -61,9 +67,10 @@ class Artefacts:
         for name in names:
             self._note(name).unlink(missing_ok=True)
         paths = [self.folder / name for name in names]
-        write(paths)
+        warnings = write(paths)
         for name, path in zip(names, paths, strict=True):
-            write_json(self._note(name), {"key": wanted, "sha256": file_digest(path)})
+            note = {"key": wanted, "sha256": file_digest(path)}
+            write_json(self._note(name), note | ({"warnings": list(warnings)} if warnings else {}))
         return True
 
     def has(self, name: str, key: Mapping[str, Any]) -> bool:
@@ -77,6 +84,16 @@ class Artefacts:
     def digests(self, names: Iterable[str]) -> list[str]:
         """SHA-256 of several finished artefacts, in their order."""
         return [self.digest(name) for name in names]
+
+    def warnings(self, names: Iterable[str]) -> list[str]:
+        """What was warned of when finished artefacts were made, in their order."""
+        return [warning for name in names for warning in read_json(self._note(name)).get("warnings", ())]
+
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove artefacts that are not needed any more, with their notes."""
+        for name in names:
+            self._note(name).unlink(missing_ok=True)
+            (self.folder / name).unlink(missing_ok=True)
 
     def _note(self, name: str) -> Path:
         return self.folder / ".finished" / f"{name}.json"

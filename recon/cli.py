@@ -6,7 +6,7 @@ What a command needs is imported when it runs: `--help` and the server never loa
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,12 @@ from recon.capture_cli import app as capture_app
 from recon.console import JsonOption, ProgressLine, print_result
 from recon.options import parse_frames, parse_names, parse_size
 from recon.validate_cli import app as validate_app
+
+WorkersOption = Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(help="A Dask scheduler, tcp://HOST:8786, whose workers see the same folders: they do the work."),
+]
 
 app = typer.Typer(no_args_is_help=True)
 app.add_typer(capture_app, name="capture")
@@ -51,10 +57,15 @@ def reconstruct(
     close_holes: Annotated[
         float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm; default: leave them open.")
     ] = 0.0,
-    workers: Annotated[int, typer.Option(min=1, help="Local processes.")] = 1,
+    erode: Annotated[
+        int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, where they reach past the object.")
+    ] = 0,
+    workers: WorkersOption = 1,
+    cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """From a capture to depth maps, clouds and meshes, for every approach."""
+    from recon.cloud import CloudParameters
     from recon.depth import MATCHERS
     from recon.depth.temporal import TemporalParameters
     from recon.pipeline import ReconstructOptions
@@ -67,11 +78,15 @@ def reconstruct(
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
+        cloud=CloudParameters(erode_px=erode),
         balance_colours=balance,
         workers=workers,
+        cluster=cluster,
     )
     progress = ProgressLine()
     result = run_reconstruction(capture, out, options, progress)
+    for warning in result["warnings"]:
+        progress.say(f"warning: {warning}")
     progress.close()
     made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
     print_result(result, f"Reconstructed {result['dataset']} ({made}): {out}", as_json=as_json)
@@ -81,15 +96,30 @@ def reconstruct(
 def export(
     mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
     out: Annotated[Path, typer.Argument(help="OUT.glb for viewers and the web, or OUT.ply.")],
+    truth: Annotated[
+        Path | None, typer.Option(help="PLY of the true mesh: colours show the error, red outside, blue inside.")
+    ] = None,
+    limit: Annotated[
+        float | None, typer.Option(help="Error with the full colour, mm; default: 95 % of the vertices are below.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write a mesh in another format: GLB opens in any 3D viewer, turned by hand."""
+    from recon.errors import coloured_by_error, signed_errors
     from recon.mesh import read_mesh, write_mesh
 
+    if limit is not None and truth is None:
+        raise typer.BadParameter("--limit is about errors: it needs --truth")
     model = read_mesh(mesh)
+    result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
+    sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
+    if truth is not None:
+        errors = signed_errors(model, read_mesh(truth))
+        model, limit = coloured_by_error(model, errors, limit)
+        result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
+        sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
     write_mesh(out, model)
-    result = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
-    print_result(result, f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}", as_json=as_json)
+    print_result(result, sentence, as_json=as_json)
 
 
 @app.command()
@@ -105,7 +135,8 @@ def render(
     ] = "bounce",
     renderer: Annotated[str, typer.Option(help="auto, or the name of a renderer.")] = "auto",
     master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
-    workers: Annotated[int, typer.Option(min=1, help="Local processes, one video each.")] = 1,
+    workers: WorkersOption = 1,
+    cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
@@ -122,6 +153,7 @@ def render(
         renderer=renderer,
         master=master,
         workers=workers,
+        cluster=cluster,
     )
     progress = ProgressLine()
     manifest = render_runs(runs, out, options, progress)

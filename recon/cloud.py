@@ -19,6 +19,10 @@ LARGEST_INT16 = 32000
 UNIFORM_SIGMA = 12**-0.5  # of a number rounded to a whole one
 
 
+class NothingSeenError(ValueError):
+    """A depth map from which no point is left."""
+
+
 @dataclass(frozen=True)
 class CloudParameters:
     """What counts as a surface in a disparity map.
@@ -29,7 +33,8 @@ class CloudParameters:
         pixels apart may differ by (n + 1) / 2 times as much
     normal_radius : half width of the window that a normal is fitted in, pixels
     min_support : share of a 5x5 window that must be of the pixel's own surface; less is a flying pixel
-    erode_px : how much is cut off along the mask and along occlusions
+    erode_px : how much is cut off along the mask and along occlusions, for masks that reach past the object. None is
+        best where they do not: it lost 3 % of what the temple's held-out photographs and 2 % of what the studio's show
     gap_px : invalid regions up to this many pixels are gaps inside a surface, nothing is cut off around them
     min_cluster : smallest connected cluster that is kept, as a share of all valid pixels
     min_cosine : cosine between normal and line of sight below which a point is seen too obliquely to be trusted
@@ -40,7 +45,7 @@ class CloudParameters:
     jump_px: float = 1.0
     normal_radius: int = 4
     min_support: float = 0.4
-    erode_px: int = 1
+    erode_px: int = 0
     gap_px: int = 60
     min_cluster: float = 0.001
     min_cosine: float = 0.15
@@ -76,7 +81,9 @@ def cloud_from_disparity(
     Raises
     ------
     ValueError
-        If sizes do not match, or no point is left.
+        If sizes do not match.
+    NothingSeenError
+        If no point is left.
     """
     _check(disparity, image, rectification)
     relative = np.where(disparity > rectification.offset, disparity, np.nan) - np.float32(rectification.offset)
@@ -93,7 +100,7 @@ def cloud_from_disparity(
     )  # fmt: skip
     seen = cosine >= parameters.min_cosine
     if not seen.any():
-        raise ValueError(
+        raise NothingSeenError(
             f"sensor {rectification.sensor_id}: no point is left of {np.isfinite(disparity).sum()} valid disparities; "
             "look at the disparity map and its mask"
         )
@@ -130,12 +137,12 @@ def crop_cloud(cloud: Cloud, bounds: NDArray[np.float64]) -> Cloud:
 
     Raises
     ------
-    ValueError
+    NothingSeenError
         If no point is.
     """
     is_inside = ((cloud.points >= bounds[0]) & (cloud.points <= bounds[1])).all(axis=1)
     if not is_inside.any():
-        raise ValueError(
+        raise NothingSeenError(
             f"none of {len(cloud)} points lies within the bounds {bounds.tolist()}: check the bounds, the calibration "
             "and the disparity map"
         )

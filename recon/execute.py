@@ -1,4 +1,8 @@
-"""Where work runs: in this process, or in local worker processes. Tasks are independent, so order does not matter."""
+"""Where work runs: in this process, in local worker processes, or on a Dask cluster, all behind one interface.
+
+Tasks are independent, so their order does not matter, and each writes its results to files: a task that is run twice,
+because the first worker was lost, writes the same file again.
+"""
 
 from __future__ import annotations
 
@@ -6,41 +10,189 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
+from threading import Lock
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Result = TypeVar("Result")
 
+N_CORES = os.cpu_count() or 1
+LOSSES = 3  # times that worker processes may die before it is taken for the tasks' own doing
+RETRIES = 2  # of a task that fails on a cluster for another reason than its input
+CONNECT_S = 20  # until a scheduler has answered, and a worker has come
+ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
-def run_tasks(tasks: Sequence[partial[Result]], *, workers: int) -> Iterator[Result]:
-    """Run every task and yield the results as they are ready.
+_one_at_a_time = Lock()
 
-    With one worker the tasks run here, one after another, and may use every core themselves; with more, each
-    runs in a process of its own on one thread.
+
+class Pool(Protocol):
+    """Where tasks run."""
+
+    @property
+    def threads(self) -> int:
+        """How many threads one task may use; no result depends on it."""
+
+    def run(self, tasks: Sequence[partial[Result]]) -> Iterator[Result]:
+        """Run every task and yield the results as they are ready.
+
+        Raises
+        ------
+        Exception
+            What the first task that fails raised; tasks that have not begun are not run then.
+        """
+
+
+class ThisProcess:
+    """Runs tasks here, one after another, each on all cores."""
+
+    threads = N_CORES
+
+    def run(self, tasks: Sequence[partial[Result]]) -> Iterator[Result]:
+        """As `Pool.run`."""
+        for task in tasks:
+            yield task()
+
+
+class LocalProcesses:
+    """Runs each task on one thread of one of several processes; tasks of a process that dies are run again."""
+
+    threads = 1
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._executor = self._new_executor()
+
+    def run(self, tasks: Sequence[partial[Result]]) -> Iterator[Result]:
+        """As `Pool.run`."""
+        waiting = list(tasks)
+        for losses in range(LOSSES):
+            futures = {self._executor.submit(task): task for task in waiting}
+            try:
+                for future in as_completed(futures):
+                    result = future.result()
+                    waiting.remove(futures[future])
+                    yield result
+                return
+            except BrokenProcessPool as error:
+                if losses == LOSSES - 1:
+                    raise RuntimeError(
+                        f"worker processes died {LOSSES} times, {len(waiting)} tasks are not done; where memory is "
+                        "short, take fewer workers; what is finished is kept"
+                    ) from error
+                self._executor.shutdown()
+                self._executor = self._new_executor()
+            except BaseException:
+                self._executor.shutdown(cancel_futures=True)
+                raise
+
+    def close(self) -> None:
+        """End the processes."""
+        self._executor.shutdown(cancel_futures=True)
+
+    def _new_executor(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")  # fork would copy the threads and locks of numba and GL
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_use_one_thread)
+
+
+class DaskCluster:
+    """Runs tasks on the workers of a Dask scheduler, which see the same files under the same names.
+
+    The scheduler gives the tasks of a lost worker to another one. A worker runs one task at a time.
+    """
+
+    threads = 1
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def run(self, tasks: Sequence[partial[Result]]) -> Iterator[Result]:
+        """As `Pool.run`."""
+        from distributed import as_completed as completed
+
+        if not tasks:
+            return
+        futures = self._client.map(_outcome, list(tasks), pure=False, retries=RETRIES)
+        try:
+            for future in completed(futures):
+                outcome = future.result()
+                if isinstance(outcome, _WrongInput):
+                    raise outcome.error
+                yield outcome
+        finally:
+            self._client.cancel(futures)
+
+
+class _WrongInput:
+    """What a task raised about its input: trying again would not help."""
+
+    def __init__(self, error: ValueError) -> None:
+        self.error = error
+
+
+@contextmanager
+def open_pool(workers: int = 1, cluster: str | None = None) -> Iterator[Pool]:
+    """A place where tasks run: this process, `workers` local ones, or the Dask scheduler at an address.
 
     Raises
     ------
     ValueError
-        If `workers` is not positive.
+        If `workers` is not positive, or no scheduler with a worker answers at the address.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, found {workers}")
-    if workers == 1 or len(tasks) < 2:
-        for task in tasks:
-            yield task()
-        return
-    context = multiprocessing.get_context("spawn")  # fork would copy the threads and locks of numba and GL
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context, initializer=_use_one_thread) as pool:
+    if cluster is not None:
+        with _connected(cluster) as client:
+            yield DaskCluster(client)
+    elif workers == 1:
+        yield ThisProcess()
+    else:
+        processes = LocalProcesses(workers)
         try:
-            for future in as_completed([pool.submit(task) for task in tasks]):
-                yield future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+            yield processes
+        finally:
+            processes.close()
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("a cluster needs the extra 'cluster': pip install 'reconstudy[cluster]'") from error
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"no Dask scheduler answers at {address!r}: {error}; start one with `dask scheduler`, expected an address "
+            "such as tcp://host:8786"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_S)
+        except TimeoutError as error:
+            raise ValueError(
+                f"the Dask scheduler at {address} has no worker after {CONNECT_S} s; start some with "
+                f"`dask worker {address} --nthreads 1`"
+            ) from error
+        yield client
+
+
+def _outcome(task: partial[Result]) -> Result | _WrongInput:
+    """A task's result, or what is wrong with its input; one at a time in a process, as numba wants it."""
+    with _one_at_a_time:
+        try:
+            return task()
+        except ValueError as error:
+            return _WrongInput(error)
 
 
 def _use_one_thread() -> None:
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    for name in ONE_THREAD:
         os.environ[name] = "1"
 
 

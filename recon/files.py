@@ -5,20 +5,25 @@ from __future__ import annotations
 import json
 import os
 import re
+import socket
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+STALE_S = 3600.0  # a temporary file of another host that was not written to for so long has no writer any more
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
 
-    The temporary name keeps the suffix, because encoders choose the format by it.
+    The temporary name keeps the suffix, because encoders choose the format by it, and says which process of which
+    host writes it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{_host()}-{os.getpid()}.part{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
@@ -29,8 +34,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files below `folder` whose process was killed before it could rename them."""
     for path in folder.rglob(".*.part*"):
-        found = re.fullmatch(r"\..+\.(\d+)\.part(\..+)?", path.name)
-        if found and not _is_running(int(found[1])):
+        found = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
+        if found and _is_left(path, found[1], int(found[2])):
             path.unlink(missing_ok=True)
 
 
@@ -57,6 +62,19 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
     return content
+
+
+def _host() -> str:
+    return re.sub(r"\W", "_", socket.gethostname())
+
+
+def _is_left(path: Path, host: str, process: int) -> bool:
+    if host == _host():
+        return not _is_running(process)
+    try:
+        return time.time() - path.stat().st_mtime > STALE_S
+    except FileNotFoundError:
+        return False
 
 
 def _is_running(process: int) -> bool:

@@ -2,40 +2,66 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 
 from recon.cloud import merge_clouds
 from recon.mesh import Cloud, Mesh, merge_meshes
-from recon.surface import SurfaceParameters, surface_from_cloud, with_voxel
+from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, with_voxel
 
 Fusion = Callable[[Sequence[Cloud], SurfaceParameters], Mesh]
+
+
+class LeftOutWarning(UserWarning):
+    """A cloud that adds nothing to a mesh."""
 
 
 def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
     """FA: a surface per sensor, then one mesh as their union.
 
-    Where views overlap there are as many layers as sensors, each with its own normals.
+    Where views overlap there are as many layers as sensors, each with its own normals. A cloud that supports no surface
+    of its own is left out, with a warning.
+
+    Raises
+    ------
+    NoSurfaceError
+        If no cloud supports a surface.
     """
     parameters = _checked(clouds, parameters)
-    return merge_meshes([surface_from_cloud(cloud, parameters) for cloud in clouds])
+    surfaces: list[Mesh] = []
+    reasons: list[str] = []
+    for number, cloud in enumerate(clouds, start=1):
+        try:
+            surfaces.append(surface_from_cloud(cloud, parameters))
+        except NoSurfaceError as error:
+            reasons.append(f"cloud {number} of {len(clouds)} is left out: {error}")
+    if not surfaces:
+        raise NoSurfaceError("; ".join(reasons))
+    for reason in reasons:
+        warnings.warn(reason, LeftOutWarning, stacklevel=2)
+    return merge_meshes(surfaces)
 
 
 def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
     """FB: one cloud as the union of the sensors' clouds, then its surface.
 
     Where views overlap the points of all of them are averaged into one layer.
+
+    Raises
+    ------
+    NoSurfaceError
+        If the points of all clouds together support no surface.
     """
     parameters = _checked(clouds, parameters)
     return surface_from_cloud(merge_clouds(clouds), parameters)
 
 
 def _checked(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:
-    """The parameters with one voxel for both orders, once every cloud has points."""
+    """The parameters with one voxel for both orders, once there are points."""
     if not clouds:
         raise ValueError("there is no cloud to fuse")
-    for number, cloud in enumerate(clouds, start=1):
-        if not len(cloud):
-            raise ValueError(f"cloud {number} of {len(clouds)} is empty: its sensor saw nothing")
+    if not any(map(len, clouds)):
+        raise NoSurfaceError(f"there is nothing to fuse: none of {len(clouds)} clouds holds points")
     return with_voxel(clouds, parameters)
 
 

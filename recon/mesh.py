@@ -150,6 +150,19 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     return path
 
 
+def write_no_cloud(path: Path) -> Path:
+    """Write the PLY of a cloud without points, which no reader takes for a cloud: ask `holds_points` first."""
+    _check_suffix(path, (".ply",))
+    with whole_file(path) as temporary:
+        temporary.write_bytes(_no_cloud())
+    return path
+
+
+def holds_points(path: Path) -> bool:
+    """Whether a PLY is anything else than what `write_no_cloud` wrote."""
+    return path.stat().st_size != len(_no_cloud()) or path.read_bytes() != _no_cloud()
+
+
 def write_mesh(path: Path, mesh: Mesh) -> Path:
     """Write a mesh as binary PLY or as GLB, whole or not at all; the same mesh gives the same bytes.
 
@@ -315,6 +328,11 @@ def _ply_header(vertices: NDArray[np.void], n_faces: int | None = None) -> bytes
     if n_faces is not None:
         lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
     return "\n".join([*lines, "end_header", ""]).encode("ascii")
+
+
+def _no_cloud() -> bytes:
+    points = np.empty((0, 3), np.float32)
+    return _ply_header(_vertex_table(points, points, points.astype(np.uint8)))
 
 
 def _ply_mesh(mesh: Mesh) -> bytes:

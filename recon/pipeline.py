@@ -10,25 +10,34 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import numpy as np
 
 from recon.approaches import FUSION_METHODS, approaches
+from recon.artefacts import Artefacts
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_image
 from recon.cloud import CloudParameters
 from recon.depth import MATCHERS, Matcher, StereoPair
 from recon.depth.disparity_io import write_disparity
 from recon.depth.temporal import TemporalParameters
-from recon.execute import Progress, run_tasks, silent
+from recon.execute import Pool, Progress, open_pool, silent
 from recon.files import remove_leftovers
-from recon.flythrough import RenderOptions, make_video
-from recon.manifest import Stimulus, write_manifest
+from recon.flythrough import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part
+from recon.manifest import write_manifest
 from recon.preview import make_preview
-from recon.products import compare_colours, filter_sequence, make_cloud, make_mesh, match_frame
+from recon.products import (
+    compare_colours,
+    filter_sequence,
+    frames_without_points,
+    make_cloud,
+    make_mesh,
+    match_frame,
+)
 from recon.render.frames import choose_renderer
-from recon.run import Run, log, read_run, versions, write_run
+from recon.run import Run, cloud_name, log, mesh_name, read_run, versions, write_run
 from recon.surface import SurfaceParameters
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
@@ -45,7 +54,8 @@ class ReconstructOptions:
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
-    workers : local processes; 1 works in this process with all threads
+    workers : local processes, each on one thread; 1 works in this process with all threads
+    cluster : address of a Dask scheduler whose workers do the work instead; None for none
     """
 
     depths: tuple[str, ...] = tuple(MATCHERS)
@@ -56,6 +66,7 @@ class ReconstructOptions:
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     balance_colours: bool = False
     workers: int = 1
+    cluster: str | None = None
 
 
 def match_files(
@@ -88,12 +99,15 @@ def reconstruct(
 ) -> dict[str, Any]:
     """Make depth maps, clouds and meshes of a capture, and return the content of ``run.json``.
 
+    A sensor that sees nothing in a frame is left out of that frame's models, and a warning says so.
+
     Raises
     ------
     ValueError
-        If the capture, a method or the frames are wrong; `run` then holds only whole files.
+        If the capture, a method or the frames are wrong, or no sensor sees anything in a frame; `run` then holds only
+        whole files.
     """
-    capture = read_capture(capture_folder)
+    capture, run = read_capture(capture_folder.resolve()), run.resolve()
     wanted = approaches(options.depths, options.fusions)
     for method in options.depths:
         _matcher(method)
@@ -103,25 +117,35 @@ def reconstruct(
     sequences = [(method, stream.id) for method in options.depths for stream in capture.sensors]
     views = [(*sequence, frame) for sequence in sequences for frame in frames]
 
-    run.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(run)
-    stages = {
-        "matching": [partial(match_frame, capture, run, *view) for view in views],
-        "depth maps": [partial(filter_sequence, capture, run, *ids, frames, options.temporal) for ids in sequences],
-        "clouds": [partial(make_cloud, capture, run, *view, options.cloud) for view in views],
-        "colours": [partial(compare_colours, capture, run, options.depths[-1], frames[0], PLACE_VOXELS * voxel)]
-        * options.balance_colours,
-        "meshes": [
-            partial(make_mesh, capture, run, approach, frame, surface, balanced=options.balance_colours)
-            for approach in wanted
-            for frame in frames
-        ],
-    }
-    timings = {
-        stage: _run_stage(stage, tasks, run, options.workers, progress) for stage, tasks in stages.items() if tasks
-    }
+    timings: dict[str, float] = {}
+    with open_pool(options.workers, options.cluster) as pool:
+        run.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(run)
+
+        def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
+            timings[stage] = _run_stage(stage, tasks, run, pool, progress)
+
+        make("matching", [partial(match_frame, capture, run, *view) for view in views])
+        make(
+            "depth maps", [partial(filter_sequence, capture, run, *ids, frames, options.temporal) for ids in sequences]
+        )
+        make("clouds", [partial(make_cloud, capture, run, *view, options.cloud) for view in views])
+        _check_points(capture, run, options.depths, frames)
+        if options.balance_colours:
+            place = PLACE_VOXELS * voxel
+            make("colours", [partial(compare_colours, capture, run, options.depths[-1], frames[0], place)])
+        balanced = options.balance_colours
+        models = [(approach, frame) for approach in wanted for frame in frames]
+        make("meshes", [partial(make_mesh, capture, run, *model, surface, balanced=balanced) for model in models])
+        remove_leftovers(run)  # of workers that were lost
+    names = [cloud_name(*view) for view in views] + [mesh_name(str(approach), frame) for approach, frame in models]
     finished = Run(run, capture, tuple(map(str, wanted)), tuple(frames), versions())
-    content = write_run(finished, options=_as_json(replace(options, surface=surface)), timings=timings)
+    content = write_run(
+        finished,
+        options=_as_json(replace(options, surface=surface)),
+        timings=timings,
+        warnings=Artefacts(run).warnings(names),
+    )
     make_preview(read_run(run), frames[0])
     return content
 
@@ -136,22 +160,29 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     ValueError
         If a folder is not a run, or two runs are of the same scene.
     """
+    out = out.resolve()
     options = replace(options, renderer=choose_renderer(options.renderer))
-    read = [read_run(run) for run in runs]
-    tasks = [partial(make_video, run, out, approach, options) for run in read for approach in run.approaches]
-    remove_leftovers(out)
-    stimuli: list[Stimulus] = []
-    progress("videos", 0, len(tasks))
-    for stimulus in run_tasks(tasks, workers=options.workers):
-        stimuli.append(stimulus)
-        progress("videos", len(stimuli), len(tasks))
+    read = [read_run(run.resolve()) for run in runs]
+    films = [Film(run, approach, options) for run in read for approach in run.approaches]
+    with open_pool(options.workers, options.cluster) as pool:
+        remove_leftovers(out)
+        parts = [
+            partial(make_part, film, out, part, threads=pool.threads)
+            for film in films
+            if not is_finished(film, out)
+            for part in film.parts
+        ]
+        _run_parts(parts, pool, progress)
+        stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
+        remove_leftovers(out)  # of workers that were lost
+    rmtree(out / PARTS, ignore_errors=True)
     provenance = {
         "runs": [{"dataset": run.dataset, "versions": run.versions} for run in read],
-        "render": {name: value for name, value in asdict(options).items() if name != "workers"},
+        "render": {name: value for name, value in asdict(options).items() if name not in WHERE},
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
-    return write_manifest(out, out.resolve().name, stimuli, provenance)
+    return write_manifest(out, out.name, stimuli, provenance)
 
 
 def depth_resolution(capture: Capture) -> float:
@@ -183,15 +214,40 @@ def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
     return frames
 
 
+def _check_points(capture: Capture, run: Path, methods: Sequence[str], frames: Sequence[int]) -> None:
+    """Stop where a frame has no points of any sensor, before a model of another one is made."""
+    for method in methods:
+        empty = frames_without_points(capture, run, method, frames)
+        if empty:
+            raise ValueError(
+                f"{capture.folder}: no sensor sees anything in frame {', '.join(map(str, empty))} (depth method "
+                f"{method}), so that there is no model to show; look at the masks and pictures, or choose other frames "
+                "with --frames A:B"
+            )
+
+
 def _as_json(options: ReconstructOptions) -> dict[str, Any]:
-    return {name: value for name, value in asdict(options).items() if name not in ("frames", "workers")}
+    return {name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)}
 
 
-def _run_stage(stage: str, tasks: Sequence[partial[list[str]]], run: Path, workers: int, progress: Progress) -> float:
+def _run_stage(stage: str, tasks: Sequence[partial[list[str]]], run: Path, pool: Pool, progress: Progress) -> float:
+    """Run the tasks of a stage, log what they made, and return how long that took, s."""
+    artefacts = Artefacts(run)
     started = time.perf_counter()
     progress(stage, 0, len(tasks))
-    for done, names in enumerate(run_tasks(tasks, workers=workers), start=1):
+    for done, names in enumerate(pool.run(tasks), start=1):
         for name in names:
-            log(run, {"time": time.time(), "made": name})
+            warnings = artefacts.warnings([name])
+            log(run, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
         progress(stage, done, len(tasks))
     return time.perf_counter() - started
+
+
+def _run_parts(parts: Sequence[partial[int]], pool: Pool, progress: Progress) -> None:
+    """Make the parts of videos; progress counts frames."""
+    total = sum(len(part.args[2]) for part in parts)
+    done = 0
+    progress("video frames", done, total)
+    for n_frames in pool.run(parts):
+        done += n_frames
+        progress("video frames", done, total)

@@ -13,13 +13,13 @@ from recon.artefacts import Artefacts, code_version
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.files import whole_file
-from recon.mesh import Cloud, read_cloud, read_mesh
+from recon.mesh import Cloud, read_mesh
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.render.sheet import contact_sheet
 from recon.rig import Camera
-from recon.run import Run, cloud_name, depth_name, mesh_name
+from recon.run import Run, cloud_name, depth_name, mesh_name, read_clouds
 
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
@@ -65,7 +65,7 @@ def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
     pictures, labels = [], []
     for approach in run.approaches:
         method = parse_approach(approach).depth
-        clouds = [read_cloud(run.folder / cloud_name(method, sensor, frame)) for sensor in sensors]
+        clouds = read_clouds(run.folder, [cloud_name(method, sensor, frame) for sensor in sensors])
         mesh = read_mesh(run.folder / mesh_name(approach, frame))
         pictures += [
             _fitted(colour_preview(read_disparity(run.folder / depth_name(method, middle, frame)))),

@@ -5,9 +5,11 @@ Every function returns the names of the artefacts that it had to make.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import cache, partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +20,16 @@ from recon.approaches import Approach
 from recon.artefacts import Artefacts, code_version, file_digest, key_of
 from recon.capture.format import Capture, image_path, read_frame, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
-from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
+from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.files import read_json, write_json
-from recon.fusion import FUSIONS
-from recon.mesh import read_cloud, write_cloud, write_mesh
+from recon.fusion import FUSIONS, LeftOutWarning
+from recon.mesh import holds_points, write_cloud, write_mesh, write_no_cloud
 from recon.rig import Camera
-from recon.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name
-from recon.surface import SurfaceParameters
+from recon.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name, read_clouds
+from recon.surface import NoSurfaceError, SurfaceParameters
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 
 
@@ -40,8 +42,11 @@ def match_frame(capture: Capture, run: Path, method: str, sensor_id: str, frame:
     }
 
     def write(path: Path) -> None:
-        pair = _stereo_pair(capture, _rectification(capture, sensor_id), sensor_id, frame)
-        write_disparity(path, MATCHERS[method](pair))
+        rectification = _rectification(capture, sensor_id)
+        pair = _stereo_pair(capture, rectification, sensor_id, frame)
+        width, height = rectification.left.size
+        nothing = np.full((height, width), np.nan, np.float32)
+        write_disparity(path, nothing if pair is None else MATCHERS[method](pair))
 
     name = matched_name(method, sensor_id, frame)
     return [name] if Artefacts(run).make(name, key, write) else []
@@ -83,7 +88,7 @@ def filter_sequence(
 def make_cloud(
     capture: Capture, run: Path, method: str, sensor_id: str, frame: int, parameters: CloudParameters
 ) -> list[str]:
-    """The cloud of one depth map, within the capture's bounds."""
+    """The cloud of one depth map, within the capture's bounds; a file without points where nothing is seen."""
     depth = depth_name(method, sensor_id, frame)
     key = {
         "depth": Artefacts(run).digest(depth),
@@ -92,14 +97,30 @@ def make_cloud(
         "code": code_version("cloud.py", "mesh.py", "capture/rectify.py"),
     }
 
-    def write(path: Path) -> None:
+    def write(path: Path) -> list[str]:
         rectification = _rectification(capture, sensor_id)
         left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
-        cloud = cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters)
-        write_cloud(path, crop_cloud(cloud, capture.bounds))
+        try:
+            cloud = cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters)
+            write_cloud(path, crop_cloud(cloud, capture.bounds))
+        except NothingSeenError as error:
+            write_no_cloud(path)
+            is_masked = _stereo_pair(capture, rectification, sensor_id, frame) is None
+            reason = "its mask is empty" if is_masked else error
+            return [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
+        return []
 
     name = cloud_name(method, sensor_id, frame)
     return [name] if Artefacts(run).make(name, key, write) else []
+
+
+def frames_without_points(capture: Capture, run: Path, method: str, frames: Sequence[int]) -> list[int]:
+    """The frames of which no sensor has a cloud."""
+    return [
+        frame
+        for frame in frames
+        if not any(holds_points(run / cloud_name(method, stream.id, frame)) for stream in capture.sensors)
+    ]
 
 
 def compare_colours(capture: Capture, run: Path, method: str, frame: int, place_mm: float) -> list[str]:
@@ -112,7 +133,7 @@ def compare_colours(capture: Capture, run: Path, method: str, frame: int, place_
     }
 
     def write(path: Path) -> None:
-        colours = estimate_colours([read_cloud(run / cloud) for cloud in clouds], place_mm)
+        colours = estimate_colours(read_clouds(run, clouds), place_mm)
         write_json(path, {"gain": colours.gain.tolist(), "offset": colours.offset.tolist()})
 
     return [COLOURS_NAME] if Artefacts(run).make(COLOURS_NAME, key, write) else []
@@ -131,11 +152,18 @@ def make_mesh(
         "code": code_version("surface", "fusion.py", "mesh.py"),
     }
 
-    def write(path: Path) -> None:
-        sensors = [read_cloud(run / cloud) for cloud in clouds]
+    def write(path: Path) -> list[str]:
+        sensors = read_clouds(run, clouds)
         if balanced:
             sensors = balance_colours(sensors, _colours(run))
-        write_mesh(path, FUSIONS[approach.fusion](sensors, parameters))
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", LeftOutWarning)
+                mesh = FUSIONS[approach.fusion](sensors, parameters)
+        except NoSurfaceError as error:
+            raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
+        write_mesh(path, mesh)
+        return [f"{approach}: frame {frame}: {warning.message}" for warning in caught]
 
     name = mesh_name(str(approach), frame)
     return [name] if Artefacts(run).make(name, key, write) else []
@@ -149,13 +177,27 @@ def _filtered(
     frames: Sequence[int],
     parameters: TemporalParameters | None,
 ) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    """The depth maps of frames; the filter forgets everything where the sensor sees nothing."""
     rectification = _rectification(capture, sensor_id)
-    matched = (read_disparity(run / matched_name(method, sensor_id, frame)) for frame in frames)
-    if parameters is None:
-        yield from zip(frames, matched, strict=True)
-        return
-    pairs = (_stereo_pair(capture, rectification, sensor_id, frame) for frame in frames)
-    yield from zip(frames, match_sequence(pairs, lambda _pair: next(matched), parameters), strict=True)
+
+    def matched(frame: int) -> NDArray[np.float32]:
+        return read_disparity(run / matched_name(method, sensor_id, frame))
+
+    for sees, group in groupby(frames, key=lambda frame: bool(np.isfinite(matched(frame)).any())):
+        stretch = list(group)
+        disparities = map(matched, stretch)
+        if parameters is None or not sees:
+            yield from zip(stretch, disparities, strict=True)
+            continue
+        found = (_stereo_pair(capture, rectification, sensor_id, frame) for frame in stretch)
+        pairs = (pair for pair in found if pair is not None)  # there is one where something was matched
+        known = partial(_next_of, disparities)
+        yield from zip(stretch, match_sequence(pairs, known, parameters), strict=True)
+
+
+def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:
+    """The disparities of a pair as they were matched before."""
+    return next(disparities)
 
 
 def _colours(run: Path) -> SensorColours:
@@ -167,10 +209,13 @@ def _rectification(capture: Capture, sensor_id: str) -> Rectification:
     return rectify(capture.stream(sensor_id).sensor, capture.bounds)
 
 
-def _stereo_pair(capture: Capture, rectification: Rectification, sensor_id: str, frame: int) -> StereoPair:
-    left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+def _stereo_pair(capture: Capture, rectification: Rectification, sensor_id: str, frame: int) -> StereoPair | None:
+    """The rectified pictures of a frame; None where a mask shows no foreground."""
     masks = read_masks(capture, sensor_id, frame)
     left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
+    if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):
+        return None
+    left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
     return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
 
 

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from recon.artefacts import Artefacts
 from recon.capture.format import Capture, CaptureError, read_draft, write_capture
 from recon.files import read_json, write_json
+from recon.mesh import Cloud, holds_points, read_cloud
 
 SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
@@ -42,6 +45,13 @@ def cloud_name(method: str, sensor_id: str, frame: int) -> str:
 def mesh_name(approach: str, frame: int) -> str:
     """Where a mesh lies in its run."""
     return f"meshes/{approach}/{frame:04d}.ply"
+
+
+def read_clouds(folder: Path, names: Iterable[str]) -> list[Cloud]:
+    """Clouds of a run, in their order; one without points where a sensor saw nothing."""
+    points = np.empty((0, 3), np.float32)
+    nothing = Cloud(points, points, points.astype(np.uint8), points[:, 0])
+    return [read_cloud(folder / name) if holds_points(folder / name) else nothing for name in names]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +112,9 @@ def read_run(folder: Path) -> Run:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
 
 
-def write_run(run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float]) -> dict[str, Any]:
+def write_run(
+    run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float], warnings: Sequence[str]
+) -> dict[str, Any]:
     """Write ``run.json`` and the capture's description beside it; returns the content of ``run.json``."""
     write_capture(replace(run.capture, folder=run.folder))
     names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames]
@@ -113,6 +125,7 @@ def write_run(run: Run, *, options: Mapping[str, Any], timings: Mapping[str, flo
         "frames": list(run.frames),
         "options": dict(options),
         "versions": run.versions,
+        "warnings": list(warnings),
         "seconds": {stage: round(seconds, 3) for stage, seconds in timings.items()},
         "meshes": dict(zip(names, Artefacts(run.folder).digests(names), strict=True)),
     }

@@ -17,7 +17,7 @@ STAGES = [
     {"capture"},
     {"studio"},
     {"depth"},
-    {"cloud"},
+    {"cloud", "errors"},
     {"surface"},
     {"fusion"},
     {"approaches"},

@@ -23,10 +23,12 @@ class VideoCheck:
     ----------
     psnr_db : one a frame
     ssim : one a frame
+    crc32 : of each frame's luma as it is stored, by which the frame is known again
     """
 
     psnr_db: tuple[float, ...]
     ssim: tuple[float, ...]
+    crc32: tuple[int, ...] = ()
 
     @property
     def faults(self) -> tuple[str, ...]:

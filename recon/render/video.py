@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import zip_longest
 from pathlib import Path
 from typing import IO
 
@@ -17,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.files import whole_file
-from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 
 GOP = 25  # frames from one entry point to the next, which a player can jump to
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
 # Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
 SCALER = "bitexact+accurate_rnd+full_chroma_int"
+QUIET = ("-hide_banner", "-loglevel", "error", "-y")
+CONTAINER = ("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4")
 BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
 
 
@@ -107,31 +107,6 @@ def write_videos(
     return facts
 
 
-def write_checked_video(
-    path: Path, frames: Iterable[NDArray[np.uint8]], *, size: tuple[int, int], fps: float, master: Path | None = None
-) -> tuple[VideoFacts, VideoCheck]:
-    """Encode frames for participants, and a master of them, and compare every encoded frame with its original.
-
-    The frames are asked for once: their luma is kept in a temporary file beside the video until it is compared.
-
-    Parameters
-    ----------
-    path, frames, size, fps : as for `write_video`
-    master : where to write the near-lossless master; none if not given
-
-    Raises
-    ------
-    VideoError
-        As `write_video`. A video that is whole but below the bar is the caller's to judge: see `VideoCheck.faults`.
-    """
-    encodings = {path: DELIVERED} | ({master: MASTER} if master else {})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=path.parent) as kept:
-        facts = write_videos(encodings, _keeping_luma(frames, kept), size=size, fps=fps)
-        kept.seek(0)
-        return facts, _compared(path, _kept_luma(kept, size))
-
-
 def probe_video(path: Path) -> VideoFacts:
     """Facts about a video, counted frame by frame from its packets.
 
@@ -179,42 +154,30 @@ def read_luma(path: Path) -> Iterator[NDArray[np.uint8]]:
         yield frame[: facts.width * facts.height].reshape(facts.height, facts.width)
 
 
-def check_video(path: Path, frames: Iterable[NDArray[np.uint8]]) -> VideoCheck:
-    """Compare every frame of a 4:2:0 video with the frame that it was made from, in luma.
-
-    Parameters
-    ----------
-    path : the video
-    frames : uint8 (H, W, 3) each, sRGB, as they were given to `write_video`
+def join_videos(path: Path, parts: Sequence[Path]) -> VideoFacts:
+    """Put videos that were encoded alike one after another, their pictures as they are: the same parts, the same bytes.
 
     Raises
     ------
     VideoError
-        If the video cannot be decoded or does not have exactly these frames.
+        If there is no part, one cannot be read, or the whole has not their frames at equal distances.
     """
-    return _compared(path, map(luma_of, frames))
-
-
-def _compared(path: Path, originals: Iterable[NDArray[np.uint8]]) -> VideoCheck:
-    psnr, ssim = [], []
-    for number, (luma, stored) in enumerate(zip_longest(originals, read_luma(path))):
-        if luma is None or stored is None or luma.shape != stored.shape:
-            found, wanted = ("no frame" if image is None else f"a frame of {image.shape}" for image in (stored, luma))
-            raise VideoError(f"{path}: has {found} at number {number}, expected {wanted}")
-        psnr.append(psnr_of(luma, stored))
-        ssim.append(ssim_of(luma, stored))
-    return VideoCheck(tuple(psnr), tuple(ssim))
-
-
-def _keeping_luma(frames: Iterable[NDArray[np.uint8]], file: IO[bytes]) -> Iterator[NDArray[np.uint8]]:
-    for frame in frames:
-        file.write(luma_of(frame).data)
-        yield frame
-
-
-def _kept_luma(file: IO[bytes], size: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
-    while luma := file.read(size[0] * size[1]):
-        yield np.frombuffer(luma, dtype=np.uint8).reshape(size[1], size[0])
+    if not parts:
+        raise VideoError(f"{path}: there are no videos to join")
+    n_frames = sum(probe_video(part).n_frames for part in parts)
+    with whole_file(path) as target, tempfile.NamedTemporaryFile("w", suffix=".txt", encoding="utf-8") as listing:
+        listing.writelines(f"file {_quoted(part.resolve())}\n" for part in parts)
+        listing.flush()
+        source = ("-f", "concat", "-safe", "0", "-i", listing.name)
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), *QUIET, "-xerror", *source, "-c", "copy", *CONTAINER, str(target)]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True)
+        if done.returncode != 0:
+            words = done.stderr.decode("utf-8", "replace").strip().splitlines()
+            raise VideoError(f"{path}: could not be joined: {words[-1] if words else 'ffmpeg gave no reason'}")
+        facts = probe_video(target)
+        if facts.n_frames != n_frames:
+            raise VideoError(f"{path}: its parts have {n_frames} frames, {facts.n_frames} came out")
+    return facts
 
 
 def _check_request(path: Path, size: tuple[int, int]) -> None:
@@ -227,12 +190,13 @@ def _check_request(path: Path, size: tuple[int, int]) -> None:
 def _encoder_command(path: Path, size: tuple[int, int], fps: float, encoding: Encoding) -> list[str]:
     rate = str(Fraction(fps).limit_denominator(1001))
     return [
-        *(imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-y"),
+        *(imageio_ffmpeg.get_ffmpeg_exe(), *QUIET),
         *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", rate, "-i", "pipe:0"),
         *("-vf", f"scale=out_color_matrix=bt709:out_range=tv:flags={SCALER},format=yuv420p", *BT709),
         *("-c:v", "libx264", "-preset", encoding.preset, "-crf", str(encoding.crf), "-threads", str(ENCODER_THREADS)),
         *("-g", str(GOP), "-keyint_min", str(GOP), "-sc_threshold", "0", "-flags", "+cgop+bitexact"),
-        *("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4", str(path)),
+        *CONTAINER,
+        str(path),
     ]
 
 
@@ -305,6 +269,11 @@ def _run(path: Path, arguments: list[str]) -> bytes:
         words = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise VideoError(f"{path}: cannot be read as a video: {words[-1] if words else 'ffmpeg gave no reason'}")
     return done.stdout
+
+
+def _quoted(path: Path) -> str:
+    """A path as ffmpeg's lists want it."""
+    return "'" + str(path).replace("'", "'\\''") + "'"
 
 
 def _reader(path: Path) -> list[str]:

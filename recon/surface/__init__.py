@@ -24,6 +24,10 @@ POINTS_PER_COARSE_CELL = 8  # so that cells without a point inside the surface a
 CELLS_PER_AREA = 1.5  # cells that a unit of surface crosses, averaged over directions
 
 
+class NoSurfaceError(ValueError):
+    """A cloud whose points support no surface."""
+
+
 @dataclass(frozen=True)
 class SurfaceParameters:
     """How a surface is sampled and where it ends.
@@ -35,7 +39,7 @@ class SurfaceParameters:
     radius, radius_spacings, radius_sigmas : where a point's weight ends: the largest of these, in voxels, in distances
         of neighbouring points where they are sparse, and in standard deviations of the points' depth; at most 8 voxels
     overhang : how far the surface may reach past the data's edge, as a share of the radius; 0.235 is the edge itself
-        for points that fill a half plane, what is more makes up for the cubes lost at the edge and the eroded rim
+        for points that fill a half plane, what is more makes up for the cubes lost at the edge
     agreement : shortest mean normal that counts as one surface, 0 to 1
     min_points : least number of points, each counted by its nearness, that supports the surface
     min_component : smallest connected component that is kept, as a share of the largest one's faces
@@ -76,11 +80,13 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
 
     Raises
     ------
+    NoSurfaceError
+        If the cloud is empty or nearly so, or its points support no surface.
     ValueError
-        If the cloud is empty or nearly so, its points support no surface, or the samples would not fit into memory.
+        If the samples would not fit into memory.
     """
     if len(cloud) < MIN_POINTS:
-        raise ValueError(f"the cloud has {len(cloud)} points: a surface needs at least {MIN_POINTS}")
+        raise NoSurfaceError(f"the cloud has {len(cloud)} points: a surface needs at least {MIN_POINTS}")
     parameters = with_voxel([cloud], parameters)
     voxel = parameters.voxel_mm
     assert voxel is not None
@@ -90,7 +96,7 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
     )
     vertices, faces, normals, colours = march(field, gradient, colour, band.blocks, band.neighbours)
     if not len(faces):
-        raise ValueError(
+        raise NoSurfaceError(
             f"{len(cloud)} points about {spacing(cloud):.3g} mm apart support no surface at a voxel of {voxel:g} mm; "
             "take more points or a larger voxel"
         )
@@ -109,13 +115,13 @@ def default_voxel(clouds: Sequence[Cloud]) -> float:
 
     Raises
     ------
-    ValueError
+    NoSurfaceError
         If the points of every cloud lie in one place.
     """
     lengths = [max(SPACINGS_PER_VOXEL * spacing(cloud), _depth_error(cloud)) for cloud in clouds if len(cloud)]
     voxel = float(np.median(lengths)) if lengths else 0.0
     if not voxel > 0:
-        raise ValueError(f"{sum(map(len, clouds))} points in one place have no spacing: a surface needs an extent")
+        raise NoSurfaceError(f"{sum(map(len, clouds))} points in one place have no spacing: a surface needs an extent")
     return float(f"{10 ** (round(VOXELS_PER_DECADE * np.log10(voxel)) / VOXELS_PER_DECADE):.3g}")
 
 

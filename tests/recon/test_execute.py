@@ -1,28 +1,61 @@
-"""Tasks give the same results here and in worker processes."""
+"""Tasks give the same results here, in worker processes and on a cluster, also when workers die."""
 
 from __future__ import annotations
 
 import math
+import os
+import signal
 from functools import partial
+from pathlib import Path
 
 import pytest
 
-from recon.execute import run_tasks
+from recon.execute import LOSSES, LocalProcesses, open_pool
 
 TASKS = [partial(math.factorial, n) for n in range(6)]
 
 
+def die_once(mark: Path) -> str:
+    """Kill the process that runs this, the first time."""
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_every_task_yields_its_result_once(workers: int) -> None:
-    assert sorted(run_tasks(TASKS, workers=workers)) == [1, 1, 2, 6, 24, 120]
+def test_every_task_yields_its_result_once_and_a_pool_takes_more_tasks(workers: int) -> None:
+    with open_pool(workers) as pool:
+        for _ in range(2):
+            assert sorted(pool.run(TASKS)) == [1, 1, 2, 6, 24, 120]
+        assert list(pool.run([])) == []
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_tasks_error_reaches_the_caller(workers: int) -> None:
-    with pytest.raises(ValueError, match="factorial"):
-        list(run_tasks([*TASKS, partial(math.factorial, -1)], workers=workers))
+    with open_pool(workers) as pool, pytest.raises(ValueError, match="factorial"):
+        list(pool.run([*TASKS, partial(math.factorial, -1)]))
+
+
+@pytest.mark.slow
+def test_the_tasks_of_a_worker_that_dies_are_run_again(tmp_path: Path) -> None:
+    with open_pool(2) as pool:
+        results = list(pool.run([*TASKS, partial(die_once, tmp_path / "mark")]))
+    assert sorted(map(str, results)) == ["1", "1", "120", "2", "24", "6", "alive"]
+
+
+@pytest.mark.slow
+def test_tasks_that_kill_their_workers_again_and_again_are_given_up() -> None:
+    pool = LocalProcesses(1)
+    with pytest.raises(RuntimeError, match=f"died {LOSSES} times, 1 tasks are not done"):
+        list(pool.run([partial(die)]))
+    pool.close()
 
 
 def test_no_workers_is_an_error() -> None:
-    with pytest.raises(ValueError, match="at least 1, found 0"):
-        list(run_tasks(TASKS, workers=0))
+    with pytest.raises(ValueError, match="at least 1, found 0"), open_pool(0):
+        pass

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from recon.files import read_json, remove_leftovers, whole_file, write_json
+from recon.files import STALE_S, read_json, remove_leftovers, whole_file, write_json
 
 
 def test_a_file_appears_only_when_the_block_ends(tmp_path: Path) -> None:
@@ -41,13 +42,27 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) 
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     (tmp_path / "a").mkdir()
-    left, in_use, kept = (
-        tmp_path / name for name in (f"a/.0001.{ended.pid}.part.ply", f".0002.{os.getpid()}.part.ply", "a/0003.ply")
-    )
-    for path in (left, in_use, kept):
-        path.touch()
+    left, in_use, kept = tmp_path / "a/0001.ply", tmp_path / "0002.ply", tmp_path / "a/0003.ply"
+    kept.touch()
+    with whole_file(left) as temporary, whole_file(in_use) as used:
+        temporary.touch()
+        used.touch()
+        left_by_another = temporary.with_name(temporary.name.replace(str(os.getpid()), str(ended.pid)))
+        temporary.rename(left_by_another)
+        remove_leftovers(tmp_path)
+        assert [path.exists() for path in (left_by_another, used, kept)] == [False, True, True]
+        temporary.touch()
+
+
+def test_what_another_host_writes_is_left_alone_until_nobody_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / ".0001.elsewhere-1.part.ply"
+    path.touch()
     remove_leftovers(tmp_path)
-    assert [path.exists() for path in (left, in_use, kept)] == [False, True, True]
+    assert path.exists()
+    long_ago = time.time() - 2 * STALE_S
+    os.utime(path, (long_ago, long_ago))
+    remove_leftovers(tmp_path)
+    assert not path.exists()
 
 
 def test_json_comes_back_as_it_was(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from recon.cloud import merge_clouds
-from recon.fusion import FUSIONS, fuse_after, fuse_before
+from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before
 from recon.mesh import Cloud, merge_meshes
-from recon.surface import SurfaceParameters, default_voxel, surface_from_cloud
+from recon.surface import NoSurfaceError, SurfaceParameters, default_voxel, surface_from_cloud
 
 PARAMETERS = SurfaceParameters(voxel_mm=3.0)
 
@@ -70,5 +70,36 @@ def test_every_fusion_takes_one_sensor_and_refuses_none(method: str) -> None:
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 59).max() < 0.5
     with pytest.raises(ValueError, match="no cloud"):
         FUSIONS[method]([], PARAMETERS)
-    with pytest.raises(ValueError, match="cloud 2 of 2 is empty"):
-        FUSIONS[method]([clouds[0], clouds[0].select(np.zeros(len(clouds[0]), bool))], PARAMETERS)
+
+
+def scattered(n: int) -> Cloud:
+    """A few points far from each other and from all else."""
+    points = np.array([[1000.0 * number, 0, 0] for number in range(n)]).reshape(n, 3)
+    return Cloud(points, np.tile([0.0, 0, 1], (n, 1)), np.zeros((n, 3), np.uint8))
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_a_sensor_that_saw_next_to_nothing_is_left_out(n: int) -> None:
+    clouds = three_views()[:2]
+    with pytest.warns(LeftOutWarning, match="cloud 2 of 3 is left out"):
+        after = fuse_after([clouds[0], scattered(n), clouds[1]], PARAMETERS)
+    assert np.array_equal(after.vertices, fuse_after(clouds, PARAMETERS).vertices)
+    before = fuse_before([clouds[0], scattered(n), clouds[1]], PARAMETERS)
+    assert np.array_equal(before.vertices, fuse_before(clouds, PARAMETERS).vertices)
+
+
+@pytest.mark.parametrize("method", sorted(FUSIONS))
+@pytest.mark.parametrize("n", [0, 1, 5])
+def test_sensors_that_all_saw_next_to_nothing_have_no_surface(method: str, n: int) -> None:
+    with pytest.raises(NoSurfaceError, match=r"nothing to fuse|points"):
+        FUSIONS[method]([scattered(n), scattered(n)], PARAMETERS)
+
+
+@pytest.mark.parametrize("method", sorted(FUSIONS))
+def test_points_in_a_plane_become_that_plane(method: str) -> None:
+    x, y = np.meshgrid(np.arange(40.0), np.arange(40.0))
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 7.0)], axis=1)
+    flat = Cloud(points, np.tile([0.0, 0, 1], (x.size, 1)), np.full((x.size, 3), 60, np.uint8))
+    mesh = FUSIONS[method]([flat], SurfaceParameters())
+    assert np.abs(mesh.vertices[:, 2] - 7).max() < 1e-3
+    assert np.ptp(mesh.vertices[:, :2], axis=0).min() > 35

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
+from recon.render.checked import check_video, holds_checked_frames, write_checked_video
 from recon.render.quality import VideoCheck, luma_of, psnr_of, ssim_of
 from recon.render.video import (
     MASTER,
     Encoding,
     VideoError,
-    check_video,
+    join_videos,
     probe_video,
     read_luma,
     read_video,
-    write_checked_video,
     write_video,
     write_videos,
 )
@@ -193,4 +193,39 @@ def test_frames_that_fail_half_way_leave_nothing(tmp_path: Path) -> None:
 def test_an_encoder_that_fails_says_why(tmp_path: Path) -> None:
     with pytest.raises(VideoError, match=r"bad.mp4: could not be encoded: .*"):
         write_video(tmp_path / "bad.mp4", moving_frames(300), size=SIZE, fps=25, encoding=Encoding(-500))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_joined_parts_show_every_frame_of_them_once_at_equal_distances(video: Path, tmp_path: Path) -> None:
+    frames = list(moving_frames(60))
+    parts = [tmp_path / f"a part's {number}.mp4" for number in range(3)]
+    crc32: tuple[int, ...] = ()
+    for part, (first, last) in zip(parts, [(0, 25), (25, 50), (50, 60)], strict=True):
+        crc32 += write_checked_video(part, frames[first:last], size=SIZE, fps=25)[1].crc32
+    whole = tmp_path / "whole.mp4"
+    assert join_videos(whole, parts) == probe_video(video)
+    assert holds_checked_frames(whole, VideoCheck((), (), crc32))
+    assert not holds_checked_frames(whole, VideoCheck((), (), crc32[::-1]))
+    times = [line.split(",")[2].strip() for line in packets(whole)]
+    assert sorted(map(int, times)) == sorted(int(line.split(",")[2]) for line in packets(video))
+    again = tmp_path / "again.mp4"
+    join_videos(again, parts)
+    assert again.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize("fps", [24000 / 1001, 30, 12.5])
+def test_parts_join_at_any_frame_rate(tmp_path: Path, fps: float) -> None:
+    parts = [tmp_path / f"{number}.mp4" for number in range(3)]
+    for part in parts:
+        write_video(part, moving_frames(7), size=SIZE, fps=fps)
+    facts = join_videos(tmp_path / "whole.mp4", parts)
+    assert facts.n_frames == 21
+    assert facts.fps == pytest.approx(fps, abs=2e-3)
+
+
+def test_parts_that_are_missing_or_none_are_named(tmp_path: Path) -> None:
+    with pytest.raises(VideoError, match=r"whole\.mp4: there are no videos to join"):
+        join_videos(tmp_path / "whole.mp4", [])
+    with pytest.raises(VideoError, match=r"gone\.mp4: there is no such file"):
+        join_videos(tmp_path / "whole.mp4", [tmp_path / "gone.mp4"])
     assert list(tmp_path.iterdir()) == []
