@@ -93,6 +93,28 @@ def reconstruct(
 
 
 @app.command()
+def fuse(
+    clouds: Annotated[list[Path], typer.Argument(help="PLY of coloured, oriented points, one a sensor, mm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.ply or OUT.glb.")],
+    fusion: Annotated[str, typer.Option(help="fb: one surface of all clouds; fa: a surface each, then merged.")] = "fb",
+    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the points' spacing.")] = None,
+    close_holes: Annotated[float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm.")] = 0.0,
+    as_json: JsonOption = False,
+) -> None:
+    """The surface of any clouds, for example RUN/clouds/pm/S1/0000.ply."""
+    from recon.fusion import fused
+    from recon.mesh import read_cloud, write_mesh
+    from recon.surface import SurfaceParameters
+
+    parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
+    mesh, warnings = fused(fusion, [read_cloud(cloud) for cloud in clouds], parameters)
+    write_mesh(out, mesh)
+    result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
+    sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]
+    print_result(result, "\n".join(sentences), as_json=as_json)
+
+
+@app.command()
 def export(
     mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
     out: Annotated[Path, typer.Argument(help="OUT.glb for viewers and the web, or OUT.ply.")],

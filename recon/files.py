@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import shutil
 import socket
 import time
 from collections.abc import Iterator, Mapping
@@ -12,7 +14,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+FULL = 2**16  # bytes; a disk with less than that is what made writing fail
 STALE_S = 3600.0  # a temporary file of another host that was not written to for so long has no writer any more
+
+
+class DiskFullError(OSError):
+    """There is no room left for a file; what was whole before is still there."""
 
 
 @contextmanager
@@ -21,12 +28,20 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     The temporary name keeps the suffix, because encoders choose the format by it, and says which process of which
     host writes it.
+
+    Raises
+    ------
+    DiskFullError
+        If the block failed and no room is left where it wrote.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{_host()}-{os.getpid()}.part{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
+    except Exception as error:
+        _check_space(path, error)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -62,6 +77,16 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
     return content
+
+
+def _check_space(path: Path, error: Exception) -> None:
+    """Raise what a full disk calls for, if that is why writing failed: programs and libraries put it in many words."""
+    free = shutil.disk_usage(path.parent).free
+    if free < FULL or (isinstance(error, OSError) and error.errno == errno.ENOSPC):
+        raise DiskFullError(
+            f"{path}: the disk is full, {free} bytes are left in {path.parent}; make room and start again: "
+            "what is finished is kept, and nothing is half written"
+        ) from error
 
 
 def _host() -> str:

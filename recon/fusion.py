@@ -19,8 +19,8 @@ class LeftOutWarning(UserWarning):
 def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
     """FA: a surface per sensor, then one mesh as their union.
 
-    Where views overlap there are as many layers as sensors, each with its own normals. A cloud that supports no surface
-    of its own is left out, with a warning.
+    Where views overlap there are as many layers as sensors, each with its own normals. A cloud whose points support no
+    surface of their own is left out, with a warning.
 
     Raises
     ------
@@ -31,6 +31,8 @@ def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceP
     surfaces: list[Mesh] = []
     reasons: list[str] = []
     for number, cloud in enumerate(clouds, start=1):
+        if not len(cloud):
+            continue
         try:
             surfaces.append(surface_from_cloud(cloud, parameters))
         except NoSurfaceError as error:
@@ -66,3 +68,19 @@ def _checked(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceP
 
 
 FUSIONS: dict[str, Fusion] = {"fa": fuse_after, "fb": fuse_before}
+
+
+def fused(method: str, clouds: Sequence[Cloud], parameters: SurfaceParameters) -> tuple[Mesh, list[str]]:
+    """The mesh of a fusion, and what was left out of it.
+
+    Raises
+    ------
+    ValueError
+        If there is no such fusion, or as the fusion says.
+    """
+    if method not in FUSIONS:
+        raise ValueError(f"unknown fusion {method!r}, expected one of {', '.join(FUSIONS)}")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", LeftOutWarning)
+        mesh = FUSIONS[method](clouds, parameters)
+    return mesh, [str(warning.message) for warning in caught]

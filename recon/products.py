@@ -5,7 +5,6 @@ Every function returns the names of the artefacts that it had to make.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import cache, partial
@@ -25,7 +24,7 @@ from recon.depth import MATCHERS, StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.files import read_json, write_json
-from recon.fusion import FUSIONS, LeftOutWarning
+from recon.fusion import fused
 from recon.mesh import holds_points, write_cloud, write_mesh, write_no_cloud
 from recon.rig import Camera
 from recon.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name, read_clouds
@@ -157,13 +156,11 @@ def make_mesh(
         if balanced:
             sensors = balance_colours(sensors, _colours(run))
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always", LeftOutWarning)
-                mesh = FUSIONS[approach.fusion](sensors, parameters)
+            mesh, left_out = fused(approach.fusion, sensors, parameters)
         except NoSurfaceError as error:
             raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
         write_mesh(path, mesh)
-        return [f"{approach}: frame {frame}: {warning.message}" for warning in caught]
+        return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
 
     name = mesh_name(str(approach), frame)
     return [name] if Artefacts(run).make(name, key, write) else []

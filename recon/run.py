@@ -8,6 +8,7 @@ A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it wa
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -134,9 +135,15 @@ def write_run(
 
 
 def log(folder: Path, event: Mapping[str, Any]) -> None:
-    """Append one event to the run's ``log.jsonl``."""
-    with (folder / "log.jsonl").open("a", encoding="utf-8") as file:
-        file.write(json.dumps(event) + "\n")
+    """Append one event to the run's ``log.jsonl``: a whole line or nothing."""
+    path = folder / "log.jsonl"
+    before = path.stat().st_size if path.exists() else 0
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(event) + "\n")
+    except OSError:
+        os.truncate(path, before)
+        raise
 
 
 def versions() -> dict[str, str]:

@@ -9,6 +9,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from command_line import Command, command_line
 from playwright.sync_api import Browser, sync_playwright
 from postgresql import PostgresServer
 
@@ -23,6 +24,13 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}; set RECONSTUDY_REAL_DATA to a folder that has them")
     return folder
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """`reconstudy ARGUMENTS…` with its database in a folder of its own."""
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path / "study"))
+    return command_line(monkeypatch, capsys)
 
 
 @pytest.fixture(scope="session")

@@ -78,7 +78,14 @@ def scattered(n: int) -> Cloud:
     return Cloud(points, np.tile([0.0, 0, 1], (n, 1)), np.zeros((n, 3), np.uint8))
 
 
-@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_a_sensor_that_saw_nothing_changes_nothing() -> None:
+    clouds = three_views()[:2]
+    for fuse in FUSIONS.values():
+        with_nothing = fuse([clouds[0], scattered(0), clouds[1]], PARAMETERS)
+        assert np.array_equal(with_nothing.vertices, fuse(clouds, PARAMETERS).vertices)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_sensor_that_saw_next_to_nothing_is_left_out(n: int) -> None:
     clouds = three_views()[:2]
     with pytest.warns(LeftOutWarning, match="cloud 2 of 3 is left out"):

@@ -1,0 +1,199 @@
+"""Reconstruction and rendering on input that is wrong or thin, through the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from command_line import Command
+
+from recon.capture.segment import segment_capture
+from recon.mesh import Cloud, read_mesh, write_cloud, write_no_cloud
+from recon.studio import SynthParameters, synthesise
+
+NO_EGL = {"PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three frames of two sensors with masks."""
+    folder = tmp_path_factory.mktemp("recorded") / "ball"
+    synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=3, size=(160, 120), noise=0.5))
+    segment_capture(folder)
+    return folder
+
+
+@pytest.fixture
+def capture(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "capture"))
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a disk of its own with room for 200 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(folder)], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip("mounting a small disk needs root")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def empty_mask(capture: Path, sensor: str, frame: int) -> None:
+    path = capture / sensor / f"mask/left/{frame:04d}.png"
+    cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path))))
+
+
+def flat_cloud(side: int = 40) -> Cloud:
+    x, y = np.meshgrid(np.arange(float(side)), np.arange(float(side)))
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 7.0)], axis=1)
+    return Cloud(points, np.tile([0.0, 0, 1], (x.size, 1)), np.full((x.size, 3), 60, np.uint8))
+
+
+def half_written(folder: Path) -> list[Path]:
+    return list(folder.rglob(".*.part*"))
+
+
+def test_a_sensor_that_sees_nothing_in_a_frame_is_left_out_of_it(command: Command, capture: Path) -> None:
+    empty_mask(capture, "S2", 1)
+    run = capture.parent / "run"
+    expected = ["id: sensor S2 sees nothing in frame 1: its mask is empty"]
+    for _ in range(2):  # made, and found finished
+        told = command("reconstruct", capture, "-o", run, "--depth", "id", "--json")
+        assert told.code == 0, told.err
+        assert json.loads(told.out)["warnings"] == expected
+        assert f"warning: {expected[0]}" in told.err
+    assert json.loads((run / "run.json").read_text())["warnings"] == expected
+    logged = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert [event["warnings"] for event in logged if "warnings" in event] == [expected]
+    of_one, fused = (read_mesh(run / f"meshes/id_{fusion}/0001.ply") for fusion in ("fa", "fb"))
+    assert np.array_equal(of_one.vertices, fused.vertices)
+    told = command("render", run, "-o", run / "set", "--size", "64x48", "--seconds", 0.2, "--renderer", "software")
+    assert told.code == 0, told.err
+
+
+def test_a_frame_that_no_sensor_sees_is_named_and_can_be_left_out(command: Command, capture: Path) -> None:
+    empty_mask(capture, "S1", 2)
+    empty_mask(capture, "S2", 2)
+    run = capture.parent / "run"
+    told = command("reconstruct", capture, "-o", run, "--depth", "id")
+    assert told.code == 1
+    assert "no sensor sees anything in frame 2 (depth method id)" in told.err
+    assert not (run / "run.json").exists()
+    assert not half_written(run)
+    told = command("reconstruct", capture, "-o", run, "--depth", "id", "--frames", "0:2")
+    assert told.code == 0, told.err
+
+
+def test_the_filter_remembers_nothing_across_a_frame_without_foreground(command: Command, capture: Path) -> None:
+    empty_mask(capture, "S2", 1)
+    run = capture.parent / "run"
+    command("reconstruct", capture, "-o", run, "--depth", "id")
+    assert np.isnan(np.load(run / "depth/id/S2/0001.npy")).all()
+    matched, filtered = (np.load(run / stage / "id/S2/0002.npy") for stage in ("matched", "depth"))
+    assert np.array_equal(matched, filtered, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_a_voxel_that_memory_would_not_hold_is_refused_with_one_that_fits(command: Command, tmp_path: Path) -> None:
+    cloud = write_cloud(tmp_path / "flat.ply", flat_cloud(300))
+    told = command("fuse", cloud, "-o", tmp_path / "mesh.ply", "--voxel", 0.005)
+    assert told.code == 1
+    found = told.err.strip().removeprefix("reconstudy: a voxel of 0.005 mm would need ").split()
+    assert float(found[0]) > 4
+    assert found[1:9] == ["GB,", "more", "than", "the", "4", "GB", "allowed;", "a"]
+    assert float(found[11]) > 0.005
+    told = command("fuse", cloud, "-o", tmp_path / "mesh.ply", "--voxel", 1e-9)
+    assert "more samples than can be numbered" in told.err
+    assert not (tmp_path / "mesh.ply").exists()
+
+
+def one_point() -> Cloud:
+    return flat_cloud(1)
+
+
+def one_place() -> Cloud:
+    return flat_cloud(6).select(np.zeros(50, int))
+
+
+@pytest.mark.parametrize("fusion", ["fa", "fb"])
+def test_too_little_for_a_surface_is_refused(command: Command, tmp_path: Path, fusion: str) -> None:
+    out = ("-o", tmp_path / "mesh.ply", "--fusion", fusion)
+    lonely, heap = write_cloud(tmp_path / "1.ply", one_point()), write_cloud(tmp_path / "50.ply", one_place())
+    assert "the cloud has 1 points: a surface needs at least 3" in command("fuse", lonely, *out, "--voxel", 1).err
+    assert "1 points in one place have no spacing" in command("fuse", lonely, *out).err
+    assert "50 points in one place have no spacing" in command("fuse", heap, *out).err
+    assert not (tmp_path / "mesh.ply").exists()
+
+
+def test_a_cloud_without_points_or_with_points_that_are_no_numbers_is_named(command: Command, tmp_path: Path) -> None:
+    empty = write_no_cloud(tmp_path / "empty.ply")
+    told = command("fuse", empty, "-o", tmp_path / "mesh.ply")
+    assert (told.code, f"{empty}: holds no points" in told.err) == (1, True)
+    odd = write_cloud(tmp_path / "odd.ply", flat_cloud())
+    content = bytearray(odd.read_bytes())
+    start = content.index(b"end_header\n") + len(b"end_header\n")
+    content[start : start + 4] = np.float32("nan").tobytes()
+    odd.write_bytes(content)
+    told = command("fuse", odd, "-o", tmp_path / "mesh.ply")
+    assert told.code == 1
+    assert f"{odd}: points hold values that are not finite numbers: row 0 is" in told.err
+
+
+def test_points_in_a_plane_are_a_surface(command: Command, tmp_path: Path) -> None:
+    told = command("fuse", write_cloud(tmp_path / "flat.ply", flat_cloud()), "-o", tmp_path / "mesh.ply", "--json")
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["faces"] > 100
+    assert np.ptp(read_mesh(tmp_path / "mesh.ply").vertices[:, 2]) < 1e-3
+
+
+def test_a_full_disk_is_named_and_nothing_is_half_written(command: Command, capture: Path, small_disk: Path) -> None:
+    run = small_disk / "run"
+    for _ in range(2):
+        told = command("reconstruct", capture, "-o", run, "--depth", "id")
+        assert told.code == 1
+        assert "the disk is full" in told.err
+        assert str(run) in told.err
+        assert not half_written(run)
+        assert not (run / "run.json").exists()
+        for path in run.rglob("*.json"):
+            json.loads(path.read_text())
+        for line in (run / "log.jsonl").read_text().splitlines():
+            json.loads(line)
+
+
+def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:
+    run = capture.parent / "run"
+    assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0
+    told = command(
+        "render", run, "-o", small_disk / "set", "--size", "320x240", "--seconds", 1, "--renderer", "software"
+    )
+    assert told.code == 1
+    assert "the disk is full" in told.err
+    assert not half_written(small_disk)
+    assert not list(small_disk.rglob("*.mp4"))
+
+
+def test_a_missing_egl_names_the_package_to_install(command: Command, capture: Path) -> None:
+    run = capture.parent / "run"
+    assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0
+    arguments = ["render", str(run), "-o", str(run / "set"), "--size", "64x48", "--seconds", "0.2"]
+    done = subprocess.run(
+        [sys.executable, "-c", "from app.cli import main; main()", *arguments, "--renderer", "pyrender"],
+        env=os.environ | NO_EGL,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert "apt-get install libegl1" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (run / "set/manifest.json").exists()
