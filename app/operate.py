@@ -36,6 +36,7 @@ from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
 from app.store.orders import study_plan, taken_orders
 from app.store.tokens import SCOPES, insert_token
+from app.study.adaptive import check_adaptive
 from app.study.balance import balance_report
 from app.study.options import StudyOptions, parse_options
 from app.study.stages import PRACTICE
@@ -115,6 +116,8 @@ def create_study(
         compared, references = (
             split_reference(stimulus_set, options.reference) if options.reference else (stimulus_set, NO_REFERENCES)
         )
+        if options.adaptive_pairs:
+            check_adaptive(options.adaptive_pairs, len(compared.conditions))
         pairs = prepare_pairs(compared, settings.media_dir, progress, references)
         if options.identical_pairs:
             pairs += prepare_identical(compared, settings.media_dir, progress, references)

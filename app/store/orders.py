@@ -8,11 +8,12 @@ from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_,
 
 from app.store.designs import planned_pairs, stimulus_names
 from app.store.studies import Study
-from app.store.tables import assignment, exclusion, participant, session, stage_record, vote
+from app.store.tables import assignment, exclusion, participant, session, stage_record, trial, vote
+from app.study.adaptive import adaptive_pairs
 from app.study.balance import StudyPlan, TakenOrder
 from app.study.options import parse_options
 from app.study.stages import FINISHED, INTERVIEW, WITHDRAWN
-from app.study.trial import PlannedTrial
+from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
 ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has its vote
 
@@ -40,8 +41,44 @@ def take_order_slot(connection: Connection, of: Study, now: datetime) -> int:
 def study_plan(connection: Connection, of: Study) -> StudyPlan:
     """What a study's orders follow from."""
     pairs = planned_pairs(connection, of.id)
-    repetition = parse_options(of.options).repetition
-    return StudyPlan(pairs, of.seed, repetition, stimulus_names(connection, of.id))
+    options = parse_options(of.options)
+    names = stimulus_names(connection, of.id)
+    return StudyPlan(pairs, of.seed, options.repetition, names, is_adaptive=options.adaptive_pairs > 0)
+
+
+def pairs_to_show(connection: Connection, of: Study, slot: int) -> list[PlannedPair]:
+    """The pairs of who takes this slot now: all of the study, or those that the votes so far ask for."""
+    pairs = planned_pairs(connection, of.id)
+    n_pairs = parse_options(of.options).adaptive_pairs
+    return adaptive_pairs(pairs, _pair_votes(connection, of.id), n_pairs, of.seed, slot) if n_pairs else pairs
+
+
+def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, int, int]]:
+    """Votes for the top, for the bottom and for neither of each pair that has any; no checks, nobody who withdrew."""
+    rows = connection.execute(
+        select(assignment.c.pair_id, assignment.c.a_half, vote.c.choice, func.count())
+        .select_from(
+            vote.join(trial).join(assignment).join(participant).join(session, session.c.id == trial.c.session_id)
+        )
+        .where(
+            participant.c.study_id == study_id,
+            participant.c.is_preview.is_(False),
+            session.c.withdrawn_at.is_(None),
+            assignment.c.role == MAIN,
+        )
+        .group_by(assignment.c.pair_id, assignment.c.a_half, vote.c.choice)
+    )
+    found: dict[int, tuple[int, int, int]] = {}
+    for pair_id, a_half, choice, n in rows:
+        top, bottom, neither = found.get(pair_id, (0, 0, 0))
+        if choice == "none":
+            neither += n
+        elif (choice == "a") == (a_half == "top"):
+            top += n
+        else:
+            bottom += n
+        found[pair_id] = top, bottom, neither
+    return found
 
 
 def taken_orders(connection: Connection, of: Study, now: datetime) -> list[TakenOrder]:

@@ -10,11 +10,10 @@ from typing import Any
 from sqlalchemy import Connection, func, insert, select, update
 
 from app.errors import ConflictError, ForbiddenError, GoneError
-from app.store.designs import planned_pairs
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
-from app.store.orders import take_order_slot
+from app.store.orders import pairs_to_show, take_order_slot
 from app.store.participants import forget_preview_votes
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
@@ -260,7 +259,7 @@ def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> in
 
 def _insert_trials(connection: Connection, of: Study, slot: int, participant_id: int, session_id: int) -> None:
     repetition = parse_options(of.options).repetition
-    order = participant_order(planned_pairs(connection, of.id), of.seed, abs(slot), repetition)
+    order = participant_order(pairs_to_show(connection, of, abs(slot)), of.seed, abs(slot), repetition)
     rows = [
         {
             "participant_id": participant_id,

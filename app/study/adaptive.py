@@ -6,8 +6,12 @@ decided are wasted. Each participant gets, dataset by dataset, a batch chosen fr
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from app.study.trial import PlannedPair
 
 Array = NDArray[np.float64]
 
@@ -19,6 +23,57 @@ CONVERGED = 1e-6
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
 JITTER = 1e-9  # of the gain, so that pairs that promise the same are drawn at random
+
+
+PairVotes = Mapping[int, tuple[int, int, int]]  # pair's key -> votes for its top, for its bottom, for neither
+
+
+def check_adaptive(n_pairs: int, n_conditions: int) -> None:
+    """Raise if so many pairs of each dataset cannot be chosen adaptively.
+
+    Raises
+    ------
+    ValueError
+        Saying why.
+    """
+    most = n_conditions * (n_conditions - 1) // 2
+    if n_conditions < FEWEST_CONDITIONS:
+        raise ValueError(
+            f"adaptive_pairs is {n_pairs} for {n_conditions} conditions: below {FEWEST_CONDITIONS} nothing is gained; "
+            "leave it out, and every pair is shown"
+        )
+    if n_pairs > most:
+        raise ValueError(
+            f"adaptive_pairs is {n_pairs}, expected at most {most}, the pairs of {n_conditions} conditions"
+        )
+
+
+def adaptive_pairs(
+    pairs: Sequence[PlannedPair], votes: PairVotes, n_pairs: int, seed: int, slot: int
+) -> list[PlannedPair]:
+    """The pairs of one participant: of each dataset those that the votes so far ask for, and all identical ones.
+
+    Parameters
+    ----------
+    pairs : all pairs of the study
+    votes : so far; a pair without any may be left out
+    n_pairs : of each dataset
+    seed : the study's
+    slot : the participant's; with the seed it decides between pairs that promise the same
+    """
+    chosen: set[int] = set()
+    for dataset in dict.fromkeys(pair.dataset for pair in pairs):
+        own = [pair for pair in pairs if pair.dataset == dataset and not pair.is_identical]
+        place = {stimulus: index for index, stimulus in enumerate(sorted({s for pair in own for s in pair.stimuli}))}
+        wins, ties = np.zeros((len(place), len(place))), np.zeros((len(place), len(place)))
+        for pair in own:
+            top, bottom = place[pair.top], place[pair.bottom]
+            wins[top, bottom], wins[bottom, top], ties[top, bottom] = votes.get(pair.key, (0, 0, 0))
+            ties[bottom, top] = ties[top, bottom]
+        by_stimuli = {frozenset((place[pair.top], place[pair.bottom])): pair.key for pair in own}
+        found = choose_pairs(wins, ties, n_pairs, np.random.default_rng([seed, slot, dataset]))
+        chosen.update(by_stimuli[frozenset(both)] for both in found)
+    return [pair for pair in pairs if pair.is_identical or pair.key in chosen]
 
 
 def choose_pairs(wins: Array, ties: Array, n_pairs: int, rng: np.random.Generator) -> list[tuple[int, int]]:

@@ -46,12 +46,20 @@ class StudyPlan:
     seed : the study's
     repetition : what comes besides every pair once
     names : (dataset, condition) by the stimulus' key
+    is_adaptive : whether participants see pairs chosen from the votes before them, and not all
     """
 
     pairs: Sequence[PlannedPair]
     seed: int
     repetition: Repetition
     names: Mapping[int, tuple[str, str]]
+    is_adaptive: bool = False
+
+    def order(self, taken: TakenOrder) -> list[PlannedTrial]:
+        """The order that follows from seed and slot, and from the pairs that were chosen where not all are shown."""
+        shown = {trial.pair for trial in taken.trials}
+        pairs = [pair for pair in self.pairs if pair.is_identical or pair.key in shown or not self.is_adaptive]
+        return participant_order(pairs, self.seed, taken.slot, self.repetition)
 
     @cached_property
     def _by_key(self) -> Mapping[int, PlannedPair]:
@@ -107,9 +115,7 @@ def balance_report(plan: StudyPlan, orders: Sequence[TakenOrder]) -> dict[str, A
 def _rules_of_each(
     plan: StudyPlan, orders: Sequence[TakenOrder], holding: Sequence[TakenOrder]
 ) -> list[dict[str, Any]]:
-    foreign = sum(
-        list(order.trials) != participant_order(plan.pairs, plan.seed, order.slot, plan.repetition) for order in orders
-    )
+    foreign = sum(list(order.trials) != plan.order(order) for order in orders)
     twice = sum(n > 1 for n in Counter(order.slot for order in holding).values())
     seen = [_seen(plan, order) for order in orders]
     runs = [longest_run([plan.pair(trial).stimuli for trial in order.trials]) for order in orders]
@@ -138,8 +144,11 @@ def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], of: str) -> lis
     followers: Counter[Hashable] = Counter({(one, other): 0 for one in datasets for other in datasets if one != other})
     followers.update(neighbours for row in rows for neighbours in pairwise(row))
     uneven = len(williams_square(len(datasets))) // len(datasets)  # within a block of slots that is not full yet
+    by_pair = (
+        [] if plan.is_adaptive else [_rule("spread of the four ways in which a pair is seen", of, _spread(ways), 1)]
+    )
     return [
-        _rule("spread of the four ways in which a pair is seen", of, _spread(ways), 1),
+        *by_pair,
         _rule("spread of the datasets over the positions", of, _spread(places), uneven),
         _rule("spread of which dataset follows which", of, _spread(followers), uneven),
     ]

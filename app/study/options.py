@@ -14,6 +14,7 @@ from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 
 LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
+MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
 ABANDONED_AFTER_H = 24.0  # without an answer; whoever comes back the next day still finds their slot
 
@@ -31,6 +32,7 @@ class StudyOptions:
     questions : of the interview
     debriefing : what participants read at the end, paragraphs apart by an empty line
     both_orders, repeated_pairs, identical_pairs : what is shown besides every pair once, see `Repetition`
+    adaptive_pairs : so many pairs of each dataset, chosen from the votes so far, instead of every pair; 0: every pair
     free_exposure : the participant ends the exposure; the films go on until then
     reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
     break_every : trials after which a break is offered; 0: never
@@ -46,6 +48,7 @@ class StudyOptions:
     both_orders: bool = False
     repeated_pairs: int = 0
     identical_pairs: int = 0
+    adaptive_pairs: int = 0
     free_exposure: bool = False
     reference: str = ""
     break_every: int = BREAK_EVERY
@@ -101,6 +104,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
+        adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
         free_exposure=_flag(content, "free_exposure"),
         reference=_text(content, "reference"),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),

@@ -146,3 +146,21 @@ def test_the_report_finds_stored_orders_balanced_and_a_changed_one_not(
         one = select(assignment.c.id).join(participant).where(assignment.c.first_shown == "a").limit(1)
         connection.execute(update(assignment).where(assignment.c.id == one.scalar_subquery()).values(first_shown="b"))
     assert not is_ok()
+
+
+def test_an_adaptive_study_shows_the_pairs_that_the_votes_so_far_ask_for(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    with database.writing() as connection:
+        connection.execute(update(study).values(options={"adaptive_pairs": 1}))
+    invitation = invite(None)
+    vote_on(database, begin_session(database, invitation, now), 2, now)
+    begin_session(database, invitation, now)
+    first, second = orders(database, study_id, now)
+    assert len(first.trials) == len(second.trials) == 2  # one of each dataset
+    assert not {trial.pair for trial in first.trials} & {trial.pair for trial in second.trials}
+    with database.reading() as connection:
+        of = study_by_id(connection, study_id)
+        assert of is not None
+        report = balance_report(study_plan(connection, of), [first, second])
+    assert [rule for rule in report["rules"] if not rule["ok"] and rule["of"] == "each"] == []

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import combinations
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.votes import votes_from_indices
-from app.study.adaptive import choose_pairs, posterior
+from app.study.adaptive import adaptive_pairs, check_adaptive, choose_pairs, posterior
+from app.study.trial import PlannedPair
 
 Array = NDArray[np.float64]
 
@@ -101,3 +105,32 @@ def test_twenty_conditions_are_ordered_better_than_by_random_pairs() -> None:
             assert scores is not None
             found.append(1 - np.corrcoef(scores, abilities)[0, 1])
     assert np.mean(lost["adaptive"]) < 0.9 * np.mean(lost["random"])
+
+
+def planned(n: int, datasets: int = 2) -> list[PlannedPair]:
+    both = [(100 * dataset + a, 100 * dataset + b) for dataset in range(datasets) for a, b in combinations(range(n), 2)]
+    return [PlannedPair(key, top // 100, top, bottom) for key, (top, bottom) in enumerate(both)]
+
+
+def test_a_participant_gets_as_many_pairs_of_every_dataset_and_all_identical_ones() -> None:
+    pairs = [*planned(15), PlannedPair(999, 0, 3, 3)]
+    chosen = adaptive_pairs(pairs, {}, 20, seed=1, slot=0)
+    assert Counter(pair.dataset for pair in chosen) == {0: 21, 1: 20}
+    assert chosen != adaptive_pairs(pairs, {}, 20, seed=1, slot=1)
+
+
+def test_votes_for_the_top_are_not_taken_for_votes_for_the_bottom() -> None:
+    pairs = planned(15, datasets=1)
+    upside_down = [PlannedPair(pair.key, pair.dataset, pair.bottom, pair.top) for pair in pairs]
+    votes = {pair.key: (9, 1, 2) for pair in pairs}
+    turned = {key: (bottom, top, neither) for key, (top, bottom, neither) in votes.items()}
+    chosen = [pair.key for pair in adaptive_pairs(pairs, votes, 20, seed=1, slot=0)]
+    assert [pair.key for pair in adaptive_pairs(upside_down, turned, 20, seed=1, slot=0)] == chosen
+
+
+@pytest.mark.parametrize(
+    ("n_pairs", "n_conditions", "why"), [(5, 6, "below 15 nothing is gained"), (106, 15, "at most 105")]
+)
+def test_a_study_that_cannot_be_adaptive_is_refused(n_pairs: int, n_conditions: int, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        check_adaptive(n_pairs, n_conditions)
