@@ -1,0 +1,120 @@
+"""Pictures that the server draws for the screening, so that a page holds what is seen and never what is right.
+
+Directions are counted from 0 (right) anticlockwise by 45 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+GREY, RGB = 0, 2  # PNG colour types
+RING = 5  # outer diameter of a Landolt ring in gaps (ISO 8596)
+MARGIN = 2  # pixels of ground around a ring
+SAMPLES = 80  # of a gap, at least, for the grey levels of the pixels at its edges
+
+
+def encode_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear light as sRGB levels, both from 0 to 1.
+
+    Source
+    ------
+    IEC 61966-2-1.
+    """
+    inside = np.clip(linear, 0, 1)
+    return np.asarray(np.where(inside <= 0.0031308, 12.92 * inside, 1.055 * inside ** (1 / 2.4) - 0.055))
+
+
+def decode_srgb(level: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sRGB levels as linear light, both from 0 to 1; the inverse of `encode_srgb`."""
+    return np.asarray(np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4))
+
+
+def direction_vector(direction: int) -> tuple[float, float]:
+    """(x, y) of a direction, y upwards."""
+    return math.cos(direction * math.pi / 4), math.sin(direction * math.pi / 4)
+
+
+def landolt_ring(gap_px: float, direction: int) -> NDArray[np.uint8]:
+    """A black ring on white; a pixel that is half covered reflects half the light.
+
+    Parameters
+    ----------
+    gap_px : width of the gap and of the stroke, pixels; need not be whole
+    direction : of the gap
+
+    Returns
+    -------
+    uint8 (H, H), sRGB grey levels; the ring's centre is the picture's
+
+    Source
+    ------
+    ISO 8596:2017, figure 1: outer diameter five gaps, stroke and gap one.
+    """
+    if not 1 <= gap_px <= 400:
+        raise ValueError(f"a gap of {gap_px} pixels: expected 1 to 400")
+    side = 2 * math.ceil(RING * gap_px / 2) + 2 * MARGIN
+    fine = max(2, math.ceil(SAMPLES / gap_px))  # samples of a pixel along a side
+    at = (np.arange(side * fine) + 0.5) / fine - side / 2  # pixels from the centre
+    x, y = at[None, :], -at[:, None]
+    radius = np.hypot(x, y) / gap_px
+    u, v = direction_vector(direction)
+    is_gap = (np.abs(x * v - y * u) <= gap_px / 2) & (x * u + y * v > 0)
+    is_ring = (radius <= RING / 2) & (radius >= RING / 2 - 1) & ~is_gap
+    coverage = is_ring.reshape(side, fine, side, fine).mean(axis=(1, 3))
+    return np.round(255 * encode_srgb(1 - coverage)).astype(np.uint8)
+
+
+def png(picture: NDArray[np.uint8]) -> bytes:
+    """A picture as a PNG file; `read_png` reads it again.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W) grey or (H, W, 3) sRGB
+    """
+    height, width = picture.shape[:2]
+    kind = GREY if picture.ndim == 2 else RGB
+    rows = np.ascontiguousarray(picture).reshape(height, -1)
+    unfiltered = np.hstack([np.zeros((height, 1), np.uint8), rows])
+    header = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(unfiltered.tobytes(), 6)), (b"IEND", b""))
+    return PNG_SIGNATURE + b"".join(_chunk(name, content) for name, content in chunks)
+
+
+def read_png(file: bytes) -> NDArray[np.uint8]:
+    """A picture that `png` wrote, for who looks at it without a browser.
+
+    Raises
+    ------
+    ValueError
+        If it is no PNG of 8 bits, grey or RGB, without interlacing and row filters.
+    """
+    chunks = _chunks(file)
+    width, height, depth, kind, *others = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
+    n_channels = {GREY: 1, RGB: 3}.get(kind)
+    if depth != 8 or n_channels is None or any(others):
+        raise ValueError(f"a PNG of {depth} bits, colour type {kind}: expected 8 bits, grey or RGB, not interlaced")
+    rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)
+    if rows[:, 0].any():
+        raise ValueError("a PNG with filtered rows; expected one that `png` wrote")
+    return rows[:, 1:].reshape((height, width) if n_channels == 1 else (height, width, 3))
+
+
+def _chunk(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def _chunks(file: bytes) -> dict[bytes, bytes]:
+    if not file.startswith(PNG_SIGNATURE):
+        raise ValueError(f"begins with {file[:8]!r}, expected a PNG")
+    found, at = {}, len(PNG_SIGNATURE)
+    while at < len(file):
+        (length,) = struct.unpack_from(">I", file, at)
+        found[file[at + 4 : at + 8]] = file[at + 8 : at + 8 + length]
+        at += 12 + length
+    return found
