@@ -18,7 +18,7 @@ from app.operate import open_store
 from app.settings import Settings
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
-from app.web import api, health, media, pages, participant, trials
+from app.web import api, health, media, pages, participant, screening, trials
 from app.web.admin import pages as admin_pages
 from app.web.admin import sign_in, users
 from app.web.problems import UnforeseenErrors, install_problems
@@ -55,6 +55,7 @@ def create_app(settings: Settings) -> FastAPI:
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     for router in (
         participant.router,
+        screening.router,
         trials.router,
         api.router,
         media.router,

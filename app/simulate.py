@@ -16,9 +16,11 @@ import numpy as np
 
 from app.operate import add_own_token, list_studies
 from app.settings import Settings
+from app.simulated_screening import take_screening
 from app.study.comprehension import RIGHT_ANSWER
+from app.study.observer import Observer
 from app.study.simulate import choose, tie_weight
-from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, TRIAL
+from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
 
 Progress = Callable[[int, int, str], None]
 
@@ -91,7 +93,7 @@ def simulate(
         preference = Preference(abilities, tie_rate)
         for number in range(participants):
             rng = np.random.default_rng([seed, number])
-            session = begin(client, slug, invitation)
+            session = begin(client, slug, invitation, rng=np.random.default_rng([seed, number, 1]))
             hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
             while trial := next_trial(client, session["token"]):
                 compared = hidden[trial["trial"]]
@@ -141,17 +143,35 @@ def simulate_study(
     )
 
 
-def begin(client: httpx.Client, slug: str, invitation: str) -> dict[str, Any]:
-    """Begin a session and pass the stages before the trials."""
+def _take_screening(client: httpx.Client, token: str, observer: Observer, rng: np.random.Generator) -> None:
+    take_screening(lambda method, path, body: _ask(client, method, path, token, body), observer, rng)
+
+
+def begin(
+    client: httpx.Client,
+    slug: str,
+    invitation: str,
+    observer: Observer = Observer(),
+    rng: np.random.Generator | None = None,
+) -> dict[str, Any]:
+    """Begin a session and pass the stages before the trials; `observer` takes the screening."""
     admission = {"invitation": invitation, "key": str(uuid.uuid4())}
     session: dict[str, Any] = _ask(client, "POST", f"/api/v1/studies/{slug}/sessions", None, admission).json()
-    return pass_stages(client, session)
+    return pass_stages(client, session, observer, rng)
 
 
-def pass_stages(client: httpx.Client, session: dict[str, Any]) -> dict[str, Any]:
+def pass_stages(
+    client: httpx.Client,
+    session: dict[str, Any],
+    observer: Observer = Observer(),
+    rng: np.random.Generator | None = None,
+) -> dict[str, Any]:
     """Complete the stages that end by hand, up to the trials or the end."""
-    while session["stage"] not in (TRIAL, FINISHED):
+    rng = rng or np.random.default_rng()
+    while session["stage"] not in (TRIAL, FINISHED, SCREENED_OUT):
         asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
+        if session["stage"] == SCREENING:
+            _take_screening(client, session["token"], observer, rng)
         data = {"simulated": True, **stage_data(session["stage"], asked)}
         path = f"/api/v1/session/stages/{session['stage']}"
         session = session | _ask(client, "PUT", path, session["token"], {"data": data}).json()

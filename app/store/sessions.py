@@ -15,11 +15,21 @@ from app.store.invitations import Invitation, invitation_by_code, preview_invita
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
 from app.store.orders import pairs_to_show, take_order_slot
 from app.store.participants import forget_preview_votes
+from app.store.screening import close_screening
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
 from app.study.options import StudyOptions, parse_options
-from app.study.stages import FINISHED, INTRODUCTION, TRIAL, WITHDRAWN, after_completing, next_stage
+from app.study.stages import (
+    FINISHED,
+    INTRODUCTION,
+    SCREENED_OUT,
+    SCREENING,
+    TRIAL,
+    WITHDRAWN,
+    after_completing,
+    next_stage,
+)
 
 
 @dataclass(frozen=True)
@@ -186,8 +196,16 @@ def complete_stage(database: Database, of: Session, stage: str, data: Mapping[st
         if after != current:
             record = {"session_id": of.id, "stage": stage, "data": dict(data), "completed_at": now}
             connection.execute(insert(stage_record).values(**record))
+            if stage == SCREENING and _is_screened_out(connection, of, now):
+                after = SCREENED_OUT
             enter_stage(connection, of.id, after, now)
     return str(after)
+
+
+def _is_screened_out(connection: Connection, of: Session, now: datetime) -> bool:
+    """Close the screening; whether the study's rule ends the session with it."""
+    options = of.options.screening
+    return options.stops(close_screening(connection, of.id, options, now))
 
 
 def end_trials(connection: Connection, session_id: int, options: StudyOptions, now: datetime) -> None:

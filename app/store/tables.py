@@ -225,6 +225,51 @@ stage_record = Table(
     UniqueConstraint("session_id", "stage"),
 )
 
+screening_display = Table(
+    "screening_display",
+    metadata,
+    _id(),
+    _reference("session", index=False),
+    _required("pixel_mm", Float),
+    Column("distance_mm", Float),  # NULL: not yet known
+    Column("distance_source", String(12)),
+    _required("height_px", Integer),
+    _required("measured", JSON),  # as the browser told it
+    _required("measured_at", UtcDateTime),
+    UniqueConstraint("session_id"),
+    CheckConstraint("pixel_mm > 0", name="pixel_mm"),
+)
+
+screening_test = Table(
+    "screening_test",
+    metadata,
+    _id(),
+    _reference("session", index=False),
+    _required("test", String(12)),
+    _required("setup", JSON),
+    _required("started_at", UtcDateTime),
+    Column("finished_at", UtcDateTime),  # NULL: it runs
+    Column("verdict", String(24)),
+    Column("result", JSON(none_as_null=True)),
+    UniqueConstraint("session_id", "test"),
+    CheckConstraint("test in ('acuity', 'colour')", name="test"),
+)
+
+screening_item = Table(
+    "screening_item",
+    metadata,
+    _id(),
+    _reference("session"),
+    _reference("screening_test", index=False),
+    _required("number", Integer),
+    _required("content", JSON),  # what is right stands here and nowhere else
+    _required("served_at", UtcDateTime),
+    Column("answer", Integer),
+    Column("answered_at", UtcDateTime),  # NULL: not yet
+    Column("response_ms", Float),
+    UniqueConstraint("screening_test_id", "number"),
+)
+
 assignment = Table(
     "assignment",
     metadata,

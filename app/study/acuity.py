@@ -38,11 +38,18 @@ class AcuityTest:
     limit : logMAR that must be reached; larger is worse
     n_trials : rings shown
     smallest : logMAR of the smallest ring that this display can draw at this distance
+    largest : logMAR of the largest ring that fits
     """
 
     limit: float = 0.0
     n_trials: int = 24
     smallest: float = -0.6
+    largest: float = 1.6
+
+    @property
+    def can_certify(self) -> bool:
+        """Whether the ring at the limit can be drawn."""
+        return self.smallest <= self.limit
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,16 @@ def smallest_size(pixel_mm: float, distance_mm: float) -> float:
     return math.log10(gap_arcmin(FEWEST_GAP_PIXELS * pixel_mm, distance_mm))
 
 
+def gap_mm(size: float, distance_mm: float) -> float:
+    """The gap of a ring of a size (logMAR) at a distance; the inverse of `gap_arcmin`."""
+    return 2 * distance_mm * math.tan(math.radians(10**size / 60) / 2)
+
+
+def certifying_distance_mm(pixel_mm: float, limit: float) -> float:
+    """The distance from which a display can draw the ring at the limit (logMAR)."""
+    return FEWEST_GAP_PIXELS * pixel_mm / gap_mm(limit, 1.0)
+
+
 def probability_right(size: float | NDArray[np.float64], threshold: NDArray[np.float64]) -> NDArray[np.float64]:
     """The probability of a right answer to a ring of a size, by threshold (logMAR)."""
     seen = 1 / (1 + np.exp(-SLOPE * (np.asarray(size) - threshold)))
@@ -118,11 +135,11 @@ def next_size(looks: Sequence[Look], test: AcuityTest) -> float | None:
     if len(looks) >= test.n_trials:
         return None
     if not looks:
-        return max(LARGEST_FIRST, test.smallest)
+        return min(max(LARGEST_FIRST, test.smallest), max(test.largest, test.smallest))
     size = float(THRESHOLDS[int(np.argmax(posterior(looks)))])
     if len(looks) % EASY_EVERY == EASY_EVERY - 1:
         size += EASIER_BY
-    return round(float(np.clip(size, test.smallest, THRESHOLDS[-1])), 3)
+    return round(max(min(size, test.largest), test.smallest), 3)
 
 
 def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
@@ -143,7 +160,7 @@ def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
     tail = (1 - INTERVAL) / 2
     low, high = (float(THRESHOLDS[np.searchsorted(cumulative, share)]) for share in (tail, 1 - tail))
     verdict: Verdict = "passed" if logmar <= test.limit else "failed"
-    if test.smallest > test.limit and low <= test.smallest:
+    if not test.can_certify and low <= test.smallest:
         verdict = "cannot be certified"
     return Acuity(round(logmar, 3), low, high, len(looks), verdict)
 

@@ -139,7 +139,7 @@ def judge_colours(answers: Sequence[Answer], test: ColourTest) -> tuple[Verdict,
         If the test is not over.
     """
     n_plates: dict[PlateKind, int] = {"control": 1, "catch": test.n_catches}
-    n_plates |= {axis: test.n_plates for axis in test.axes}
+    n_plates |= dict.fromkeys(test.axes, test.n_plates)
     found = {kind: [answer.is_right for answer in answers if answer.kind == kind] for kind in n_plates}
     if missing := [kind for kind, n in n_plates.items() if len(found[kind]) < n]:
         raise ValueError(f"the plates {missing} are not all answered; the test is not over")

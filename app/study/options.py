@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from app.study.design import Repetition
 from app.study.questionnaire import DEFAULT_QUESTIONS, Question, parse_questions
+from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 
 LONGEST_TEXT = 20_000  # characters of a consent text
@@ -25,7 +26,8 @@ class StudyOptions:
 
     Parameters
     ----------
-    optional_stages : of practice and interview, those that are on
+    optional_stages : of screening, practice and interview, those that are on
+    screening : its tests and limits
     consent : what a participant agrees to, paragraphs apart by an empty line; empty: none is asked for
     consent_version : how its authors call this text
     comprehension : whether the instructions end with a question on them
@@ -40,6 +42,7 @@ class StudyOptions:
     """
 
     optional_stages: tuple[str, ...] = ()
+    screening: ScreeningOptions = field(default_factory=ScreeningOptions)
     consent: str = ""
     consent_version: str = ""
     comprehension: bool = False
@@ -72,6 +75,7 @@ class StudyOptions:
         return {
             **content,
             "optional_stages": list(self.optional_stages),
+            "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "questions": [asdict(q) for q in self.questions],
         }
 
@@ -96,6 +100,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         questions = DEFAULT_QUESTIONS
     return StudyOptions(
         optional_stages=tuple(stages),
+        screening=parse_screening(content.get("screening", {})),
         consent=_text(content, "consent"),
         consent_version=_text(content, "consent_version"),
         comprehension=_flag(content, "comprehension"),

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 INTRODUCTION = "introduction"
+SCREENING = "screening"
 PRACTICE = "practice"
 TRIAL = "trial"
 INTERVIEW = "interview"
 FINISHED = "finished"
 WITHDRAWN = "withdrawn"  # stands beside the way: it is reached from any stage and leads nowhere
-ALL_STAGES = (INTRODUCTION, PRACTICE, TRIAL, INTERVIEW, FINISHED)
-OPTIONAL_STAGES = (PRACTICE, INTERVIEW)
+SCREENED_OUT = "screened_out"  # so does this one: the study's rule ends it for who does not pass the screening
+ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
+OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
 SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)
 
 
@@ -50,6 +52,8 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
     """
     if current == WITHDRAWN:
         raise IllegalMoveError("you have withdrawn from the study")
+    if current == SCREENED_OUT:
+        raise IllegalMoveError("the study has ended for you after the screening")
     if way.index(stage) < way.index(current):
         return current
     if stage == FINISHED:
@@ -63,7 +67,7 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
 
 def is_past(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> bool:
     """Whether a stage lies behind who is in the current one."""
-    return current != WITHDRAWN and way.index(current) > way.index(stage)
+    return current not in (WITHDRAWN, SCREENED_OUT) and way.index(current) > way.index(stage)
 
 
 def next_stage(stage: str, way: Sequence[str] = SHORTEST_WAY) -> str:

@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse, Response
 
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database
+from app.store.screening import screening_records
 from app.store.studies import Study, all_studies, progress_of
 from app.store.tokens import READ
 from app.store.trials import trial_records
@@ -53,6 +54,24 @@ TRIALS = (
     "response_ms",
     "n_switches",
     "viewing",
+)
+SCREENING = (
+    "participant",
+    "session",
+    "test",
+    "verdict",
+    "logmar",
+    "low",
+    "high",
+    "limit",
+    "smallest",
+    "pixel_mm",
+    "distance_mm",
+    "distance_source",
+    "n_answered",
+    "started_at",
+    "finished_at",
+    "details",
 )
 SCORES = (
     "comparison",
@@ -140,6 +159,13 @@ def trials(
     """All planned trials, those without a vote too, with the viewing behaviour."""
     with database.reading() as connection:
         return table(trial_records(connection, of.id, session), TRIALS, chosen, f"{of.slug}-trials")
+
+
+@router.get("/studies/{slug}/screening", responses=CSV_TOO)
+def screening(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """What the screening found, a row for each participant and test. It is a screening, not a diagnosis."""
+    with database.reading() as connection:
+        return table(screening_records(connection, of.id), SCREENING, chosen, f"{of.slug}-screening")
 
 
 @router.get("/studies/{slug}/scores", responses=CSV_TOO)

@@ -15,7 +15,7 @@ from app.store.designs import PracticePair, practice_pairs
 from app.store.sessions import Done, Session, done_of
 from app.store.trials import MOST_ATTEMPTS, NextTrial, mark_served, next_trials, void_trial
 from app.store.votes import Ballot
-from app.study.stages import TRIAL, is_past
+from app.study.stages import SCREENED_OUT, TRIAL, is_past
 from app.study.trial import Half
 from app.study.votes import Vote
 from app.web.gates import Now, Participant, ParticipantToken, Store, Votes
@@ -132,7 +132,7 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     session = signed_in.session
     if session.has_withdrawn:
         raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
-    if is_past(TRIAL, session.stage, session.options.way):
+    if session.stage == SCREENED_OUT or is_past(TRIAL, session.stage, session.options.way):
         return Response(status_code=204)
     if session.stage != TRIAL:
         raise ConflictError(f"The trials have not begun: the session is in the stage {session.stage}.")

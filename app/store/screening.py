@@ -1,0 +1,292 @@
+"""Screening: the display as it was measured, tests as they run, and what came of them.
+
+A test's rows are all that is known of it: any process can go on with it.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, insert, select, update
+
+from app.errors import ConflictError, NotFoundError
+from app.store.engine import Database
+from app.store.tables import participant, screening_display, screening_item, screening_test, session
+from app.study.screening import (
+    NOT_TAKEN,
+    Item,
+    ScreeningOptions,
+    TestName,
+    acuity_setup,
+    colour_setup,
+    n_items,
+    next_content,
+    verdict_of,
+)
+
+
+@dataclass(frozen=True)
+class Display:
+    """A display and how far away it is looked at."""
+
+    pixel_mm: float
+    height_px: int
+    distance_mm: float | None
+    distance_source: str | None
+
+
+@dataclass(frozen=True)
+class ServedItem:
+    """The ring or plate to show; `number` counts from 1."""
+
+    number: int
+    total: int
+    setup: Mapping[str, Any]
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class TestState:
+    """How far a test is."""
+
+    test: TestName
+    is_over: bool
+    n_answered: int
+
+
+def display_of(connection: Connection, session_id: int) -> Display | None:
+    """The display of a session as it was measured; None before."""
+    columns = [screening_display.c[name] for name in Display.__dataclass_fields__]
+    row = connection.execute(select(*columns).where(screening_display.c.session_id == session_id)).one_or_none()
+    return Display(**row._mapping) if row else None
+
+
+def keep_display(
+    database: Database, session_id: int, pixel_mm: float, height_px: int, measured: Mapping[str, Any], now: datetime
+) -> None:
+    """Keep the size of a display's pixels; a second measurement replaces the first, and its distance with it.
+
+    Raises
+    ------
+    ConflictError
+        If the acuity test has begun.
+    """
+    values = {"pixel_mm": pixel_mm, "height_px": height_px, "measured": {"display": dict(measured)}, "measured_at": now}
+    with database.writing() as connection:
+        _refuse_after_begin(connection, session_id)
+        changed = connection.execute(
+            update(screening_display)
+            .where(screening_display.c.session_id == session_id)
+            .values(**values, distance_mm=None, distance_source=None)
+        )
+        if not changed.rowcount:
+            connection.execute(insert(screening_display).values(session_id=session_id, **values))
+
+
+def keep_distance(
+    database: Database, session_id: int, distance_mm: float, source: str, measured: Mapping[str, Any]
+) -> None:
+    """Keep the distance of the eyes; a later one replaces it.
+
+    Raises
+    ------
+    ConflictError
+        If the display has not been measured, or the acuity test has begun.
+    """
+    own = screening_display.c.session_id == session_id
+    with database.writing() as connection:
+        _refuse_after_begin(connection, session_id)
+        before = connection.scalar(select(screening_display.c.measured).where(own))
+        if before is None:
+            raise ConflictError("The display has not been measured yet.")
+        values = {"distance_mm": distance_mm, "distance_source": source}
+        connection.execute(
+            update(screening_display).where(own).values(**values, measured={**before, "distance": dict(measured)})
+        )
+
+
+def states_of(connection: Connection, session_id: int, options: ScreeningOptions) -> list[TestState]:
+    """How far each test of a study is."""
+    rows = {row.test: row for row in _tests(connection, session_id)}
+    return [_state(connection, name, rows.get(name)) for name in options.tests]
+
+
+def item_to_show(
+    database: Database, session_id: int, test: TestName, options: ScreeningOptions, now: datetime
+) -> ServedItem | None:
+    """The ring or plate that waits for its answer; the test begins with the first. None: it is over.
+
+    Raises
+    ------
+    ConflictError
+        If acuity is to be tested on a display that has not been measured.
+    """
+    with database.writing() as connection:
+        row = _test(connection, session_id, test) or _begin(connection, session_id, test, options, now)
+        return _advance(connection, row, now)
+
+
+def answer_item(
+    database: Database, session_id: int, test: TestName, number: int, answer: int, response_ms: float, now: datetime
+) -> ServedItem | None:
+    """Keep an answer and return what comes next; the same answer may come again.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such ring or plate.
+    ConflictError
+        If it has another answer.
+    """
+    with database.writing() as connection:
+        row = _test(connection, session_id, test)
+        own = _item_number(connection, row.id, number) if row else None
+        if row is None or own is None:
+            raise NotFoundError("This test has no such picture.")
+        if own.answered_at is None and row.finished_at is None:
+            given = {"answer": answer, "answered_at": now, "response_ms": response_ms}
+            connection.execute(update(screening_item).where(screening_item.c.id == own.id).values(**given))
+        elif own.answer != answer:
+            raise ConflictError("This picture has an answer already, and it is another one.")
+        return _advance(connection, row, now)
+
+
+def item_of(connection: Connection, session_id: int, test: TestName, number: int) -> ServedItem:
+    """A ring or plate that was served, to be drawn.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none.
+    """
+    row = _test(connection, session_id, test)
+    own = _item_number(connection, row.id, number) if row else None
+    if row is None or own is None:
+        raise NotFoundError("This test has no such picture.")
+    return ServedItem(number, n_items(test, row.setup), row.setup, own.content)
+
+
+def end_test(database: Database, session_id: int, test: TestName, reason: str, now: datetime) -> None:
+    """End a test that a participant does not want to take, or cannot; one that is over stays as it is."""
+    with database.writing() as connection:
+        _end(connection, session_id, test, reason, now)
+
+
+def close_screening(connection: Connection, session_id: int, options: ScreeningOptions, now: datetime) -> list[str]:
+    """End every test of a study that is not over, and return all verdicts."""
+    for test in options.tests:
+        _end(connection, session_id, test, "the stage ended before", now)
+    return [row.verdict for row in _tests(connection, session_id)]
+
+
+def screening_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+    """A row for each participant and test of a study, those that run too."""
+    rows = connection.execute(
+        select(
+            participant.c.label.label("participant"),
+            session.c.public_id.label("session"),
+            screening_test,
+            screening_display.c.pixel_mm,
+            screening_display.c.distance_mm,
+            screening_display.c.distance_source,
+        )
+        .select_from(screening_test)
+        .join(session, screening_test.c.session_id == session.c.id)
+        .join(participant, session.c.participant_id == participant.c.id)
+        .outerjoin(screening_display, screening_display.c.session_id == session.c.id)
+        .where(participant.c.study_id == study_id)
+        .order_by(participant.c.slot, screening_test.c.test)
+    )
+    for row in rows.all():
+        yield {
+            **row._mapping,
+            **{key: (row.result or {}).get(key) for key in ("logmar", "low", "high")},
+            "limit": row.setup.get("limit"),
+            "smallest": row.setup.get("smallest"),
+            "n_answered": sum(one.answer is not None for one in _items(connection, row.id)),
+            "details": row.result,
+        }
+
+
+def _refuse_after_begin(connection: Connection, session_id: int) -> None:
+    if _test(connection, session_id, "acuity") is not None:
+        raise ConflictError("The acuity test has begun; its display cannot change any more.")
+
+
+def _begin(
+    connection: Connection, session_id: int, test: TestName, options: ScreeningOptions, now: datetime
+) -> Row[Any]:
+    seed = secrets.randbits(63)
+    if test == "colour":
+        setup = colour_setup(options, seed)
+    else:
+        display = display_of(connection, session_id)
+        if display is None or display.distance_mm is None:
+            raise ConflictError("The display and its distance have not been measured yet.")
+        setup = acuity_setup(options, display.pixel_mm, display.distance_mm, display.height_px, seed)
+    values = {"session_id": session_id, "test": test, "setup": setup, "started_at": now}
+    return connection.execute(insert(screening_test).values(**values).returning(screening_test)).one()
+
+
+def _advance(connection: Connection, row: Row[Any], now: datetime) -> ServedItem | None:
+    """The item that waits, made now if all before it are answered; a test without one is judged."""
+    if row.finished_at is not None:
+        return None
+    items = _items(connection, row.id)
+    total = n_items(row.test, row.setup)
+    if items and items[-1].answer is None:
+        return ServedItem(len(items), total, row.setup, items[-1].content)
+    content = next_content(row.test, row.setup, items)
+    if content is None:
+        verdict, result = verdict_of(row.test, row.setup, items)
+        _finish(connection, row.id, verdict, result, now)
+        return None
+    own = {"session_id": row.session_id, "screening_test_id": row.id, "number": len(items) + 1}
+    connection.execute(insert(screening_item).values(**own, content=content, served_at=now))
+    return ServedItem(len(items) + 1, total, row.setup, content)
+
+
+def _end(connection: Connection, session_id: int, test: TestName, reason: str, now: datetime) -> None:
+    row = _test(connection, session_id, test)
+    if row is None:
+        values: dict[str, Any] = {"session_id": session_id, "test": test, "setup": {}, "started_at": now}
+        row = connection.execute(insert(screening_test).values(**values).returning(screening_test)).one()
+    if row.finished_at is None:
+        _finish(connection, row.id, NOT_TAKEN, {"reason": reason}, now)
+
+
+def _finish(connection: Connection, test_id: int, verdict: str, result: Mapping[str, Any], now: datetime) -> None:
+    changes = {"verdict": verdict, "result": dict(result), "finished_at": now}
+    connection.execute(update(screening_test).where(screening_test.c.id == test_id).values(**changes))
+
+
+def _state(connection: Connection, test: TestName, row: Row[Any] | None) -> TestState:
+    if row is None:
+        return TestState(test, is_over=False, n_answered=0)
+    n_answered = sum(one.answer is not None for one in _items(connection, row.id))
+    return TestState(test, is_over=row.finished_at is not None, n_answered=n_answered)
+
+
+def _tests(connection: Connection, session_id: int) -> Sequence[Row[Any]]:
+    return connection.execute(select(screening_test).where(screening_test.c.session_id == session_id)).all()
+
+
+def _test(connection: Connection, session_id: int, test: TestName) -> Row[Any] | None:
+    own = (screening_test.c.session_id == session_id, screening_test.c.test == test)
+    return connection.execute(select(screening_test).where(*own).with_for_update()).one_or_none()
+
+
+def _items(connection: Connection, test_id: int) -> list[Item]:
+    rows = select(screening_item.c.content, screening_item.c.answer).where(
+        screening_item.c.screening_test_id == test_id
+    )
+    return [Item(row.content, row.answer) for row in connection.execute(rows.order_by(screening_item.c.number))]
+
+
+def _item_number(connection: Connection, test_id: int, number: int) -> Row[Any] | None:
+    own = (screening_item.c.screening_test_id == test_id, screening_item.c.number == number)
+    return connection.execute(select(screening_item).where(*own)).one_or_none()

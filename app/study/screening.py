@@ -1,0 +1,225 @@
+"""The screening of a study: which tests, their limits, and how each goes on from what is stored of it.
+
+A test is run from two things that the server keeps: its setup, and its items so far. Nothing else is remembered, so
+that any process can go on with it, and what is right never leaves the server.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.study.acuity import AcuityTest, Look, gap_arcmin, gap_mm, judge, next_size, smallest_size
+from app.study.colour_vision import (
+    AXES,
+    DIRECTIONS,
+    NOTHING,
+    Answer,
+    Axis,
+    ColourTest,
+    PlannedPlate,
+    draw_plate,
+    judge_colours,
+    plan_plates,
+)
+from app.study.pictures import RING, landolt_ring
+
+TestName = Literal["acuity", "colour"]
+Distance = Literal["typed", "fixed", "blind spot"]
+Rule = Literal["record", "stop"]
+Verdict = Literal["passed", "failed", "cannot be certified", "inconclusive", "not taken"]
+
+TESTS: tuple[TestName, ...] = ("acuity", "colour")
+DISTANCES: tuple[Distance, ...] = ("typed", "fixed", "blind spot")
+RULES: tuple[Rule, ...] = ("record", "stop")
+NOT_TAKEN: Verdict = "not taken"
+DEFAULT_ACUITY_LIMIT = 0.18  # logMAR, log10(30/20): the 20/30 line that ITU-T P.910 asks for
+ACUITY_LIMITS = (-0.3, 1.0)
+FIXED_DISTANCES_CM = (20.0, 600.0)
+RING_SHARE = 0.6  # of the window's height, for the largest ring
+LARGEST_GAP_PX = 200.0  # larger ones say nothing more and are long on their way
+
+
+@dataclass(frozen=True)
+class ScreeningOptions:
+    """What a study's screening tests, and what follows from it.
+
+    Parameters
+    ----------
+    tests : those that are on
+    acuity_limit : logMAR that must be reached; larger is worse
+    distance : how the distance of the eyes is known: typed on the page, fixed by the laboratory, or by the blind spot
+    distance_cm : the fixed one
+    colour_axes : confusion lines of which plates are shown
+    colour_misses : plates of an axis that may be missed
+    on_failure : "record": the experimenter decides; "stop": who fails or skips a test goes no further
+    """
+
+    tests: tuple[TestName, ...] = TESTS
+    acuity_limit: float = DEFAULT_ACUITY_LIMIT
+    distance: Distance = "typed"
+    distance_cm: float | None = None
+    colour_axes: tuple[Axis, ...] = AXES
+    colour_misses: int = 1
+    on_failure: Rule = "record"
+
+    def stops(self, verdicts: Sequence[str]) -> bool:
+        """Whether the study ends here for who has these verdicts; what could not be judged never stops anybody."""
+        return self.on_failure == "stop" and any(verdict in ("failed", NOT_TAKEN) for verdict in verdicts)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One ring or plate: what it is, and what was answered; None: not yet."""
+
+    content: Mapping[str, Any]
+    answer: int | None
+
+
+def parse_screening(content: Any) -> ScreeningOptions:
+    """The table [screening] of a study file.
+
+    Raises
+    ------
+    ValueError
+        If it is not as described: says which key, what was found and what is expected.
+    """
+    if not isinstance(content, Mapping):
+        raise ValueError(f"screening is {content!r}, expected a table of its own")
+    known = ScreeningOptions.__dataclass_fields__
+    if unknown := sorted(set(content) - set(known)):
+        raise ValueError(f"screening: {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
+    default = ScreeningOptions()
+    options = ScreeningOptions(
+        tests=_some_of(content, "tests", TESTS),
+        acuity_limit=_number(content, "acuity_limit", ACUITY_LIMITS) or 0.0,
+        distance=_one_of(content, "distance", DISTANCES),
+        distance_cm=_number(content, "distance_cm", FIXED_DISTANCES_CM),
+        colour_axes=_some_of(content, "colour_axes", AXES),
+        colour_misses=int(_number(content, "colour_misses", (0, ColourTest.n_plates - 1)) or 0),
+        on_failure=_one_of(content, "on_failure", RULES),
+    )
+    if (options.distance == "fixed") != (options.distance_cm is not None):
+        raise ValueError(
+            f"screening: distance is {options.distance!r} and distance_cm {options.distance_cm}, expected distance_cm "
+            f"with the distance {DISTANCES[1]!r} and only then; else {default.distance!r}"
+        )
+    return options
+
+
+def acuity_setup(
+    options: ScreeningOptions, pixel_mm: float, distance_mm: float, height_px: int, seed: int
+) -> dict[str, Any]:
+    """An acuity test on this display at this distance.
+
+    Parameters
+    ----------
+    height_px : of the window, in the display's own pixels: the largest ring must fit into it
+    seed : of the directions
+    """
+    largest_gap_mm = min(RING_SHARE * height_px / RING, LARGEST_GAP_PX) * pixel_mm
+    return {
+        "limit": options.acuity_limit,
+        "n_trials": AcuityTest.n_trials,
+        "smallest": round(smallest_size(pixel_mm, distance_mm), 4),
+        "largest": round(math.log10(gap_arcmin(largest_gap_mm, distance_mm)), 4),
+        "pixel_mm": pixel_mm,
+        "distance_mm": distance_mm,
+        "seed": seed,
+    }
+
+
+def colour_setup(options: ScreeningOptions, seed: int) -> dict[str, Any]:
+    """A test of colour vision."""
+    return {"axes": list(options.colour_axes), "n_misses": options.colour_misses, "seed": seed}
+
+
+def n_items(test: TestName, setup: Mapping[str, Any]) -> int:
+    """How many rings or plates a test shows."""
+    return int(setup["n_trials"]) if test == "acuity" else len(_plan(setup))
+
+
+def next_content(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) -> dict[str, Any] | None:
+    """The next ring or plate once all before it are answered; None when the test is over."""
+    if test == "acuity":
+        size = next_size(_looks(items), acuity_test(setup))
+        gap = int(np.random.default_rng([setup["seed"], len(items)]).integers(8))
+        return None if size is None else {"size": size, "gap": gap}
+    plan = _plan(setup)
+    if len(items) == len(plan):
+        return None
+    plate = plan[len(items)]
+    return {"kind": plate.kind, "gap": plate.gap, "seed": plate.seed}
+
+
+def is_possible(test: TestName, answer: int) -> bool:
+    """Whether an answer is one of those that a test offers."""
+    return answer in range(8) if test == "acuity" else answer in (*DIRECTIONS, NOTHING)
+
+
+def draw(test: TestName, setup: Mapping[str, Any], content: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """The picture of a ring in the display's own pixels, or of a plate."""
+    if test == "acuity":
+        return landolt_ring(gap_mm(content["size"], setup["distance_mm"]) / setup["pixel_mm"], content["gap"])
+    return draw_plate(PlannedPlate(content["kind"], content["gap"], content["seed"]))
+
+
+def verdict_of(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) -> tuple[Verdict, dict[str, Any]]:
+    """What a test that is over has found."""
+    if test == "colour":
+        answers = [Answer(one.content["kind"], one.content["gap"], _given(one)) for one in items]
+        return judge_colours(answers, _colour_test(setup))
+    acuity = judge(_looks(items), acuity_test(setup))
+    return acuity.verdict, {"logmar": acuity.logmar, "low": acuity.low, "high": acuity.high}
+
+
+def acuity_test(setup: Mapping[str, Any]) -> AcuityTest:
+    return AcuityTest(setup["limit"], setup["n_trials"], setup["smallest"], setup["largest"])
+
+
+def _looks(items: Sequence[Item]) -> list[Look]:
+    return [Look(one.content["size"], one.content["gap"], _given(one)) for one in items]
+
+
+def _given(item: Item) -> int:
+    if item.answer is None:
+        raise ValueError("an item is not answered; expected all but the last to be")
+    return item.answer
+
+
+def _colour_test(setup: Mapping[str, Any]) -> ColourTest:
+    return ColourTest(axes=tuple(setup["axes"]), n_misses=setup["n_misses"])
+
+
+def _plan(setup: Mapping[str, Any]) -> list[PlannedPlate]:
+    return plan_plates(_colour_test(setup), np.random.default_rng(setup["seed"]))
+
+
+def _some_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
+    value = content.get(key, known)
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    if not is_list or not value or len(set(value)) < len(value) or any(one not in known for one in value):
+        raise ValueError(f"screening: {key} is {value!r}, expected some of {', '.join(known)}")
+    return tuple(value)
+
+
+def _one_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> Any:
+    value = content.get(key, getattr(ScreeningOptions, key))
+    if value not in known:
+        raise ValueError(f"screening: {key} is {value!r}, expected one of {', '.join(known)}")
+    return value
+
+
+def _number(content: Mapping[str, Any], key: str, bounds: tuple[float, float]) -> float | None:
+    value = content.get(key, getattr(ScreeningOptions, key))
+    if value is None:
+        return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not bounds[0] <= value <= bounds[1]:
+        raise ValueError(f"screening: {key} is {value!r}, expected a number from {bounds[0]} to {bounds[1]}")
+    return float(value)
