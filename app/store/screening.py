@@ -198,7 +198,7 @@ def screening_records(connection: Connection, study_id: int) -> Iterator[dict[st
         .join(session, screening_test.c.session_id == session.c.id)
         .join(participant, session.c.participant_id == participant.c.id)
         .outerjoin(screening_display, screening_display.c.session_id == session.c.id)
-        .where(participant.c.study_id == study_id)
+        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
         .order_by(participant.c.slot, screening_test.c.test)
     )
     for row in rows.all():
