@@ -42,6 +42,8 @@ CHECKED = {
     "assignment.role": "identical",
     "vote.choice": "none",
     "vote.first_shown": "b",
+    "job.state": "done",
+    "screening_test.test": "colour",
 }
 
 
