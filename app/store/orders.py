@@ -54,7 +54,9 @@ def pairs_to_show(connection: Connection, of: Study, slot: int) -> list[PlannedP
 
 
 def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, int, int]]:
-    """Votes for the top, for the bottom and for neither of each pair that has any; no checks, nobody who withdrew."""
+    """Votes for the top, for the bottom and for neither of each pair that has any; no checks, nobody who
+    withdrew or is excluded.
+    """
     rows = connection.execute(
         select(assignment.c.pair_id, assignment.c.a_half, vote.c.choice, func.count())
         .select_from(
@@ -64,6 +66,7 @@ def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, i
             participant.c.study_id == study_id,
             participant.c.is_preview.is_(False),
             session.c.withdrawn_at.is_(None),
+            ~_is_excluded(),
             assignment.c.role == MAIN,
         )
         .group_by(assignment.c.pair_id, assignment.c.a_half, vote.c.choice)
