@@ -258,6 +258,23 @@ def study_balance(
     print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
 
 
+@study_app.command("attach")
+def study_attach(
+    reports: Annotated[list[Path], typer.Argument(help="Folders of reports that `reconstudy validate` wrote.")],
+    study: Annotated[str | None, typer.Option(help="The study's slug; default: the only one there is.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Attach objective measures to a study, to be compared with its scores; again: their values are replaced."""
+    from app.operate import attach_reports
+    from app.settings import Settings
+
+    found = attach_reports(Settings(), reports, study)
+    sentences = [f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}"]
+    if found["ignored"]:
+        sentences.append(f"The study does not compare {', '.join(found['ignored'])}: left out.")
+    print_result(found, "\n".join(sentences), as_json=as_json)
+
+
 @study_app.command("list")
 def study_list(as_json: JsonOption = False) -> None:
     """All studies with their progress, the newest first."""

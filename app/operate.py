@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.reports import expanded, read_measures
 from app.settings import Settings
 from app.stimuli import (
     MANIFEST,
@@ -28,11 +29,12 @@ from app.stimuli import (
 )
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Entry, record, record_alone
-from app.store.designs import insert_design, insert_practice
+from app.store.designs import conditions_of, datasets_of, insert_design, insert_practice
 from app.store.engine import Database, open_database
 from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
+from app.store.measurements import replace_measurements
 from app.store.migrate import upgrade, why_not_ready
 from app.store.orders import study_plan, taken_orders
 from app.store.tokens import SCOPES, insert_token
@@ -250,6 +252,37 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
         ]
 
 
+def attach_reports(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:
+    """Attach the measures of validation reports to a study, in place of earlier values of the same.
+
+    Parameters
+    ----------
+    paths : reports' folders, or their report.json
+    slug : of the study; None: the only one there is
+
+    Raises
+    ------
+    ValueError
+        If a report cannot be read, nothing in them is what the study compares, or it is unclear which study is meant.
+    """
+    measures = [one for path in paths for one in read_measures(path)]
+    with _store(settings) as database:
+        study = _study(database, slug) if slug else _only_study(database)
+        with database.reading() as connection:
+            datasets, approaches = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
+        suited, strangers = expanded(measures, datasets, approaches)
+        if not suited:
+            raise ValueError(
+                f"the reports speak of {', '.join(strangers)}; the study {study.slug} compares {', '.join(approaches)} "
+                f"in {', '.join(datasets)}"
+            )
+        with database.writing() as connection:
+            replace_measurements(connection, study.id, suited, utc_now())
+        names = list(dict.fromkeys(one.measure for one in suited))
+        _note(database, "measures attached", study.slug, study.id, measures=names)
+    return {"study": study.slug, "measures": names, "n_values": len(suited), "ignored": strangers}
+
+
 def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:
     """Invite to a study: `places` participants, or as many as come."""
     if places is not None and not 1 <= places <= 1_000_000:
@@ -326,6 +359,15 @@ def _store(settings: Settings) -> Iterator[Database]:
         yield database
     finally:
         database.dispose()
+
+
+def _only_study(database: Database) -> studies.Study:
+    with database.reading() as connection:
+        there = studies.all_studies(connection)
+    if len(there) != 1:
+        names = ", ".join(study.slug for study in there) or "none"
+        raise ValueError(f"there are several studies or none ({names}); say which is meant with --study")
+    return there[0]
 
 
 def _study(database: Database, slug: str) -> studies.Study:

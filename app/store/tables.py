@@ -146,6 +146,21 @@ pair = Table(
     UniqueConstraint("top_id", "bottom_id"),
 )
 
+measurement = Table(
+    "measurement",
+    metadata,
+    _id(),
+    _reference("dataset", index=False),
+    _reference("condition"),
+    _required("measure", String(200)),
+    _required("value", Float),
+    _required("direction", String(20)),
+    _required("unit", String(40)),
+    _required("attached_at", UtcDateTime),
+    UniqueConstraint("dataset_id", "condition_id", "measure"),
+    CheckConstraint("direction in ('less is better', 'more is better')", name="direction"),
+)
+
 practice_pair = Table(
     "practice_pair",
     metadata,

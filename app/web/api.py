@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse, Response
 
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database
+from app.store.measurements import measurement_records
 from app.store.screening import screening_records
 from app.store.studies import Study, all_studies, progress_of
 from app.store.tokens import READ
@@ -99,6 +100,7 @@ TRIADS = (
     "zeta",
     "p_value",
 )
+MEASUREMENTS = ("dataset", "approach", "measure", "value", "direction", "unit", "attached_at")
 STUDIES = (
     "slug",
     "name",
@@ -114,7 +116,20 @@ STUDIES = (
 )
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
-    **{key: [] for key in ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "checks", "pairs")},
+    **{
+        key: []
+        for key in (
+            "scores",
+            "models",
+            "triads",
+            "triads_pooled",
+            "agreement",
+            "observers",
+            "checks",
+            "pairs",
+            "measures",
+        )
+    },
     "warnings": ["there are no votes yet"],
     "settings": {},
 }
@@ -180,6 +195,13 @@ def triads(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Circular triads by participant and dataset."""
     rows = _analysis(database, of)["triads"]
     return table(rows, _columns(TRIADS, rows), chosen, f"{of.slug}-triads")
+
+
+@router.get("/studies/{slug}/validation", responses=CSV_TOO)
+def validation(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Objective measures attached to the study, which the analysis compares with the scores."""
+    with database.reading() as connection:
+        return table(measurement_records(connection, of.id), MEASUREMENTS, chosen, f"{of.slug}-validation")
 
 
 @router.get("/studies/{slug}/analysis", responses=CSV_TOO)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from app.reports import by_measure
 from app.store.designs import conditions_of
 from app.store.engine import Database
+from app.store.measurements import measurement_records
 from app.store.votes import vote_records
 
 
@@ -17,7 +19,9 @@ def analysis_of(database: Database, study_id: int) -> dict[str, Any] | None:
     with database.reading() as connection:
         rows = list(vote_records(connection, study_id))
         levels = conditions_of(connection, study_id)
-    return analyse(votes_from_rows(rows), AnalysisSettings(factors=items_factors(levels))) if rows else None
+        measures = by_measure(measurement_records(connection, study_id))
+    settings = AnalysisSettings(factors=items_factors(levels), measures=measures)
+    return analyse(votes_from_rows(rows), settings) if rows else None
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
@@ -28,6 +32,14 @@ def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str
         for factor in factors
         if all(factor in own for own in levels.values())
     }
+
+
+def measure_svg(analysis: dict[str, Any], measure: str) -> str | None:
+    """The plot of the scores against an attached measure; None if no item has both."""
+    from app.analysis.charts import chart_svg, measure_chart
+
+    chart = measure_chart(analysis, measure)
+    return None if chart is None else chart_svg(chart)
 
 
 def scores_svg(analysis: dict[str, Any], comparison: str) -> str | None:

@@ -40,6 +40,7 @@ CHECKED = {
     "assignment.a_half": "top",
     "assignment.first_shown": "a",
     "assignment.role": "identical",
+    "measurement.direction": "less is better",
     "vote.choice": "none",
     "vote.first_shown": "b",
     "job.state": "done",

@@ -11,10 +11,10 @@ from fastapi.responses import Response
 from app.errors import NotFoundError
 from app.store.invitations import invitations_of
 from app.store.studies import Progress, Standing, Study, all_studies, progress_of, set_standing
-from app.web.admin.results_view import results_view
+from app.web.admin.results_view import measure_names, results_view
 from app.web.admin.shell import page, see
 from app.web.gates import Acting, AStudy, Person, Store, database
-from app.web.results import analysis_of, scores_svg
+from app.web.results import analysis_of, measure_svg, scores_svg
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -47,6 +47,18 @@ def results_page(request: Request, person: Person, study: AStudy, database: Stor
     analysis = analysis_of(database, study.id)
     results = results_view(analysis) if analysis else None
     return page(request, "results", person, {"card": _card(request, study), "results": results})
+
+
+@router.get("/studies/{slug}/measures/{number}.svg")
+def measure_plot(
+    _person: Person, study: AStudy, number: Annotated[int, Path(ge=0, le=9999)], database: Store
+) -> Response:
+    analysis = analysis_of(database, study.id)
+    names = measure_names(analysis) if analysis else []
+    svg = measure_svg(analysis, names[number]) if analysis and number < len(names) else None
+    if svg is None:
+        raise NotFoundError("There is no such measure beside the scores.")
+    return Response(svg, media_type="image/svg+xml")
 
 
 @router.get("/studies/{slug}/scores/{comparison}.svg")

@@ -49,10 +49,23 @@ class TriadsLine:
 
 
 @dataclass(frozen=True)
+class MeasureLine:
+    """How well an attached measure goes with the scores; its plot is found by its number."""
+
+    number: int
+    name: str
+    points: int
+    spearman: str
+    pearson: str
+    in_order: str
+
+
+@dataclass(frozen=True)
 class ResultsView:
     comparisons: Sequence[ComparisonView]
     datasets: Sequence[str]
     triads: Sequence[TriadsLine]
+    measures: Sequence[MeasureLine]
     warnings: Sequence[str]
 
 
@@ -63,6 +76,7 @@ def results_view(analysis: Mapping[str, Any]) -> ResultsView:
         [_comparison(name, analysis["scores"]) for name in _unique(row["comparison"] for row in analysis["scores"])],
         datasets,
         _triads(analysis, datasets),
+        _measures(analysis["measures"]),
         analysis["warnings"],
     )
 
@@ -107,6 +121,31 @@ def _triads(analysis: Mapping[str, Any], datasets: Sequence[str]) -> list[Triads
         total, p = (str(together["circular"]), together["p_value"]) if together else (NOTHING, None)
         lines.append(TriadsLine(participant, cells, total, p_value(p)))
     return lines
+
+
+def measure_names(analysis: Mapping[str, Any]) -> list[str]:
+    """The attached measures that were compared with scores, by their number."""
+    return _unique(row["measure"] for row in analysis["measures"])
+
+
+def _measures(rows: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
+    """One line a measure: of all datasets together, or of the only one."""
+    last = {row["measure"]: row for row in rows}
+    return [
+        MeasureLine(
+            number,
+            name,
+            row["n"],
+            *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")),
+        )
+        for number, (name, row) in enumerate(last.items())
+    ]
+
+
+def _with_interval(row: Mapping[str, Any], key: str) -> str:
+    low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
+    interval = "" if low is None else f" ({decimal(low)} to {decimal(high)})"
+    return f"{decimal(row[key])}{interval}"
 
 
 def _circular(row: Mapping[str, Any] | None) -> str:

@@ -1,0 +1,51 @@
+"""Objective measures attached to a study; attaching one again replaces its value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Table, delete, insert, select
+
+from app.reports import Measure
+from app.store.tables import condition, dataset, measurement
+
+
+def replace_measurements(connection: Connection, study_id: int, measures: Sequence[Measure], now: datetime) -> None:
+    """Store measures of what the study compares, in place of earlier values of the same."""
+    datasets, conditions = (_ids(connection, table, study_id) for table in (dataset, condition))
+    for one in measures:
+        place = {
+            "dataset_id": datasets[one.dataset],
+            "condition_id": conditions[one.approach],
+            "measure": one.measure,
+        }
+        same = [measurement.c[name] == value for name, value in place.items()]
+        connection.execute(delete(measurement).where(*same))
+        facts = {"value": one.value, "direction": one.direction, "unit": one.unit, "attached_at": now}
+        connection.execute(insert(measurement).values(**place, **facts))
+
+
+def measurement_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """`dataset, approach, measure, value, direction, unit, attached_at`, in the study's order."""
+    rows = connection.execute(
+        select(
+            dataset.c.name.label("dataset"),
+            condition.c.name.label("approach"),
+            measurement.c.measure,
+            measurement.c.value,
+            measurement.c.direction,
+            measurement.c.unit,
+            measurement.c.attached_at,
+        )
+        .select_from(measurement.join(dataset).join(condition, measurement.c.condition_id == condition.c.id))
+        .where(dataset.c.study_id == study_id)
+        .order_by(measurement.c.measure, dataset.c.position, condition.c.position)
+    )
+    return [{**row._mapping, "attached_at": row.attached_at.isoformat()} for row in rows]
+
+
+def _ids(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
+    rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
+    return {row.name: row.id for row in rows}

@@ -1,0 +1,117 @@
+"""Reports of objective evaluation, attached to a study and compared with its scores."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app import operate
+from app.settings import Settings
+from app.simulate import simulate
+
+ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+ACCURACY = {"id_fa": 3.0, "id_fb": 2.0, "pm_fb": 1.0}
+
+
+def write_report(folder: Path, measures: list[dict[str, Any]]) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "report.json").write_text(json.dumps({"kind": "mesh", "measures": measures}), encoding="utf-8")
+    return folder
+
+
+def accuracy(dataset: str, approach: str, value: float) -> dict[str, Any]:
+    facts = {"measure": "accuracy", "direction": "less is better", "unit": "mm"}
+    return {"dataset": dataset, "approach": approach, "value": value, **facts}
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    """Accuracies of all three approaches, whatever the dataset, and one that no study here compares."""
+    rows = [accuracy("all", approach, value) for approach, value in ACCURACY.items()]
+    return write_report(tmp_path / "report", [*rows, accuracy("statue", "dr_fa", 9.0)])
+
+
+def test_an_attached_measure_holds_for_every_dataset_and_can_be_fetched(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path
+) -> None:
+    study = new_study()
+    found = operate.attach_reports(settings, [report], study["slug"])
+    assert (found["n_values"], found["ignored"]) == (6, ["statue/dr_fa"])
+    path = f"/api/v1/studies/{study['slug']}/validation"
+    rows = analyst.get(path).json()
+    assert {(row["dataset"], row["approach"], row["value"]) for row in rows} == {
+        (dataset, approach, value) for dataset in ("ball", "box") for approach, value in ACCURACY.items()
+    }
+    table = list(csv.DictReader(io.StringIO(analyst.get(path, params={"format": "csv"}).text)))
+    assert list(table[0]) == ["dataset", "approach", "measure", "value", "direction", "unit", "attached_at"]
+
+
+def test_attaching_again_replaces_the_value(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, tmp_path: Path
+) -> None:
+    study = new_study()
+    operate.attach_reports(settings, [report], study["slug"])
+    better = write_report(tmp_path / "better", [accuracy("ball", "id_fa", 0.5)])
+    operate.attach_reports(settings, [better / "report.json"], study["slug"])
+    rows = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    values = {(row["dataset"], row["approach"]): row["value"] for row in rows}
+    assert len(rows) == 6
+    assert (values["ball", "id_fa"], values["box", "id_fa"]) == (0.5, 3.0)
+
+
+def test_measures_stand_beside_the_scores(
+    server: str,
+    token: str,
+    analyst: httpx.Client,
+    settings: Settings,
+    new_study: Callable[[], dict[str, Any]],
+    report: Path,
+) -> None:
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 4, ABILITIES, 0.1, seed=2)
+    operate.attach_reports(settings, [report], study["slug"])
+    analysis = analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json()
+    overall = next(row for row in analysis["measures"] if row["dataset"] == "all")
+    assert (overall["measure"], overall["n"]) == ("accuracy", 6)
+    assert overall["spearman"] < -0.8
+    path = operate.add_experimenter(settings, "measures")["path"]
+    with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
+        browser.get(path)
+        page = browser.get(f"/admin/studies/{study['slug']}").text
+        assert "Objective measures" in page
+        plot = browser.get(f"/admin/studies/{study['slug']}/measures/0.svg")
+        assert plot.headers["content-type"] == "image/svg+xml"
+        assert "Score against accuracy" in plot.text
+        assert browser.get(f"/admin/studies/{study['slug']}/measures/1.svg").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"measures": []}, "lists no measure"),
+        ({"kind": "mesh"}, "measures: Field required"),
+        ({"measures": [accuracy("ball", "id_fa", 1.0) | {"direction": "up"}]}, "measures.0.direction"),
+        ({"measures": [accuracy("statue", "id_fa", 1.0)]}, "compares id_fa, id_fb, pm_fb in ball, box"),
+        ({"measures": [accuracy("all", "id_fa", 1.0), accuracy("ball", "id_fa", 2.0)]}, "1 in one report and 2"),
+    ],
+)
+def test_what_cannot_be_attached_is_refused(
+    settings: Settings, study: dict[str, Any], tmp_path: Path, content: dict[str, Any], message: str
+) -> None:
+    (tmp_path / "report.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        operate.attach_reports(settings, [tmp_path], study["slug"])
+
+
+def test_a_missing_report_or_study_is_named(settings: Settings, study: dict[str, Any], report: Path) -> None:
+    with pytest.raises(ValueError, match="there is no such report"):
+        operate.attach_reports(settings, [report / "absent"], study["slug"])
+    with pytest.raises(ValueError, match="no study 'nowhere'"):
+        operate.attach_reports(settings, [report], "nowhere")
