@@ -11,31 +11,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.bands import in_bands, in_both
-from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
+from recon.depth.census import grey_image
 from recon.depth.consistency import consistent, lands_inside
-from recon.depth.hierarchy import TILE_BITS, halved, halved_mask, search_windows
+from recon.depth.hierarchy import TILE_BITS, search_windows
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import MIN_SIDE, StereoPair
-from recon.depth.permeability import (
-    FRAME,
-    SURFACE_STEP,
-    WORST,
-    Passages,
-    aggregate_along_surface,
-    aggregate_and_choose,
-    guide_image,
-    noise_level,
-    permeabilities,
-    rows_held,
-)
+from recon.depth.permeability import WORST, aggregate_and_choose, rows_held
 from recon.depth.refinement import filled, local_planes, without_specks
+from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
+from recon.depth.views import View, views_of
 
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
@@ -64,90 +53,6 @@ class IdParameters:
             raise ValueError(f"levels is {self.levels}; expected 0 (full search) to 6")
         if self.consistency_threshold < 0:
             raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 0 or more pixels")
-
-
-@dataclass(frozen=True)
-class Level:
-    """What is searched at one level of the hierarchy."""
-
-    n_disparities: int
-    min_disparity: int
-
-    def halved(self) -> Level:
-        """The same disparities at half the size."""
-        lowest = self.min_disparity // 2
-        highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
-        return Level(highest - lowest + 1, lowest)
-
-    @property
-    def before(self) -> int:
-        """Places needed before a row of the other view."""
-        return max(-self.min_disparity, 0) + FRAME
-
-    @property
-    def after(self) -> int:
-        """Places needed after a row of the other view."""
-        return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + FRAME
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """One image of a pair at one level, its background black.
-
-    What is computed from the right view is mirrored: both then search their matches towards smaller columns.
-    """
-
-    image: NDArray[np.uint8]
-    grey: NDArray[np.uint16]
-    mask: NDArray[np.bool_] | None
-    noise: float
-    sigma: float
-    level: Level
-    is_right: bool
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(H, W), pixels."""
-        return self.image.shape[0], self.image.shape[1]
-
-    def mirrored(self, image: NDArray[Any]) -> NDArray[Any]:
-        """The image as it is in the left view, its columns from right to left in the right view."""
-        return np.ascontiguousarray(image[:, ::-1] if self.is_right else image)
-
-    def halved(self) -> View:
-        """The view at the next coarser level."""
-        mask = None if self.mask is None else halved_mask(self.mask)
-        return View(
-            halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.level.halved(), self.is_right
-        )
-
-    @cached_property
-    def framed_codes(self) -> NDArray[np.uint32]:
-        """Census codes (2, H, before + W + after), mirrored in the right view, flagged on the background.
-
-        Beyond the image the outermost code is repeated: no disparity is favoured there, and ties remain ties.
-        """
-        codes = census_pair(self.grey)
-        if self.mask is not None:
-            codes[:, ~self.mask] |= BEHIND
-        mirrored = codes[:, :, ::-1] if self.is_right else codes
-        return np.pad(mirrored, ((0, 0), (0, 0), (self.level.before, self.level.after)), mode="edge")
-
-    @property
-    def codes(self) -> NDArray[np.uint32]:
-        """Census codes (2, H, W), mirrored in the right view."""
-        return self.framed_codes[:, :, self.level.before : self.level.before + self.shape[1]]
-
-    @property
-    def origin(self) -> int:
-        """Where in the framed codes the last pixel of a row of the other view finds disparity index 0."""
-        return self.level.before + self.level.min_disparity
-
-    @cached_property
-    def passages(self) -> Passages:
-        """How freely costs pass between neighbours, mirrored in the right view."""
-        mask = None if self.mask is None else self.mirrored(self.mask)
-        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,10 +146,11 @@ def refined(
         level.n_disparities,
         in_bands,
     )
-    surface = without_specks(surface, 3)
+    surface = local_planes(without_specks(surface, 3), left.valid, in_bands)
+    surface = np.clip(surface, 0, level.n_disparities - 1)
     agrees = consistent(surface, right.index, min_disparity=level.min_disparity, threshold=parameters.fill_threshold)
     inside = lands_inside(surface + np.float32(level.min_disparity))
-    valid = inside & (agrees | (left.valid & (np.abs(surface - left.index) <= SURFACE_STEP)))
+    valid = inside & (agrees | (left.valid & (np.abs(surface - left.found) <= SURFACE_STEP)))
     return surface, valid if views[0].mask is None else valid & views[0].mask
 
 
@@ -256,24 +162,6 @@ def has_texture(pair: StereoPair) -> bool:
             warnings.warn("the images have no texture: nothing can be matched, every disparity is NaN", stacklevel=3)
             return False
     return True
-
-
-def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
-    """The left and the right view of the part of a pair that is matched."""
-    box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
-    return (
-        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, level, is_right=False),
-        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, level, is_right=True),
-    )
-
-
-def _view(
-    image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, level: Level, *, is_right: bool
-) -> View:
-    if mask is not None:
-        image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
-    noise = noise_level(grey_image(image), mask)
-    return View(image, fine_grey_image(image), mask, noise, sigma, level, is_right)
 
 
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:

@@ -22,6 +22,8 @@ TILE_BITS = 3  # a tile of 8x8 fine pixels searches the same windows
 TILE = 4  # the same in coarse pixels
 REACH = 4  # coarse pixels: how far around its tile a pixel looks for disparities
 MARGIN = 2  # fine disparities searched beyond those found
+COVERED = (N_LANES - 2 * MARGIN) // 2  # coarse disparities that a window covers with its margins
+OWN_VOTES = 4  # of a tile's own pixel, where one around it has 1; from 1 to 30 little changes
 UNKNOWN = np.int32(np.iinfo(np.int32).max)
 
 
@@ -57,23 +59,34 @@ def search_windows(
     """
     n_rows, n_columns = -(-shape[0] // (2 * TILE)), -(-shape[1] // (2 * TILE))
     starts = np.empty((2, n_rows, n_columns), np.int32)
-    _window_kernel(found, valid, shift, max(n_disparities - N_LANES, 0), starts)
+    votes = np.empty(int(found.max()) + 1, np.int32)
+    _window_kernel(found, valid, shift, max(n_disparities - N_LANES, 0), votes, starts)
     return starts[0], starts[1]
 
 
 @njit(cache=True, nogil=True)
 def _window_kernel(
-    found: NDArray[np.int32], valid: NDArray[np.bool_], shift: int, last_start: int, starts: NDArray[np.int32]
+    found: NDArray[np.int32],
+    valid: NDArray[np.bool_],
+    shift: int,
+    last_start: int,
+    votes: NDArray[np.int32],
+    starts: NDArray[np.int32],
 ) -> None:
     for row in range(starts.shape[1]):
         for column in range(starts.shape[2]):
-            low, high = _range(found, valid, row, column, False)
+            everything = False
+            low, high = _range(found, valid, row, column, everything)
             if low > high:
-                low, high = _range(found, valid, row, column, True)
-            low, high = 2 * low + shift - MARGIN, 2 * high + shift + 1 + MARGIN
-            far, near = low, high - N_LANES + 1
+                everything = True
+                low, high = _range(found, valid, row, column, everything)
+            far, near = 2 * low + shift - MARGIN, 2 * high + shift + MARGIN + 2 - N_LANES
             if near <= far:
                 far = near = (far + near) // 2
+            elif near > far + N_LANES:
+                _count(found, valid, row, column, everything, low, votes[: high - low + 1])
+                first, second = _fullest_two(votes[: high - low + 1])
+                far, near = 2 * (low + first) + shift - MARGIN, 2 * (low + second) + shift - MARGIN
             starts[0, row, column] = min(max(far, 0), last_start)
             starts[1, row, column] = min(max(near, 0), last_start)
 
@@ -88,3 +101,37 @@ def _range(
             if everything or valid[y, x]:
                 low, high = min(low, found[y, x]), max(high, found[y, x])
     return low, high
+
+
+@njit(inline="always")
+def _count(
+    found: NDArray[np.int32],
+    valid: NDArray[np.bool_],
+    row: int,
+    column: int,
+    everything: bool,
+    low: int,
+    votes: NDArray[np.int32],
+) -> None:
+    """How many pixels around a tile have each disparity from `low` on; the tile's own count several times."""
+    votes[:] = 0
+    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, found.shape[0])):
+        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, found.shape[1])):
+            if everything or valid[y, x]:
+                is_own = y // TILE == row and x // TILE == column
+                votes[found[y, x] - low] += OWN_VOTES if is_own else 1
+
+
+@njit(inline="always")
+def _fullest_two(votes: NDArray[np.int32]) -> tuple[int, int]:
+    """Where the two runs of disparities begin that a window covers each and that together have the most votes."""
+    first, fullest, fullest_pair = 0, -1, -1
+    pair = (0, 0)
+    for second in range(COVERED, votes.shape[0] - COVERED + 1):
+        before = second - COVERED
+        if votes[before : before + COVERED].sum() > fullest:
+            first, fullest = before, votes[before : before + COVERED].sum()
+        if fullest + votes[second : second + COVERED].sum() > fullest_pair:
+            fullest_pair = fullest + votes[second : second + COVERED].sum()
+            pair = first, second
+    return pair

@@ -19,6 +19,7 @@ from numba.extending import intrinsic, models, register_model
 N_LANES = 16
 
 _FLOATS = ir.VectorType(ir.FloatType(), N_LANES)
+_EIGHT = ir.VectorType(ir.FloatType(), 8)
 _WORD = ir.IntType(32)
 _WORDS = ir.VectorType(_WORD, N_LANES)
 _EVERY_LANE = list(range(N_LANES))
@@ -60,6 +61,30 @@ def store(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         builder.store(arguments[2], _pointer(context, builder, signature.args[0], arguments, _FLOATS), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, _LANES), generate
+
+
+@intrinsic
+def load_eight(_typing: Any, array: Any, _index: Any) -> Any:
+    """`array[index : index + 8]` of a float32 array in the first lanes, zero in the others."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        eight = builder.load(_pointer(context, builder, signature.args[0], arguments, _EIGHT), align=4)
+        return builder.shuffle_vector(eight, ir.Constant(_EIGHT, [0.0] * 8), ir.Constant(_WORDS, _EVERY_LANE))
+
+    return _LANES(array, types.intp), generate
+
+
+@intrinsic
+def store_eight(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
+    """`array[index : index + 8]` = the first eight lanes, of a float32 array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+        first = ir.Constant(ir.VectorType(_WORD, 8), _EVERY_LANE[:8])
+        eight = builder.shuffle_vector(arguments[2], arguments[2], first)
+        builder.store(eight, _pointer(context, builder, signature.args[0], arguments, _EIGHT), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, _LANES), generate

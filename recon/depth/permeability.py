@@ -8,128 +8,18 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 
 from __future__ import annotations
 
-from functools import partial
-from typing import NamedTuple
-
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.bands import Bands
+from recon.depth.guide import Passages
 from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, spread_lane, store, zeros
+from recon.depth.subpixel import vertex
 
 LANE_BITS = np.int32(N_LANES - 1)
-MAX_OFFSET = 0.4999  # pixels from a winner to its parabola's vertex: the vertex rounds to the winner
 FEW_ROWS = 16  # at full HD 2 MiB, which stay near the processor
 MAX_HELD = 6 << 20  # float32, 24 MiB: images whose flows are smaller are held whole
-CLOSED = 255  # a change of the guide that nothing passes
 WORST = np.int32(0x7F800000)  # the bits of infinity
-GUIDE_WINDOW = 5  # pixels, of the bilateral filter
-GUIDE_REACH = 2.0  # pixels, its spatial deviation
-GUIDE_TOLERANCE = 3.0  # its deviation in grey levels, in units of the image's noise
-MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
-SURFACE_LANE = 7  # of sixteen, the one that stands for the surface itself
-SURFACE_REACH = 2  # pixels of disparity by which a surface may move
-SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
-FRAME = 10  # places before the first and after the last disparity that `aggregate_along_surface` may look at
-MAX_NOISE = 8.0  # grey levels; what varies more is texture
-NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
-
-
-def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
-    """Standard deviation of an image's noise, grey levels, between 0.1 and 8.
-
-    Source: Immerkaer, Fast noise variance estimation, Computer Vision and Image Understanding 64, 1996, with the
-    median in place of the mean, so that texture counts little.
-    """
-    response = np.abs(cv2.filter2D(grey, cv2.CV_16S, NOISE_KERNEL))
-    inside = response if mask is None else response[mask]
-    histogram = np.bincount(inside.ravel())
-    half = np.searchsorted(np.cumsum(histogram), inside.size / 2)
-    return min(max(float(half) / NOISE_GAIN, MIN_NOISE), MAX_NOISE)
-
-
-def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
-    """The image whose edges stop the flow: noise taken out, edges kept.
-
-    A 3x3 median, then a bilateral filter as wide as the noise: noise left in the guide closes every passage.
-
-    Parameters
-    ----------
-    image : uint8 (H, W, 3) or (H, W)
-    noise : standard deviation, grey levels
-    """
-    median = cv2.medianBlur(np.ascontiguousarray(image), 3)
-    smooth = cv2.bilateralFilter(median, GUIDE_WINDOW, GUIDE_TOLERANCE * noise, GUIDE_REACH)
-    return np.asarray(smooth, dtype=np.uint8)
-
-
-class Passages(NamedTuple):
-    """How freely costs pass from each pixel to its right and its lower neighbour: `passage[across]`, `passage[down]`.
-
-    across, down : uint8 (H, W), how much the guide changes, grey levels; 255 where nothing passes
-    passage : float32 (256,), exp(-change / sigma), 0 for 255
-    """
-
-    across: NDArray[np.uint8]
-    down: NDArray[np.uint8]
-    passage: NDArray[np.float32]
-
-
-def permeabilities(guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None) -> Passages:
-    """How freely costs pass between neighbours; not at all beyond the last column and the last row.
-
-    Parameters
-    ----------
-    guide : uint8 (H, W, 3) or (H, W); the channel that differs most decides
-    sigma : grey levels
-    mask : bool (H, W); nothing passes its border
-
-    Source
-    ------
-    Cigla and Alatan 2013, equation 2.
-    """
-    passage = np.exp(-np.arange(256, dtype=np.float64) / sigma).astype(np.float32)
-    passage[CLOSED] = 0
-    across, down = np.empty(guide.shape[:2], np.uint8), np.empty(guide.shape[:2], np.uint8)
-    _change_kernel(guide.reshape(*guide.shape[:2], -1), across, down)
-    if mask is not None:
-        across[:, :-1][mask[:, 1:] != mask[:, :-1]] = CLOSED
-        down[:-1][mask[1:] != mask[:-1]] = CLOSED
-    return Passages(across, down, passage)
-
-
-@njit(cache=True, nogil=True)
-def _change_kernel(guide: NDArray[np.uint8], across: NDArray[np.uint8], down: NDArray[np.uint8]) -> None:
-    height, width, n_channels = guide.shape
-    across[:, width - 1] = CLOSED
-    down[height - 1] = CLOSED
-    for y in range(height):
-        for x in range(width):
-            to_right, to_below = np.int32(0), np.int32(0)
-            for channel in range(n_channels):
-                here = np.int32(guide[y, x, channel])
-                if x + 1 < width:
-                    to_right = max(to_right, abs(here - np.int32(guide[y, x + 1, channel])))
-                if y + 1 < height:
-                    to_below = max(to_below, abs(here - np.int32(guide[y + 1, x, channel])))
-            if x + 1 < width:
-                across[y, x] = to_right
-            if y + 1 < height:
-                down[y, x] = to_below
-
-
-@njit(inline="always")
-def _vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
-    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, less than a half."""
-    before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
-    bend = before - np.float32(2) * here + after
-    if bend <= 0:
-        return np.float32(0)
-    vertex = np.float32(0.5) * (before - after) / bend
-    return min(max(vertex, np.float32(-MAX_OFFSET)), np.float32(MAX_OFFSET))
 
 
 @njit(inline="always")
@@ -170,7 +60,7 @@ def aggregate_and_choose(
     codes : uint32 (2, H, W), two census codes of the reference view, whose Hamming distances are added
     facing_codes : uint32 (2, H, n), those of the other view, mirrored and framed: pixel x at disparity index k faces
         `facing_codes[:, y, origin + W - 1 - x + k]`
-    passages : see `permeabilities`
+    passages : see `guide.permeabilities`
     start : int32, the first of the sixteen disparity indices of each square tile of 2 ** tile_bits pixels; where it
         changes from one pixel to the next, costs flow from lane to lane of the same disparity, and beyond the window
         its outermost cost
@@ -273,115 +163,4 @@ def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, be
                 found[y, x] = np.float32(window + lane)
                 if 0 < window + lane < n_disparities - 1:
                     store(scratch, 0, total)
-                    found[y, x] += _vertex(scratch, lane)
-
-
-def aggregate_along_surface(
-    codes: NDArray[np.uint32],
-    facing_codes: NDArray[np.uint32],
-    origin: int,
-    passages: Passages,
-    surface: NDArray[np.float32],
-    n_disparities: int,
-    in_bands: Bands,
-) -> NDArray[np.float32]:
-    """Refine a surface: aggregate the costs around it along its slant and move it to the parabola's vertex.
-
-    Lane k of a pixel stands for its surface + k - 7, so costs flow from pixel to pixel of a slanted surface without
-    leaving their lane, and to no other surface. Costs between whole disparities are interpolated.
-
-    Parameters
-    ----------
-    codes, facing_codes, origin, passages : as in `aggregate_and_choose`
-    surface : float32 (H, W), disparity indices
-    in_bands : does the work given for rows or columns first to last, in as many parts as there are threads
-
-    Returns
-    -------
-    refined : float32 (H, W), disparity indices
-    """
-    height, width = surface.shape
-    flows = np.empty(height * width * N_LANES, np.float32)
-    refined = np.empty((height, width), np.float32)
-    in_bands(height, partial(_surface_rows, codes, facing_codes, origin, passages, surface, flows))
-    in_bands(width, partial(_surface_columns, passages, surface, n_disparities, flows, refined))
-    return refined
-
-
-@njit(cache=True, nogil=True)
-def _surface_rows(
-    codes: NDArray[np.uint32],
-    facing_codes: NDArray[np.uint32],
-    origin: int,
-    passages: Passages,
-    surface: NDArray[np.float32],
-    flows: NDArray[np.float32],
-    first: int,
-    last: int,
-) -> None:
-    across, passage = passages.across, passages.passage
-    width = surface.shape[1]
-    pitch = facing_codes.shape[2]
-    sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
-    costs = np.empty(width * N_LANES, np.float32)
-    for y in range(first, last):
-        flow = zeros()
-        open_ = np.float32(0)
-        for x in range(width):
-            whole = np.int64(np.floor(surface[y, x]))
-            part = surface[y, x] - np.float32(whole)
-            facing = y * pitch + origin + width - 1 - x + whole - SURFACE_LANE
-            cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
-            next_cost = add(hamming(codes[0, y, x], sharp, facing + 1), hamming(codes[1, y, x], blurred, facing + 1))
-            cost = add_scaled(add_scaled(cost, part, next_cost), -part, cost)
-            store(costs, x * N_LANES, cost)
-            flow = add_scaled(cost, open_, flow)
-            store(flows, (y * width + x) * N_LANES, flow)
-            open_ = passage[across[y, x]]
-            if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
-                open_ = np.float32(0)
-        flow = zeros()
-        for x in range(width - 1, -1, -1):
-            open_ = passage[across[y, x]]
-            if x + 1 < width and abs(surface[y, x + 1] - surface[y, x]) > np.float32(SURFACE_STEP):
-                open_ = np.float32(0)
-            place = (y * width + x) * N_LANES
-            store(flows, place, add_scaled(load(flows, place), open_, flow))
-            flow = add_scaled(load(costs, x * N_LANES), open_, flow)
-
-
-@njit(cache=True, nogil=True)
-def _surface_columns(
-    passages: Passages,
-    surface: NDArray[np.float32],
-    n_disparities: int,
-    flows: NDArray[np.float32],
-    refined: NDArray[np.float32],
-    first: int,
-    last: int,
-) -> None:
-    down, passage = passages.down, passages.passage
-    height, width = surface.shape
-    upward = np.zeros((last - first) * N_LANES, np.float32)
-    scratch = np.empty(N_LANES, np.float32)
-    for y in range(1, height):
-        for x in range(first, last):
-            if abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                place = (y * width + x) * N_LANES
-                above = load(flows, place - width * N_LANES)
-                store(flows, place, add_scaled(load(flows, place), passage[down[y - 1, x]], above))
-    for y in range(height - 1, -1, -1):
-        for x in range(first, last):
-            place = (y * width + x) * N_LANES
-            total = load(flows, place)
-            if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
-                total = add_scaled(total, passage[down[y, x]], load(upward, (x - first) * N_LANES))
-            without_above = total
-            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                above = load(flows, place - width * N_LANES)
-                without_above = add_scaled(total, -passage[down[y - 1, x]], above)
-            store(upward, (x - first) * N_LANES, without_above)
-            lane = lowest(total, SURFACE_LANE - SURFACE_REACH, SURFACE_LANE + SURFACE_REACH, 0) & LANE_BITS
-            store(scratch, 0, total)
-            found = surface[y, x] + np.float32(lane - SURFACE_LANE) + _vertex(scratch, lane)
-            refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))
+                    found[y, x] += vertex(scratch, lane)

@@ -69,61 +69,60 @@ def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_ba
         1 pixel of the centre's, and the disparity itself where there are fewer than six
     """
     planes = np.empty(disparity.shape, np.float32)
-    in_bands(len(planes), partial(_plane_kernel, disparity, valid.view(np.uint8), planes))
+    in_bands(len(planes), partial(_plane_kernel, disparity, valid, planes))
     return planes
 
 
 @njit(cache=True, nogil=True)
 def _plane_kernel(
-    disparity: NDArray[np.float32], valid: NDArray[np.uint8], planes: NDArray[np.float32], first: int, last: int
+    disparity: NDArray[np.float32], valid: NDArray[np.bool_], planes: NDArray[np.float32], first: int, last: int
 ) -> None:
     height, width = disparity.shape
-    padded = np.zeros((2, width + 2 * PLANE_RADIUS), np.float32)
+    padded = np.full(width + 2 * PLANE_RADIUS, np.inf, np.float32)  # infinity is within reach of nothing
     sums = np.empty((9, width), np.float32)
     for y in range(first, last):
         sums[:] = 0
         for row in range(max(y - PLANE_RADIUS, 0), min(y + PLANE_RADIUS + 1, height)):
-            v = np.float32(row - y)
             for x in range(width):
-                padded[0, x + PLANE_RADIUS] = disparity[row, x]
-                padded[1, x + PLANE_RADIUS] = valid[row, x]
-            for column in range(2 * PLANE_RADIUS + 1):
-                _add_neighbour(padded, column, v, disparity[y], sums)
-        for x in range(width):
-            planes[y, x] = disparity[y, x] + _height_at_centre(sums[:, x])
+                padded[x + PLANE_RADIUS] = disparity[row, x] if valid[row, x] else np.float32(np.inf)
+            _add_row(padded, np.float32(row - y), disparity[y], sums)
+        _heights_at_centre(sums, disparity[y], planes[y])
 
 
 @njit(inline="always")
-def _add_neighbour(
-    padded: NDArray[np.float32], column: int, v: np.float32, centre: NDArray[np.float32], sums: NDArray[np.float32]
+def _add_row(
+    padded: NDArray[np.float32], v: np.float32, centre: NDArray[np.float32], sums: NDArray[np.float32]
 ) -> None:
-    """Add one neighbour of every pixel of a row to the sums of its normal equations."""
-    u = np.float32(column - PLANE_RADIUS)
+    """Add the neighbours in one row, v rows below, to the sums of every pixel's normal equations."""
     for x in range(centre.shape[0]):
-        rise = padded[0, x + column] - centre[x]
-        weight = padded[1, x + column] if abs(rise) <= np.float32(SAME_SURFACE) else np.float32(0)
-        rise *= weight
-        sums[0, x] += weight
-        sums[1, x] += weight * u
-        sums[2, x] += weight * v
-        sums[3, x] += rise
-        sums[4, x] += weight * (u * u)
-        sums[5, x] += weight * (v * v)
-        sums[6, x] += weight * (u * v)
-        sums[7, x] += rise * u
-        sums[8, x] += rise * v
+        n, n_u, n_uu, rises, rises_u = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+        for column in range(2 * PLANE_RADIUS + 1):
+            u, rise = np.float32(column - PLANE_RADIUS), padded[x + column] - centre[x]
+            is_same = abs(rise) <= np.float32(SAME_SURFACE)
+            n += np.float32(1) if is_same else np.float32(0)
+            n_u += u if is_same else np.float32(0)
+            n_uu += u * u if is_same else np.float32(0)
+            rises += rise if is_same else np.float32(0)
+            rises_u += rise * u if is_same else np.float32(0)
+        sums[0, x] += n
+        sums[1, x] += n_u
+        sums[2, x] += n * v
+        sums[3, x] += rises
+        sums[4, x] += n_uu
+        sums[5, x] += n * (v * v)
+        sums[6, x] += n_u * v
+        sums[7, x] += rises_u
+        sums[8, x] += rises * v
 
 
 @njit(inline="always")
-def _height_at_centre(sums: NDArray[np.float32]) -> np.float32:
-    """The constant of the plane that solves the normal equations, by Cramer's rule on centred moments."""
-    n = sums[0]
-    if n < MIN_SUPPORT:
-        return np.float32(0)
-    u, v, rise = sums[1] / n, sums[2] / n, sums[3] / n
-    uu, vv, uv = sums[4] / n - u * u + np.float32(RIDGE), sums[5] / n - v * v + np.float32(RIDGE), sums[6] / n - u * v
-    ur, vr = sums[7] / n - u * rise, sums[8] / n - v * rise
-    determinant = uu * vv - uv * uv
-    slope_u, slope_v = (ur * vv - vr * uv) / determinant, (vr * uu - ur * uv) / determinant
-    height: np.float32 = rise - slope_u * u - slope_v * v
-    return height
+def _heights_at_centre(sums: NDArray[np.float32], centre: NDArray[np.float32], planes: NDArray[np.float32]) -> None:
+    """The planes that solve the normal equations, by Cramer's rule on centred moments, at their own pixels."""
+    for x in range(centre.shape[0]):
+        is_enough = sums[0, x] >= np.float32(MIN_SUPPORT)
+        share = np.float32(1) / (sums[0, x] if is_enough else np.float32(1))
+        u, v, rise = sums[1, x] * share, sums[2, x] * share, sums[3, x] * share
+        uu, vv = sums[4, x] * share - u * u + np.float32(RIDGE), sums[5, x] * share - v * v + np.float32(RIDGE)
+        uv, ur, vr = sums[6, x] * share - u * v, sums[7, x] * share - u * rise, sums[8, x] * share - v * rise
+        height = rise - ((ur * vv - vr * uv) * u + (vr * uu - ur * uv) * v) / (uu * vv - uv * uv)
+        planes[x] = centre[x] + (height if is_enough else np.float32(0))

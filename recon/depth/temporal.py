@@ -19,8 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.depth.census import grey_image
+from recon.depth.guide import guide_image, noise_level
 from recon.depth.pair import StereoPair
-from recon.depth.permeability import guide_image, noise_level
 
 NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
 STILL = 0.75  # permeability above which a picture counts as still, so that a memory is worth more than what is seen

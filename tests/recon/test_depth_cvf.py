@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from recon.depth import MATCHERS, Matcher, StereoPair, match_dr, match_id
-from recon.depth.cvf import DrParameters, IdParameters, Level
+from recon.depth.cvf import DrParameters, IdParameters
+from recon.depth.views import Level
 
 every_matcher = pytest.mark.parametrize("matcher", MATCHERS.values(), ids=MATCHERS.keys())
 

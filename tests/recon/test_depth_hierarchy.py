@@ -12,7 +12,7 @@ from recon.depth.hierarchy import MARGIN, REACH, TILE, halved, halved_mask, sear
 
 @settings(deadline=None)  # the first call compiles
 @given(seed=st.integers(0, 50), height=st.integers(1, 40), width=st.integers(1, 40), n_disparities=st.integers(17, 90))
-def test_everything_found_nearby_is_searched_unless_it_lies_between_two_far_surfaces(
+def test_everything_found_nearby_is_searched_if_two_windows_can_hold_it(
     seed: int, height: int, width: int, n_disparities: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -28,9 +28,18 @@ def test_everything_found_nearby_is_searched_unless_it_lies_between_two_far_surf
         counted = found[around][valid[around]] if valid[around].any() else found[around]
         starts = far[y // (2 * TILE), x // (2 * TILE)], near[y // (2 * TILE), x // (2 * TILE)]
         assert 0 <= starts[0] <= starts[1] <= n_disparities - 16
-        for extreme in (2 * counted.min() - MARGIN, 2 * counted.max() + 1 + MARGIN):
-            wanted = min(max(extreme, 0), n_disparities - 1)
-            assert any(start <= wanted < start + 16 for start in starts)
+        if 2 * (counted.max() - counted.min() + 1) + 2 * MARGIN <= 32:
+            for wanted in range(2 * counted.min() - MARGIN, 2 * counted.max() + 2 + MARGIN):
+                assert any(start <= min(max(wanted, 0), n_disparities - 1) < start + 16 for start in starts)
+
+
+def test_of_three_surfaces_the_two_that_most_pixels_saw_are_searched() -> None:
+    found = np.full((12, 12), 30, np.int32)  # coarse; the middle tile is its rows and columns 4 to 7
+    found[:, 7:] = 60
+    found[4, 5] = 3  # a stray match far behind both
+    far, near = search_windows(found, found > 0, (24, 24), 128, shift=0)
+    assert far[1, 1] <= 60 - MARGIN < 61 + MARGIN < far[1, 1] + 16
+    assert near[1, 1] <= 120 - MARGIN < 121 + MARGIN < near[1, 1] + 16
 
 
 def test_the_level_below_may_start_at_an_odd_disparity() -> None:

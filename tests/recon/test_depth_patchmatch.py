@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from recon.depth import StereoPair, match_pm
 from recon.depth import patchmatch as pm
-from recon.depth.cvf import View, views_of
-from recon.depth.patchmatch import PmParameters, texture_of
+from recon.depth.patchmatch import PmParameters
+from recon.depth.texture import texture_of
+from recon.depth.views import View, views_of
 
 HEIGHT, WIDTH = 30, 44
 

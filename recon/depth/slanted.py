@@ -1,0 +1,133 @@
+"""Aggregation along a slanted surface: what moves DR's disparities from slices to the surface itself.
+
+Source: the permeability filter of Cigla and Alatan 2013, its costs taken around a surface instead of at a disparity.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from recon.depth.bands import Bands
+from recon.depth.guide import Passages
+from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, load_eight, lowest, store, store_eight, zeros
+from recon.depth.subpixel import vertex
+
+N_KEPT = N_LANES // 2  # lanes that are held: all that a winner and its parabola may need
+CENTRE = 3  # the lane that stands for the surface itself
+REACH = 2  # pixels of disparity by which a surface may move
+SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
+FRAME = N_LANES - CENTRE + 1  # places before the first and after the last disparity that may be looked at
+
+
+def aggregate_along_surface(
+    codes: NDArray[np.uint32],
+    facing_codes: NDArray[np.uint32],
+    origin: int,
+    passages: Passages,
+    surface: NDArray[np.float32],
+    n_disparities: int,
+    in_bands: Bands,
+) -> NDArray[np.float32]:
+    """Refine a surface: aggregate the costs around it along its slant and move it to the parabola's vertex.
+
+    Lane k of a pixel stands for its surface + k - 3, so costs flow from pixel to pixel of a slanted surface without
+    leaving their lane, and to no other surface. Costs between whole disparities are interpolated.
+
+    Parameters
+    ----------
+    codes, facing_codes, origin, passages : as in `aggregate_and_choose`
+    surface : float32 (H, W), disparity indices
+    in_bands : does the work given for rows or columns first to last, in as many parts as there are threads
+
+    Returns
+    -------
+    refined : float32 (H, W), disparity indices
+    """
+    height, width = surface.shape
+    flows = np.empty(height * width * N_KEPT, np.float32)
+    refined = np.empty((height, width), np.float32)
+    in_bands(height, partial(_flow_along_rows, codes, facing_codes, origin, passages, surface, flows))
+    in_bands(width, partial(_flow_along_columns, passages, surface, n_disparities, flows, refined))
+    return refined
+
+
+@njit(cache=True, nogil=True)
+def _flow_along_rows(
+    codes: NDArray[np.uint32],
+    facing_codes: NDArray[np.uint32],
+    origin: int,
+    passages: Passages,
+    surface: NDArray[np.float32],
+    flows: NDArray[np.float32],
+    first: int,
+    last: int,
+) -> None:
+    """Costs of rows first to last along the surface, aggregated along each row: N_KEPT flows a pixel."""
+    across, passage = passages.across, passages.passage
+    width = surface.shape[1]
+    pitch = facing_codes.shape[2]
+    sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
+    costs = np.empty(width * N_LANES, np.float32)
+    open_ = np.zeros(width + 1, np.float32)
+    for y in range(first, last):
+        for x in range(1, width):
+            is_one = abs(surface[y, x] - surface[y, x - 1]) <= np.float32(SURFACE_STEP)
+            open_[x] = passage[across[y, x - 1]] if is_one else np.float32(0)
+        flow = zeros()
+        for x in range(width):
+            whole = np.int64(np.floor(surface[y, x]))
+            part = surface[y, x] - np.float32(whole)
+            facing = y * pitch + origin + width - 1 - x + whole - CENTRE
+            cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
+            next_cost = add(hamming(codes[0, y, x], sharp, facing + 1), hamming(codes[1, y, x], blurred, facing + 1))
+            cost = add_scaled(add_scaled(cost, part, next_cost), -part, cost)
+            store(costs, x * N_LANES, cost)
+            flow = add_scaled(cost, open_[x], flow)
+            store_eight(flows, (y * width + x) * N_KEPT, flow)
+        flow = zeros()
+        for x in range(width - 1, -1, -1):
+            place = (y * width + x) * N_KEPT
+            store_eight(flows, place, add_scaled(load_eight(flows, place), open_[x + 1], flow))
+            flow = add_scaled(load(costs, x * N_LANES), open_[x + 1], flow)
+
+
+@njit(cache=True, nogil=True)
+def _flow_along_columns(
+    passages: Passages,
+    surface: NDArray[np.float32],
+    n_disparities: int,
+    flows: NDArray[np.float32],
+    refined: NDArray[np.float32],
+    first: int,
+    last: int,
+) -> None:
+    """Aggregate columns first to last, and move each pixel's surface to where its costs are lowest."""
+    down, passage = passages.down, passages.passage
+    height, width = surface.shape
+    upward = np.zeros((last - first) * N_LANES, np.float32)
+    scratch = np.empty(N_LANES, np.float32)
+    for y in range(1, height):
+        for x in range(first, last):
+            if abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                place = (y * width + x) * N_KEPT
+                above = load_eight(flows, place - width * N_KEPT)
+                store_eight(flows, place, add_scaled(load_eight(flows, place), passage[down[y - 1, x]], above))
+    for y in range(height - 1, -1, -1):
+        for x in range(first, last):
+            place = (y * width + x) * N_KEPT
+            total = load_eight(flows, place)
+            if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
+                total = add_scaled(total, passage[down[y, x]], load(upward, (x - first) * N_LANES))
+            without_above = total
+            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                above = load_eight(flows, place - width * N_KEPT)
+                without_above = add_scaled(total, -passage[down[y - 1, x]], above)
+            store(upward, (x - first) * N_LANES, without_above)
+            lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
+            store(scratch, 0, total)
+            found = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
+            refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))

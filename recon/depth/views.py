@@ -1,0 +1,122 @@
+"""The two views of a pair as matching sees them: codes, guides and what is searched, at one level of the hierarchy.
+
+What is computed from the right view is mirrored: both then search their matches towards smaller columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
+from recon.depth.guide import Passages, guide_image, noise_level, permeabilities
+from recon.depth.hierarchy import halved, halved_mask
+from recon.depth.lanes import N_LANES
+from recon.depth.pair import StereoPair
+from recon.depth.slanted import FRAME
+
+
+@dataclass(frozen=True)
+class Level:
+    """What is searched at one level of the hierarchy."""
+
+    n_disparities: int
+    min_disparity: int
+
+    def halved(self) -> Level:
+        """The same disparities at half the size."""
+        lowest = self.min_disparity // 2
+        highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
+        return Level(highest - lowest + 1, lowest)
+
+    @property
+    def before(self) -> int:
+        """Places needed before a row of the other view."""
+        return max(-self.min_disparity, 0) + FRAME
+
+    @property
+    def after(self) -> int:
+        """Places needed after a row of the other view."""
+        return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + FRAME
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image of a pair at one level, its background black.
+
+    What is computed from the right view is mirrored: both then search their matches towards smaller columns.
+    """
+
+    image: NDArray[np.uint8]
+    grey: NDArray[np.uint16]
+    mask: NDArray[np.bool_] | None
+    noise: float
+    sigma: float
+    level: Level
+    is_right: bool
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W), pixels."""
+        return self.image.shape[0], self.image.shape[1]
+
+    def mirrored(self, image: NDArray[Any]) -> NDArray[Any]:
+        """The image as it is in the left view, its columns from right to left in the right view."""
+        return np.ascontiguousarray(image[:, ::-1] if self.is_right else image)
+
+    def halved(self) -> View:
+        """The view at the next coarser level."""
+        mask = None if self.mask is None else halved_mask(self.mask)
+        return View(
+            halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.level.halved(), self.is_right
+        )
+
+    @cached_property
+    def framed_codes(self) -> NDArray[np.uint32]:
+        """Census codes (2, H, before + W + after), mirrored in the right view, flagged on the background.
+
+        Beyond the image the outermost code is repeated: no disparity is favoured there, and ties remain ties.
+        """
+        codes = census_pair(self.grey)
+        if self.mask is not None:
+            codes[:, ~self.mask] |= BEHIND
+        mirrored = codes[:, :, ::-1] if self.is_right else codes
+        return np.pad(mirrored, ((0, 0), (0, 0), (self.level.before, self.level.after)), mode="edge")
+
+    @property
+    def codes(self) -> NDArray[np.uint32]:
+        """Census codes (2, H, W), mirrored in the right view."""
+        return self.framed_codes[:, :, self.level.before : self.level.before + self.shape[1]]
+
+    @property
+    def origin(self) -> int:
+        """Where in the framed codes the last pixel of a row of the other view finds disparity index 0."""
+        return self.level.before + self.level.min_disparity
+
+    @cached_property
+    def passages(self) -> Passages:
+        """How freely costs pass between neighbours, mirrored in the right view."""
+        mask = None if self.mask is None else self.mirrored(self.mask)
+        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
+
+
+def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
+    """The left and the right view of the part of a pair that is matched."""
+    box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
+    return (
+        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, level, is_right=False),
+        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, level, is_right=True),
+    )
+
+
+def _view(
+    image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, level: Level, *, is_right: bool
+) -> View:
+    if mask is not None:
+        image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
+    noise = noise_level(grey_image(image), mask)
+    return View(image, fine_grey_image(image), mask, noise, sigma, level, is_right)
