@@ -118,7 +118,7 @@ class DaskCluster:
             return
         futures = self._client.map(_outcome, list(tasks), pure=False, retries=RETRIES)
         try:
-            for future in completed(futures):
+            for future in completed(futures, loop=self._client.loop):
                 outcome = future.result()
                 if isinstance(outcome, _WrongInput):
                     raise outcome.error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 
@@ -17,7 +18,7 @@ from recon.artefacts import file_digest
 from recon.capture.format import Capture
 from recon.capture.images import read_image
 from recon.files import read_json
-from recon.flythrough import RenderOptions, shown_frames
+from recon.flythrough import Film, RenderOptions, make_part, shown_frames
 from recon.mesh import read_mesh
 from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.video import probe_video
@@ -33,8 +34,9 @@ from recon.pipeline import ReconstructOptions, reconstruct, render
 
 capture, run, stimuli = map(Path, sys.argv[1:])
 reconstruct(capture, run, ReconstructOptions(depths=("id",)))
-render([run], stimuli, RenderOptions(size=(96, 64), seconds=0.4, renderer="software"))
+render([run], stimuli, RenderOptions(size=(96, 64), seconds=2.4, renderer="software"))
 """
+LONG = RenderOptions(size=(96, 64), seconds=2.4, renderer="software")  # in two parts
 SMALL = RenderOptions(size=(96, 64), seconds=0.4, renderer="software")
 
 
@@ -127,7 +129,7 @@ def test_runs_killed_at_random_moments_end_with_the_same_files(capture: Capture,
         started.kill()
         started.wait()
     assert subprocess.run(command).returncode == 0
-    render([run], tmp_path / "alone", SMALL)
+    render([run], tmp_path / "alone", LONG)
     assert digests(again, "*.ply") == digests(run, "*.ply")
     assert digests(stimuli, "*.mp4") == digests(tmp_path / "alone", "*.mp4")
     assert not list(tmp_path.rglob(".*.part*"))
@@ -149,6 +151,38 @@ def test_rendering_again_makes_the_same_videos(run: Path, tmp_path: Path) -> Non
     render([run], tmp_path / "one", SMALL)
     render([run], tmp_path / "two", SMALL)
     assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+
+
+@pytest.mark.slow
+def test_worker_processes_share_a_video_and_make_the_same_bytes(run: Path, tmp_path: Path) -> None:
+    render([run], tmp_path / "one", LONG)
+    seen: list[tuple[str, int, int]] = []
+    render([run], tmp_path / "two", replace(LONG, workers=2), lambda *event: seen.append(event))
+    assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+    assert seen[0] == ("video frames", 0, 120)
+    assert seen[-1] == ("video frames", 120, 120)
+    assert not (tmp_path / "two/.parts").exists()
+
+
+def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: Path) -> None:
+    films = [Film(read_run(run), approach, LONG) for approach in ("id_fa", "id_fb")]
+    make_part(films[0], tmp_path / "set", films[0].parts[1], threads=1)
+    part = tmp_path / "set" / films[0].names(films[0].parts[1])[0]
+    written = part.stat().st_mtime_ns
+
+    def stop(_what: str, done: int, _total: int) -> None:
+        if done == 60:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render([run], tmp_path / "set", LONG, stop)
+    assert part.stat().st_mtime_ns == written
+    seen: list[int] = []
+    manifest = read_json(render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done)))
+    assert [entry["n_frames"] for entry in manifest["stimuli"]] == [60, 60]
+    seen.clear()
+    render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done))
+    assert seen == [0], "nothing is rendered again"
 
 
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:

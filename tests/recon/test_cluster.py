@@ -1,0 +1,124 @@
+"""Reconstruction and rendering on a Dask cluster: the same files as here, also when a worker is lost on the way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from command_line import Command
+from distributed import LocalCluster
+
+from recon.artefacts import file_digest
+from recon.execute import RETRIES, open_pool
+from recon.studio import SynthParameters, synthesise
+
+pytestmark = [
+    pytest.mark.slow,
+    # distributed's own, when a cluster whose worker was killed is closed
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+    ) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("studio") / "ball"
+    synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=4, size=(320, 240), noise=0.5))
+    return folder
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Of everything that was made but what says when and how fast."""
+    kinds = (".npy", ".ply", ".png", ".mp4", ".quality.json")
+    return {
+        str(path.relative_to(folder)): file_digest(path)
+        for path in sorted(folder.rglob("*"))
+        if path.name.endswith(kinds) and ".finished" not in path.parts
+    }
+
+
+def flaky(mark: Path) -> str:
+    """Fails as a disk or a network does, as often as a task is tried again."""
+    tried = len(list(mark.iterdir()))
+    (mark / str(tried)).touch()
+    if tried < RETRIES:
+        raise OSError("stale file handle")
+    return "done"
+
+
+def wrong(mark: Path) -> None:
+    (mark / str(len(list(mark.iterdir())))).touch()
+    raise ValueError("the mask is upside down")
+
+
+def kill_a_worker_during(run: Path, cluster: LocalCluster, killed: list[int]) -> None:
+    """Once something was made, and while more is."""
+    while not list(run.rglob("*.npy")):
+        time.sleep(0.01)
+    killed.append(int(next(iter(cluster.workers.values())).pid))
+    os.kill(killed[0], signal.SIGKILL)
+
+
+def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed(
+    command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path
+) -> None:
+    film = ("--size", "96x64", "--seconds", 5, "--renderer", "software")
+    for where, place in (("here", ()), ("there", ("--cluster", cluster.scheduler_address))):
+        killed: list[int] = []
+        watcher = threading.Thread(target=kill_a_worker_during, args=(tmp_path / where, cluster, killed))
+        if place:
+            watcher.start()
+        told = command("reconstruct", capture, "-o", tmp_path / where, "--depth", "id", *place)
+        assert told.code == 0, told.err
+        if place:
+            watcher.join()
+            assert killed
+        told = command("render", tmp_path / where, "-o", tmp_path / where / "set", *film, *place)
+        assert told.code == 0, told.err
+        assert "video frames: 250/250" in told.err
+    here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
+    assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 3 + 1  # maps and clouds, meshes, videos, preview
+    assert there == here
+    assert not list(tmp_path.rglob(".*.part*"))
+
+
+def test_a_task_that_fails_is_tried_again_unless_its_input_is_wrong(cluster: LocalCluster, tmp_path: Path) -> None:
+    (tmp_path / "flaky").mkdir()
+    (tmp_path / "wrong").mkdir()
+    with open_pool(cluster=cluster.scheduler_address) as pool:
+        assert list(pool.run([partial(flaky, tmp_path / "flaky")])) == ["done"]
+        with pytest.raises(ValueError, match="upside down"):
+            list(pool.run([partial(wrong, tmp_path / "wrong")]))
+    assert len(list((tmp_path / "wrong").iterdir())) == 1
+
+
+def test_an_address_where_no_scheduler_is_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("recon.execute.CONNECT_S", 1)
+    with (
+        pytest.raises(ValueError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9'"),
+        open_pool(cluster="tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_a_scheduler_without_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("recon.execute.CONNECT_S", 1)
+    with (
+        LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as empty,
+        pytest.raises(ValueError, match="has no worker after 1 s; start some with `dask worker"),
+        open_pool(cluster=empty.scheduler_address),
+    ):
+        pass
