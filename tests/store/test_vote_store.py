@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import pytest
-from ballots import NOW, Participant, ballot_of, keep_vote, let_in, n_votes, serve_next, serve_trials, vote_on
+from ballots import Participant, ballot_of, keep_vote, let_in, n_votes, serve_next, serve_trials, vote_on
+from seeding import NOW
 from sqlalchemy import select
 
 from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError
@@ -170,6 +171,16 @@ def test_many_votes_are_kept_together_and_a_refused_one_harms_no_other(
     assert n_votes(database) == 9
     with database.reading() as connection:
         assert list(connection.scalars(select(session.c.stage).order_by(session.c.id))) == ["finished", "trial"]
+
+
+def test_votes_are_kept_however_the_clock_jumps(database: Database, of: Participant) -> None:
+    for number, jump_days in enumerate([0, -400, 3, 3000, -1, 0]):
+        trial = serve_next(database, of)
+        assert trial.position == number
+        keep_vote(database, of, trial.public_id, vote_on(trial), NOW + timedelta(days=jump_days))
+    with database.reading() as connection:
+        assert connection.scalar(select(session.c.stage)) == "finished"
+    assert n_votes(database) == 6
 
 
 def test_the_same_vote_many_times_in_one_batch_is_kept_once(database: Database, of: Participant) -> None:

@@ -1,0 +1,170 @@
+"""Whether acknowledged votes are kept while servers, databases and the power fail under load.
+
+    python bench/faults.py [--votes 10000] [--kills 50] [--power-cuts 20] [--json]
+
+Participants vote all at once; a quarter of the votes is sent again later, out of order. Meanwhile the server, or all of
+PostgreSQL, is killed by SIGKILL at random moments. For the power cuts SQLite's write-ahead log is cut back to its last
+sync (tests/sqlite_disk.py). Prints how many votes were acknowledged, stored, lost, doubled (stored more than once) and
+wrong (stored as another choice).
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from random import Random
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import sqlite_disk
+from postgresql import PostgresServer
+from seeding import seed_voters
+from sqlalchemy import select
+from study_server import StudyServer
+from voters import Letter, Tally, letters_of, send_all
+
+from app.store.engine import open_database
+from app.store.migrate import upgrade
+from app.store.tables import trial, vote
+
+N_VOTERS = 20
+PAUSES_S = (0.05, 0.5)  # between two kills
+LONGEST_S = 900
+
+
+def prepare(url: str, n_votes: int, rng: Random) -> list[list[Letter]]:
+    """A migrated database with so many voters and trials; the votes to send."""
+    database = open_database(url)
+    upgrade(database)
+    n_approaches = next(k for k in range(2, 1000) if N_VOTERS * k * (k - 1) // 2 >= n_votes)
+    voters = seed_voters(database, N_VOTERS, n_approaches)
+    database.dispose()
+    return [letters_of(voter, rng) for voter in voters]
+
+
+def run_under(fault: Callable[[], None], port: int, bundles: list[list[Letter]], rng: Random) -> tuple[Tally, int]:
+    """Send everything while faults happen; what was seen, and how many faults there were."""
+    ended = threading.Event()
+    n_faults = 0
+
+    def disturb() -> None:
+        nonlocal n_faults
+        while not ended.wait(rng.uniform(*PAUSES_S)):
+            fault()
+            n_faults += 1
+
+    with ThreadPoolExecutor() as pool:
+        disturbance = pool.submit(disturb)
+        try:
+            tally = asyncio.run(send_all(port, bundles, repeat=0.25, rng=rng, timeout_s=LONGEST_S))
+        finally:
+            ended.set()
+        disturbance.result()
+    return tally, n_faults
+
+
+def compare(url: str, acknowledged: list[tuple[str, str, str]]) -> dict[str, int]:
+    """What is stored beside what was acknowledged."""
+    database = open_database(url)
+    with database.reading() as connection:
+        rows = connection.execute(select(trial.c.public_id, vote.c.client_id, vote.c.choice).join(trial)).all()
+    database.dispose()
+    stored = Counter((row.public_id, row.client_id) for row in rows)
+    choices = {row.client_id: row.choice for row in rows}
+    return {
+        "acknowledged": len(acknowledged),
+        "stored": len(rows),
+        "lost": sum(stored[(public_id, client_id)] == 0 for public_id, client_id, _ in acknowledged),
+        "doubled": len(rows) - len({row.public_id for row in rows}),
+        "wrong": sum(choices.get(client_id, choice) != choice for _, client_id, choice in acknowledged),
+    }
+
+
+def kills(url: str, n_votes: int, n_kills: int, fault: Callable[[StudyServer], None], rng: Random) -> dict[str, Any]:
+    """Rounds of kills under load until there were enough of both votes and kills."""
+    bundles = prepare(url, n_votes, rng)
+    total, acknowledged, started = 0, [], time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder, StudyServer(Path(folder), database_url=url) as server:
+        n_rounds = 5
+        for number in range(n_rounds):  # the last votes of a round are sent while kills go on
+            part = [bundle[number::n_rounds] for bundle in bundles]
+            tally, n_faults = run_under(lambda: fault(server), server.port, part, rng)
+            acknowledged += tally.acknowledged
+            total += n_faults
+        while total < n_kills:  # nothing new is sent: every answer must be the old one
+            tally, n_faults = run_under(lambda: fault(server), server.port, [bundle[:50] for bundle in bundles], rng)
+            assert tally.statuses.get(201, 0) == 0, "a vote was taken twice"
+            total += n_faults
+    return {"kills": total, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
+
+
+def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> dict[str, Any]:
+    """Cut the power of SQLite at once after the last acknowledgement, again and again."""
+    total: Counter[str] = Counter()
+    for _ in range(n_cuts):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            url, safe = f"sqlite:///{folder / 'study.sqlite'}", folder / "safe"
+            bundles = prepare(url, votes_each, rng)
+            with StudyServer(folder, "--safe", str(safe), "--synchronous", synchronous) as server:
+                tally = asyncio.run(send_all(server.port, bundles, rng=rng))
+                server.kill_for_good()
+            sqlite_disk.cut_power(folder / "study.sqlite", safe)
+            total.update(compare(url, tally.acknowledged))
+    return {"power cuts": n_cuts, **total}
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    rng = Random(7)
+    results: dict[str, Any] = {}
+
+    def kill_server(server: StudyServer) -> None:
+        server.kill()
+        server.wait_until_it_answers()
+
+    with tempfile.TemporaryDirectory() as folder, PostgresServer() as postgres:
+
+        def kill_postgres(_server: StudyServer) -> None:
+            postgres.kill()
+            postgres.start_again()
+
+        n_votes, n_kills = arguments.votes, arguments.kills
+        sqlite_url = f"sqlite:///{folder}/study.sqlite"
+        results["SQLite, server killed"] = kills(sqlite_url, n_votes, n_kills, kill_server, rng)
+        url = postgres.new_database("server_killed")
+        results["PostgreSQL, server killed"] = kills(url, n_votes, n_kills, kill_server, rng)
+        url = postgres.new_database("postgresql_killed")
+        results["PostgreSQL killed"] = kills(url, n_votes, n_kills, kill_postgres, rng)
+    if sqlite_disk.is_possible():
+        results["SQLite FULL, power cut"] = power_cuts(arguments.power_cuts, 500, "FULL", rng)
+        results["SQLite NORMAL, power cut"] = power_cuts(2, 500, "NORMAL", rng)
+    return results
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--votes", type=int, default=10_000)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--power-cuts", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    results = measure(arguments)
+    if arguments.json:
+        print(json.dumps(results, indent=2))
+        return
+    for name, row in results.items():
+        print(f"{name:26}", ", ".join(f"{value} {what}" for what, value in row.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Studies in name only, whose videos nobody sees, and participants with all their trials given out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import combinations
+from pathlib import Path
+
+from sqlalchemy import select, update
+
+from app.stimuli import PairVideo, Stimulus, StimulusSet
+from app.store.designs import insert_design
+from app.store.engine import Database
+from app.store.invitations import insert_invitation, invitation_by_code
+from app.store.sessions import begin_session, session_by_token
+from app.store.studies import insert_study
+from app.store.tables import assignment, session, trial
+
+NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Voter:
+    """A session's token and its trials: public id and what is shown first."""
+
+    token: str
+    trials: Sequence[tuple[str, str]]
+
+
+def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence[str]) -> int:
+    """Insert a study of every pair within each dataset; its id."""
+    stimuli = [_stimulus(dataset, approach) for dataset in datasets for approach in approaches]
+    of = StimulusSet(Path(), "test", "0" * 64, {}, tuple(stimuli))
+    pairs = [_pair(*pair) for dataset in of.datasets for pair in combinations(of.of_dataset(dataset), 2)]
+    row = {
+        "slug": "test",
+        "name": "Test",
+        "state": "open",
+        "exposure_s": 1.0,
+        "seed": 1,
+        "factors": {},
+        "manifest_sha256": of.sha256,
+        "created_at": NOW,
+    }
+    with database.writing() as connection:
+        study_id = insert_study(connection, row)
+        insert_design(connection, study_id, of, pairs)
+    return study_id
+
+
+def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Voter]:
+    """Insert a study, and participants who may vote on every pair of so many approaches."""
+    study_id = seed_study(database, ["ball"], [f"a_{number}" for number in range(n_approaches)])
+    with database.writing() as connection:
+        invitation = invitation_by_code(connection, insert_invitation(connection, study_id, None, NOW))
+    assert invitation is not None
+    tokens = [begin_session(database, invitation, NOW) for _ in range(n_voters)]
+    with database.writing() as connection:
+        connection.execute(update(session).values(stage="trial"))
+        connection.execute(update(trial).values(served_at=NOW))
+        voters = []
+        for token in tokens:
+            found = session_by_token(connection, token)
+            assert found is not None
+            rows = connection.execute(
+                select(trial.c.public_id, assignment.c.first_shown)
+                .join(assignment)
+                .where(trial.c.session_id == found.id)
+                .order_by(assignment.c.position)
+            )
+            voters.append(Voter(token, [(public_id, first_shown) for public_id, first_shown in rows]))
+    return voters
+
+
+def _stimulus(dataset: str, approach: str) -> Stimulus:
+    return Stimulus(
+        dataset=dataset, approach=approach, video="v.mp4", sha256="0" * 64, width=64, height=48, fps=25, n_frames=25
+    )
+
+
+def _pair(top: Stimulus, bottom: Stimulus) -> PairVideo:
+    return PairVideo(top, bottom, "file.mp4", "0" * 64, 64, 48, 16, 25, 25)

@@ -1,0 +1,139 @@
+"""Participants in great numbers, reduced to what they send: votes, until they are acknowledged."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from random import Random
+from uuid import UUID
+
+from seeding import Voter
+
+ANSWER_TIMEOUT_S = 30
+RETRY_S = 0.02
+
+
+@dataclass
+class Tally:
+    """What voters have seen: acknowledged votes as (trial, client id, choice), answers by status, latencies."""
+
+    acknowledged: list[tuple[str, str, str]] = field(default_factory=list)
+    statuses: dict[int, int] = field(default_factory=dict)
+    n_broken: int = 0  # connections that ended without an answer
+    latencies_ms: list[float] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Letter:
+    """A vote as it goes over the line."""
+
+    trial: str
+    client_id: str
+    choice: str
+    content: bytes
+
+
+def letters_of(voter: Voter, rng: Random, *, n_switches: int = 4) -> list[Letter]:
+    """A voter's votes in order."""
+    return [_letter(voter.token, trial, first_shown, rng, n_switches) for trial, first_shown in voter.trials]
+
+
+async def send_all(
+    port: int,
+    bundles: Sequence[Sequence[Letter]],
+    *,
+    repeat: float = 0.0,
+    rng: Random | None = None,
+    timeout_s: float = 120,
+) -> Tally:
+    """Send every bundle over a connection of its own, all at once, each letter until it is acknowledged.
+
+    Parameters
+    ----------
+    repeat : share of the letters that are sent once more later, as a client does that did not hear the answer
+    """
+    tally = Tally()
+    rng = rng or Random(1)
+    started = time.perf_counter()
+    async with asyncio.timeout(timeout_s), asyncio.TaskGroup() as group:
+        for bundle in bundles:
+            group.create_task(_send_bundle(port, bundle, tally, repeat, rng))
+    tally.seconds = time.perf_counter() - started
+    return tally
+
+
+async def _send_bundle(port: int, bundle: Sequence[Letter], tally: Tally, repeat: float, rng: Random) -> None:
+    line = _Line(port, tally)
+    try:
+        for number, letter in enumerate(bundle):
+            await line.deliver(letter)
+            tally.acknowledged.append((letter.trial, letter.client_id, letter.choice))
+            if rng.random() < repeat:
+                await line.deliver(bundle[rng.randrange(number + 1)])
+    finally:
+        line.close()
+        await asyncio.sleep(0)  # closing takes a turn of the loop
+
+
+class _Line:
+    """A connection that is opened again when it breaks."""
+
+    def __init__(self, port: int, tally: Tally) -> None:
+        self._port, self._tally = port, tally
+        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+
+    async def deliver(self, letter: Letter) -> None:
+        """Send a letter until it is acknowledged."""
+        while True:
+            started = time.perf_counter()
+            try:
+                status = await asyncio.wait_for(self._ask(letter.content), ANSWER_TIMEOUT_S)
+            except (OSError, asyncio.IncompleteReadError, TimeoutError):
+                self._tally.n_broken += 1
+                self.close()
+                await asyncio.sleep(RETRY_S)
+                continue
+            self._tally.statuses[status] = self._tally.statuses.get(status, 0) + 1
+            if status in (200, 201):
+                self._tally.latencies_ms.append(1000 * (time.perf_counter() - started))
+                return
+            if status not in (500, 502, 503):
+                raise RuntimeError(f"vote {letter.client_id} on {letter.trial}: answered {status}")
+            await asyncio.sleep(RETRY_S)
+
+    def close(self) -> None:
+        if self._streams:
+            self._streams[1].close()
+        self._streams = None
+
+    async def _ask(self, content: bytes) -> int:
+        if self._streams is None:
+            self._streams = await asyncio.open_connection("127.0.0.1", self._port)
+        reader, writer = self._streams
+        writer.write(content)
+        head = (await reader.readuntil(b"\r\n\r\n")).lower()
+        length = int(head.partition(b"content-length:")[2].partition(b"\r\n")[0])
+        await reader.readexactly(length)
+        if b"connection: close" in head:
+            self.close()
+        return int(head[9:12])
+
+
+def _letter(token: str, trial: str, first_shown: str, rng: Random, n_switches: int) -> Letter:
+    client_id, choice = str(UUID(int=rng.getrandbits(128), version=4)), rng.choice(["a", "b", "none"])
+    other = "b" if first_shown == "a" else "a"
+    switches = [
+        {"to": (other, first_shown)[turn % 2], "at_ms": 500.25 * turn, "media_time_s": 0.5 * turn}
+        for turn in range(n_switches)
+    ]
+    viewing = {"first_shown": first_shown, "shown_ms": 15000.0, "response_ms": 812.5, "switches": switches}
+    body = json.dumps({"id": client_id, "choice": choice, "viewing": viewing}).encode()
+    head = (
+        f"PUT /api/v1/session/trials/{trial}/vote HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\n"
+        f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+    )
+    return Letter(trial, client_id, choice, head.encode() + body)
