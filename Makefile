@@ -1,8 +1,9 @@
 # The only commands anyone must know: setup, demo, test, check, bench, serve.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := app recon migrations tests bench
+SOURCES := app recon migrations tests bench docs
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check bench serve lock
@@ -10,8 +11,8 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
 	@echo "make demo    the main job on a synthetic recording: models, videos, study, votes, scores"
-	@echo "make test    set up, lint, check types and run every test, browser included"
-	@echo "make check   format, lint, types and the quick tests"
+	@echo "make test    set up, lint, check types, build the documentation and run every test"
+	@echo "make check   format, lint, types, the documentation and the quick tests"
 	@echo "make bench   measure speed and memory beside other tools"
 	@echo "make serve   the study server on its database in this folder"
 
@@ -25,12 +26,14 @@ test: setup
 	ruff format --check $(SOURCES)
 	ruff check $(SOURCES)
 	mypy
+	mkdocs build --quiet
 	pytest
 
 check: setup
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
 	mypy
+	mkdocs build --quiet
 	pytest -m "not slow and not browser"
 
 bench: setup

@@ -1,0 +1,136 @@
+"""Pages that are made from the code when the documentation is built: the front page, every command, every setting."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parent.parent
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the generated pages."""
+    for name, content in (("index.md", front_page()), ("commands.md", commands()), ("settings.md", settings())):
+        files.append(File.generated(config, name, content=content))
+    return files
+
+
+def front_page() -> str:
+    """README, with its links to other pages as seen from here."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = re.sub(r"\]\(docs/", "](", text)
+    return text.replace("](LICENSE)", "](https://opensource.org/license/mit)")
+
+
+def commands() -> str:
+    """Every command with its arguments and options, as `--help` has them."""
+    from app.cli import app
+
+    parts = [
+        "# Commands",
+        "`--help` after any of them says the same. `--json` prints the result as one JSON object on standard output; "
+        "everything else goes to standard error. The exit status is 0 when done, 1 when it failed, 2 for wrong use.",
+    ]
+    for name, command in leaves(typer.main.get_command(app), ("reconstudy",)):
+        parts += [f"## {name}", _sentence(command.help), _parameters(command)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    """Return every command that does something, with its full name."""
+    if hasattr(command, "commands"):
+        for name, below in command.commands.items():
+            yield from leaves(below, (*path, name))
+    else:
+        yield " ".join(path), command
+
+
+def _parameters(command: Any) -> str:
+    rows = [row for parameter in command.params if (row := _row(parameter)) is not None]
+    return _table(("", "", "default"), rows) if rows else ""
+
+
+def _row(parameter: Any) -> tuple[str, str, str] | None:
+    if "--help" in parameter.opts or getattr(parameter, "hidden", False):
+        return None
+    if parameter.param_type_name == "option":
+        names = [*sorted(parameter.opts, key=len, reverse=True), *parameter.secondary_opts]
+        shown = " / ".join(f"`{name}`" for name in names)
+    else:
+        shown = f"`{parameter.name.upper()}{' …' if parameter.nargs == -1 else ''}`"
+    default = "required" if parameter.required else _default(parameter.default)
+    return shown, _sentence(getattr(parameter, "help", "")), default
+
+
+def _default(value: Any) -> str:
+    if callable(value) or value in (None, False, (), [], "", 0):
+        return ""
+    return f"`{'yes' if value is True else value}`"
+
+
+def settings() -> str:
+    """Environment variables of the server, options of a study, settings of an analysis."""
+    from app.analysis.settings import AnalysisSettings
+    from app.settings import Settings
+    from app.study.options import StudyOptions
+
+    prefix = str(Settings.model_config["env_prefix"])
+    server = [
+        (f"`{prefix}{name.upper()}`", _sentence(field.description), _default(field.default))
+        for name, field in Settings.model_fields.items()
+    ]
+    parts = [
+        "# Settings",
+        "## Of the server",
+        "Environment variables; the command line sets some of them for one run.",
+        _table(("variable", "", "default"), server),
+        "## Of a study",
+        "Keys of the options file of `reconstudy study create --options` and of a study file.",
+        _table(("key", "", "default"), _fields(StudyOptions)),
+        "## Of an analysis",
+        "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
+        _table(("field", "", "default"), _fields(AnalysisSettings)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
+    """Return the fields of a dataclass with what its docstring says of them."""
+    said = _described(kind.__doc__ or "")
+    return [
+        (f"`{one.name}`", said[one.name], _default(None if one.default is dataclasses.MISSING else one.default))
+        for one in dataclasses.fields(kind)
+    ]
+
+
+TYPE = re.compile(r"(str|bool|int|float|mapping|tuple of \w+|sequence of \w+)(, optional)?")
+
+
+def _described(docstring: str) -> dict[str, str]:
+    """Return name -> sentence of a docstring's parameters, `name, name : type` with indented lines or `name : text`."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in docstring.splitlines():
+        match = re.match(r"^ {4}([a-z_]+(?:, [a-z_]+)*) : (.*)$", line)
+        if match:
+            names = match[1].split(", ")
+            found.update(dict.fromkeys(names, "" if TYPE.fullmatch(match[2]) else match[2]))
+        elif names and line.startswith("        "):
+            found.update({name: f"{found[name]} {line.strip()}" for name in names})
+    return {name: _sentence(text) for name, text in found.items()}
+
+
+def _sentence(text: str | None) -> str:
+    return " ".join((text or "").replace("\b", "").split())
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in lines)

@@ -1,0 +1,99 @@
+"""The documentation says what is there: its links hold, and every command and setting it names exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from app.cli import app
+from app.settings import Settings
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
+
+
+def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if hasattr(command, "commands"):
+        for name, below in command.commands.items():
+            yield from leaves(below, (*path, name))
+    else:
+        yield path, command
+
+
+COMMANDS = dict(leaves(typer.main.get_command(app)))
+
+
+def command_lines(page: Path) -> Iterator[str]:
+    """The lines of code blocks and the code in sentences that call the command, continuation lines joined."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    blocks = re.findall(r"^```(?:sh|bash|text)?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks for line in block.splitlines()]
+    without_blocks = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    lines += re.findall(r"`([^`]+)`", without_blocks)
+    for line in lines:
+        found = re.search(r"(?:^|[\s/])reconstudy ([a-z].*)$", line.split("#")[0].replace("\n", " "))
+        if found:
+            yield found[1].strip()
+
+
+def words(line: str) -> list[str]:
+    try:
+        return shlex.split(line)
+    except ValueError:
+        return line.split()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None:
+    wrong = []
+    for line in command_lines(page):
+        given = words(line)
+        path = next((tuple(given[:n]) for n in (2, 1) if tuple(given[:n]) in COMMANDS), None)
+        groups = {path[:1] for path in COMMANDS if len(path) > 1}
+        if path is None:
+            if tuple(given[:1]) not in groups or (len(given) > 1 and given[1].isalpha()):
+                wrong.append(line)
+            continue
+        known = {name for parameter in COMMANDS[path].params for name in (*parameter.opts, *parameter.secondary_opts)}
+        options = [word.split("=")[0] for word in given if re.match(r"-{1,2}[a-z]", word)]
+        wrong += [f"{line}: {option}" for option in options if option not in known | {"--help"}]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_setting_that_is_named_exists(page: Path) -> None:
+    prefix = str(Settings.model_config["env_prefix"])
+    known = {f"{prefix}{name.upper()}" for name in Settings.model_fields} | ELSEWHERE
+    assert set(re.findall(rf"\b{prefix}[A-Z_]+\b", page.read_text(encoding="utf-8"))) <= known
+
+
+def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_setting(tmp_path: Path) -> None:
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr
+    commands = (tmp_path / "commands.html").read_text(encoding="utf-8")
+    for path, command in COMMANDS.items():
+        assert f"reconstudy {' '.join(path)}" in commands
+        for parameter in command.params:
+            assert parameter.param_type_name != "option" or max(parameter.opts, key=len) in commands
+    settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
+    assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
+
+
+def test_every_page_stands_in_the_navigation() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert [page.name for page in PAGES if page.name != "README.md" and f": {page.name}" not in navigation] == []
