@@ -2,7 +2,7 @@
 
 Boards are projected into cameras like the studio's with 0.3 px of noise on every corner; scenes of the studio are
 segmented with their clean plates, and with strokes on one frame in twenty, made from the truth as a person would draw
-them: along the middle of the object's parts, and around it.
+them: along the middle of the object's parts, around it, and in the gaps between arms and trunk.
 
     python bench/calibration.py [calibration|segmentation] [--seeds 5]
 """
@@ -15,29 +15,23 @@ import tempfile
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
-from skimage.morphology import skeletonize
 
 from recon.capture.board import parse_board
 from recon.capture.calibrate import calibrate_camera, calibrate_pair
-from recon.capture.format import Capture, read_capture, read_masks
+from recon.capture.format import read_capture
 from recon.capture.segment import segment_capture
 from recon.studio import SynthParameters, synthesise
-from recon.studio.truth import MASK
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests/recon"))
 from board_pictures import corners_seen, relative_error, studio_rig
+from strokes import SIDES, intersection_over_union, write_strokes
 
 BOARD = parse_board("charuco:14x10:50:37")
 SIZE = (960, 540)
 N_VIEWS = 70
 NOISE_PX = 0.3
 SCENES = ("ball", "box", "people", "standing", "face")
-SIDES = ("left", "right")
-STROKE_PX = 3
-RING_PX = 12  # between the object and the stroke around it
 
 
 def bench_calibration(n_seeds: int) -> None:
@@ -65,11 +59,7 @@ def bench_segmentation(scenes: list[str]) -> None:
         with tempfile.TemporaryDirectory() as folder:
             parameters = SynthParameters(scene=scene, n_sensors=1, n_frames=20, size=SIZE)
             capture = synthesise(Path(folder) / scene, parameters)
-            strokes = Path(folder) / "strokes"
-            for side in SIDES:
-                path = strokes / f"S1/{side}/0010.png"
-                path.parent.mkdir(parents=True, exist_ok=True)
-                cv2.imwrite(str(path), drawn(true_mask(capture, side, 10))[..., ::-1])
+            strokes = write_strokes(Path(folder) / "strokes", capture, frame=10)
             for name, scribbles in (("plate", None), ("scribbles", strokes)):
                 started = time.perf_counter()
                 segment_capture(capture.folder, scribbles=scribbles)
@@ -78,34 +68,6 @@ def bench_segmentation(scenes: list[str]) -> None:
                 print(
                     f"{scene} {name}: mean {np.mean(overlaps):.4f}, lowest {min(overlaps):.4f}, {seconds:.2f} s/picture"
                 )
-
-
-def true_mask(capture: Capture, side: str, frame: int) -> NDArray[np.bool_]:
-    """The studio's own mask, bool (H, W)."""
-    picture = cv2.imread(str(capture.folder / MASK.format(view=f"S1/{side}", frame=frame)), cv2.IMREAD_GRAYSCALE)
-    return np.asarray(picture) > 0
-
-
-def intersection_over_union(capture: Capture) -> list[float]:
-    """Of every picture of the first sensor."""
-    overlaps = []
-    for frame in range(capture.n_frames):
-        masks = read_masks(capture, "S1", frame)
-        assert masks is not None
-        for side, mask in zip(SIDES, masks, strict=True):
-            truth = true_mask(capture, side, frame)
-            overlaps.append(float((mask & truth).sum() / (mask | truth).sum()))
-    return overlaps
-
-
-def drawn(truth: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Strokes: green along the middle of the object's parts, red around it, uint8 (H, W, 3)."""
-    picture = np.zeros((*truth.shape, 3), dtype=np.uint8)
-    middle = cv2.dilate(skeletonize(truth).astype(np.uint8), np.ones((STROKE_PX, STROKE_PX), np.uint8)) > 0
-    away = cv2.distanceTransform((~truth).astype(np.uint8), cv2.DIST_L2, 5)
-    picture[middle & truth] = (0, 255, 0)
-    picture[(away > RING_PX) & (away < RING_PX + STROKE_PX)] = (255, 0, 0)
-    return picture
 
 
 def main() -> None:

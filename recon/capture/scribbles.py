@@ -27,6 +27,10 @@ SIDES = ("left", "right")
 KEY_ROUNDS = 5
 STEP_ROUNDS = 2
 BAND_PX = 14  # how far flow may be wrong from a frame to the next, at 1000 pixels of picture height
+TRUSTED_BAND_PX = 4  # and where the picture before, moved by it, is the same
+TRUST_WINDOW_PX = 5  # over which two pictures are compared
+SAME_FACTOR = 4.0  # times the usual difference, which is noise
+MIN_DIFFERENCE = 3.0  # grey levels, where there is no noise
 SURROUNDINGS = 0.3  # of the size of the strokes on the foreground: how far beyond them the object may reach
 MAX_ENCLOSED = 0.6  # of the picture; a larger area is not enclosed by strokes
 DEFAULT_WIDTH = 5
@@ -95,18 +99,28 @@ def _followed(
         now = read(frame)
         greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (now, picture)]
         flow = flow_of.calc(greys[0], greys[1], None)  # from now to where it was
-        moved = _warped(mask, flow)
-        mask = (
-            cut(now, _step_seeds(moved), STEP_ROUNDS, (models[0].copy(), models[1].copy()))[0] if moved.any() else moved
-        )
+        mask = _warped(mask.astype(np.float32), flow) > 0.5
+        if mask.any():
+            seeds = _step_seeds(mask, _trusted(now, _warped(picture, flow)))
+            mask = cut(now, seeds, STEP_ROUNDS, (models[0].copy(), models[1].copy()))[0]
         picture = now
         yield frame, mask
 
 
-def _warped(mask: NDArray[np.bool_], flow: NDArray[np.float32]) -> NDArray[np.bool_]:
-    rows, columns = np.indices(mask.shape, dtype=np.float32)
-    moved = cv2.remap(mask.astype(np.float32), columns + flow[..., 0], rows + flow[..., 1], cv2.INTER_LINEAR)
-    return np.asarray(moved > 0.5)
+def _warped(picture: NDArray[Any], flow: NDArray[np.float32]) -> NDArray[Any]:
+    rows, columns = np.indices(picture.shape[:2], dtype=np.float32)
+    moved = cv2.remap(
+        picture, columns + flow[..., 0], rows + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(moved)
+
+
+def _trusted(picture: NDArray[np.uint8], moved: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Where the flow is right, bool (H, W): the picture before, moved by it, shows the same."""
+    window = (TRUST_WINDOW_PX, TRUST_WINDOW_PX)
+    difference = cv2.blur(cv2.absdiff(picture, moved).astype(np.float32).max(axis=2), window)
+    differs = difference > max(MIN_DIFFERENCE, SAME_FACTOR * float(np.median(difference)))
+    return np.asarray(cv2.dilate(differs.astype(np.uint8), np.ones(window, np.uint8)) == 0)
 
 
 def _key_seeds(strokes: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -129,14 +143,18 @@ def _key_seeds(strokes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return seeds
 
 
-def _step_seeds(moved: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    band = max(2, round(BAND_PX * moved.shape[0] / 1000))
-    square = np.ones((3, 3), np.uint8)
-    sure = cv2.erode(moved.astype(np.uint8), square, iterations=band) > 0
-    possible = cv2.dilate(moved.astype(np.uint8), square, iterations=band) > 0
-    seeds = np.where(moved, cv2.GC_PR_FGD, np.where(possible, cv2.GC_PR_BGD, cv2.GC_BGD)).astype(np.uint8)
-    seeds[sure] = cv2.GC_FGD
+def _step_seeds(moved: NDArray[np.bool_], trusted: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """What the mask says that was moved here by the flow: nothing for sure in a band along its outline."""
+    seeds = np.where(moved, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    for band_px, where in ((BAND_PX, True), (TRUSTED_BAND_PX, trusted)):
+        band = max(2, round(band_px * moved.shape[0] / 1000))
+        seeds[_within(moved, band) & where] = cv2.GC_FGD
+        seeds[_within(~moved, band) & where] = cv2.GC_BGD
     return seeds
+
+
+def _within(mask: NDArray[np.bool_], band: int) -> NDArray[np.bool_]:
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=band) > 0)
 
 
 def _from_folder(folder: Path, capture: Capture) -> Strokes:

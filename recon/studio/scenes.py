@@ -99,7 +99,7 @@ PLAYER = Actor(
 )
 CARRIER = Actor(
     Build(1690.0, 0.93, 0.90, 1.04, long_hair=True),
-    Look(PERSON, (0.76, 0.55, 0.42), (0.82, 0.80, 0.74), (0.16, 0.38, 0.42), (0.24, 0.22, 0.22), (0.30, 0.17, 0.09),
+    Look(PERSON, (0.76, 0.55, 0.42), (0.82, 0.80, 0.74), (0.16, 0.38, 0.42), (0.16, 0.19, 0.30), (0.30, 0.17, 0.09),
          pattern=STRIPES, sleeve=250.0, long_hair=True, shift=37.0),
 )  # fmt: skip
 TALKER = Actor(

@@ -9,10 +9,12 @@ from board import BOARD_BOUNDS, SIZE, board_view, record_board
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from strokes import intersection_over_union, write_strokes
 
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.middlebury import import_middlebury
 from recon.capture.segment import CleanUp, clean_mask, dark_background_threshold, segment_capture
+from recon.studio import SynthParameters, synthesise
 
 
 def true_masks(capture: Capture, sensor_id: str, frame: int) -> list[NDArray[np.bool_]]:
@@ -177,3 +179,18 @@ def test_the_temple_is_whole_and_the_cloth_is_gone(real_data: Path, tmp_path: Pa
             cloth = np.array([28.0, -55.0, -55.0]) + 75.0 * towards / np.linalg.norm(towards)
             column, row = np.round(side.camera.project(cloth[None])[0]).astype(int)
             assert not mask[row, column]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["ball", "box", "people", "standing", "face"])
+def test_people_of_the_studio_are_found_by_their_clean_plate(scene: str, tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / scene, SynthParameters(scene, n_sensors=1, n_frames=2, size=(960, 540), seed=2))
+    assert np.mean(intersection_over_union(segment_capture(capture.folder))) > 0.965  # of 20 frames 0.97: bench
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["box", "standing"])
+def test_people_of_the_studio_are_found_by_strokes_on_another_frame(scene: str, tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / scene, SynthParameters(scene, n_sensors=1, n_frames=12, size=(640, 360), seed=2))
+    strokes = write_strokes(tmp_path / "strokes", capture, frame=6)
+    assert np.mean(intersection_over_union(segment_capture(capture.folder, scribbles=strokes))) > 0.94
