@@ -157,6 +157,9 @@ def study_create(
     reference: Annotated[
         str | None, typer.Option(help="Condition to show as the reference beside every pair, and not to compare.")
     ] = None,
+    second_codec: Annotated[
+        str | None, typer.Option(help="vp9 or av1: make every film in this codec too, for browsers without H.264.")
+    ] = None,
     break_every: Annotated[
         int | None, typer.Option(min=0, help="Trials after which a break is offered; 0: never; default: 25.")
     ] = None,
@@ -173,6 +176,7 @@ def study_create(
         "identical_pairs": identical_pairs,
         "free_exposure": free_exposure or None,
         "reference": reference,
+        "second_codec": second_codec,
         "break_every": break_every,
     }
     options = read_options(options_file, {name: value for name, value in given.items() if value is not None})

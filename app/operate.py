@@ -12,21 +12,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.films import NO_REFERENCES, FilmMaker, prepare_identical, prepare_pairs, prepare_practice, split_reference
 from app.reports import expanded, read_measures
 from app.settings import Settings
-from app.stimuli import (
-    MANIFEST,
-    NO_REFERENCES,
-    Progress,
-    StimulusSet,
-    file_digest,
-    no_progress,
-    prepare_identical,
-    prepare_pairs,
-    prepare_practice,
-    read_stimulus_set,
-    split_reference,
-)
+from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Entry, record, record_alone
 from app.store.designs import conditions_of, datasets_of, insert_design, insert_practice
@@ -120,10 +109,11 @@ def create_study(
         )
         if options.adaptive_pairs:
             check_adaptive(options.adaptive_pairs, len(compared.conditions))
-        pairs = prepare_pairs(compared, settings.media_dir, progress, references)
+        maker = FilmMaker(settings.media_dir, options.second_codec, progress)
+        pairs = prepare_pairs(compared, maker, references)
         if options.identical_pairs:
-            pairs += prepare_identical(compared, settings.media_dir, progress, references)
-        practice = prepare_practice(stimulus_set, settings.media_dir) if PRACTICE in options.way else []
+            pairs += prepare_identical(compared, maker, references)
+        practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
         created_at = utc_now()
         row = {
             "slug": slug,

@@ -1,9 +1,4 @@
-"""The only door from reconstruction: checks a stimulus set and prepares the videos that the player shows.
-
-A pair video holds the one stimulus above the other, so that both are decoded together and never differ by a frame; a
-reference lies below them. At a seam both edges are repeated over a guard band, so that neither bleeds into the other
-where the player crops.
-"""
+"""The only door from reconstruction: reads a stimulus set and checks every video in it."""
 
 from __future__ import annotations
 
@@ -11,39 +6,22 @@ import hashlib
 import json
 import re
 import subprocess
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import imageio_ffmpeg
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.errors import StimuliError
-from app.files import whole_file
 
 MANIFEST = "manifest.json"
-GUARD_ROWS = 16  # two macroblock halves: what a deblocking filter or a scaler can reach
-WORKERS = 2  # encoders at once, each on one thread, so that files are reproducible
-GOP = 25
+WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
-CRF = 18
-PRACTICE_S = 2  # of the videos made for practice; they are played over and over
-PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
-PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
-PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # without loss
-PAIR_RECIPE = "stacked-1"  # part of every pair's key: change it when a pair would be encoded otherwise
-
-ENCODING = (
-    f"-c:v libx264 -preset medium -crf {CRF} -g {GOP} -keyint_min {GOP} -sc_threshold 0 -threads 1"
-    " -color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709"
-    # No name of a source may travel along in the metadata.
-    " -an -map_metadata -1 -map_chapters -1 -fflags +bitexact -flags:v +bitexact -movflags +faststart"
-).split()
 
 Progress = Callable[[int, int, str], None]  # done, total, what
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -137,33 +115,6 @@ class VideoFacts:
     n_frames: int
 
 
-@dataclass(frozen=True)
-class PairVideo:
-    """A pair's video: the stimulus with the smaller digest on top, which says nothing about its condition.
-
-    Parameters
-    ----------
-    file : name in the media folder, by content
-    sha256 : of the file
-    width, height : of one half, pixels
-    guard_rows : rows between the halves
-    """
-
-    top: Stimulus
-    bottom: Stimulus
-    file: str
-    sha256: str
-    width: int
-    height: int
-    guard_rows: int
-    fps: float
-    n_frames: int
-
-
-References = Mapping[str, Stimulus]  # by dataset
-NO_REFERENCES: References = {}
-
-
 def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusSet:
     """Read a stimulus set and check every video in it by decoding it.
 
@@ -193,118 +144,8 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
         _check_alike(stimulus_set.of_dataset(dataset), manifest_path)
     _check_practice(stimulus_set, manifest_path)
     every = (*stimulus_set.stimuli, *stimulus_set.practice)
-    _in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
+    in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
     return stimulus_set
-
-
-def prepare_pairs(
-    stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress, references: References = NO_REFERENCES
-) -> list[PairVideo]:
-    """Make the video of every unordered pair of stimuli of the same dataset, unless it is already there.
-
-    Parameters
-    ----------
-    media_dir : where the files go, named by what they are made of
-    progress : told after each pair
-    references : what lies below the pairs of a dataset
-
-    Raises
-    ------
-    StimuliError
-        If a pair cannot be encoded, or what was encoded does not decode to the frames it should hold.
-    """
-    pairs = [pair for name in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(name), 2)]
-    return _prepare(stimulus_set, pairs, media_dir, progress, references)
-
-
-def prepare_identical(
-    stimulus_set: StimulusSet, media_dir: Path, progress: Progress = no_progress, references: References = NO_REFERENCES
-) -> list[PairVideo]:
-    """Make the video of every stimulus beside itself, for pairs that check attention; otherwise as `prepare_pairs`."""
-    return _prepare(stimulus_set, [(one, one) for one in stimulus_set.stimuli], media_dir, progress, references)
-
-
-def split_reference(stimulus_set: StimulusSet, reference: str) -> tuple[StimulusSet, References]:
-    """What is compared, and by dataset what is shown beside it as the reference.
-
-    Raises
-    ------
-    StimuliError
-        If a dataset lacks the reference, or has too little to compare besides it.
-    """
-    compared = stimulus_set.without(reference)
-    references = {one.dataset: one for one in stimulus_set.stimuli if one.approach == reference}
-    for dataset in stimulus_set.datasets:
-        if dataset not in references:
-            found = ", ".join(one.approach for one in stimulus_set.of_dataset(dataset))
-            raise StimuliError(f"dataset {dataset} has {found}; the reference {reference!r} is not among them")
-        if len(compared.of_dataset(dataset)) < 2:
-            raise StimuliError(f"dataset {dataset} has one stimulus beside the reference, expected two to compare")
-    return compared, references
-
-
-def prepare_practice(stimulus_set: StimulusSet, media_dir: Path) -> list[PairVideo]:
-    """Make the videos to practise with: an obvious pair, then an identical one.
-
-    The set's practice stimuli are taken where it has them. Else a picture that is not of the study is made: a zoom into
-    a grey fractal, sharp and blurred, in the size of the study's videos.
-
-    Raises
-    ------
-    StimuliError
-        If a pair cannot be encoded.
-    """
-    with TemporaryDirectory() as folder:
-        practising = stimulus_set if stimulus_set.practice else _made_for_practice(stimulus_set, Path(folder))
-        sharp, other = practising.practice
-        digests = {stimulus.name: file_digest(practising.source(stimulus)) for stimulus in practising.practice}
-        pairs = []
-        for top, bottom in ((sharp, other), (sharp, sharp)):
-            path = media_dir / f"{_pair_key([digests[top.name], digests[bottom.name]])}.mp4"
-            if not path.is_file():
-                _encode_pair(practising, (top, bottom), path)
-            pairs.append(_pair_video(top, bottom, path))
-    return pairs
-
-
-def _prepare(
-    stimulus_set: StimulusSet,
-    pairs: Sequence[tuple[Stimulus, Stimulus]],
-    media_dir: Path,
-    progress: Progress,
-    references: References,
-) -> list[PairVideo]:
-    shown = (*stimulus_set.stimuli, *references.values())
-    digests = {s.name: file_digest(stimulus_set.source(s)) for s in shown}
-    videos: list[tuple[tuple[Stimulus, ...], Path]] = []
-    for pair in pairs:
-        below = filter(None, [references.get(pair[0].dataset)])
-        strips = (*sorted(pair, key=lambda s: (digests[s.name], s.name)), *below)
-        videos.append((strips, media_dir / f"{_pair_key([digests[s.name] for s in strips])}.mp4"))
-    missing = {path: strips for strips, path in videos if not path.is_file()}  # each content once
-    _in_parallel(
-        [
-            (f"pairing {strips[0].name} with {strips[1].name}", partial(_encode_pair, stimulus_set, strips, path))
-            for path, strips in missing.items()
-        ],
-        progress,
-    )
-    return [_pair_video(strips[0], strips[1], path) for strips, path in videos]
-
-
-def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
-    like = stimulus_set.stimuli[0]
-    n_frames = min(like.n_frames, max(1, round(PRACTICE_S * like.fps)))
-    drawn = f"mandelbrot=size={PRACTICE_SIZE}:rate={like.fps:g}:maxiter=400,hue=s=0"
-    enlarged = f"scale={like.width}:{like.height},format=yuv420p"
-    stimuli = []
-    for name, graph in (("sharp", f"{drawn},{enlarged}"), ("blurred", f"{drawn},{PRACTICE_BLUR},{enlarged}")):
-        path = folder / f"{name}.mkv"
-        command = ["-f", "lavfi", "-i", graph, "-frames:v", str(n_frames), *PRACTICE_ENCODING, str(path)]
-        _ffmpeg(command, f"the practice video {name} cannot be made")
-        changes = {"approach": name, "video": path.name, "master": None, "n_frames": n_frames}
-        stimuli.append(like.model_copy(update=changes))
-    return replace(stimulus_set, folder=folder, practice=tuple(stimuli))
 
 
 def decode(path: Path) -> VideoFacts:
@@ -318,7 +159,7 @@ def decode(path: Path) -> VideoFacts:
     if not path.is_file():
         raise StimuliError(f"{path}: there is no such file")
     command = ["-xerror", "-i", str(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
-    text = _ffmpeg(command, f"{path}: cannot be decoded as a video")
+    text = run_ffmpeg(command, f"{path}: cannot be decoded as a video")
     size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
     base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
     times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
@@ -409,63 +250,8 @@ def _check_facts(path: Path, found: VideoFacts, stimulus: Stimulus) -> None:
         raise StimuliError(f"{path}: fps is {found.fps:g}, the manifest says {stimulus.fps:g}")
 
 
-def _encode_pair(stimulus_set: StimulusSet, strips: Sequence[Stimulus], path: Path) -> None:
-    first = strips[0]
-    n_rows = len(strips) * first.height + (len(strips) - 1) * GUARD_ROWS
-    expected = VideoFacts(first.width, n_rows, first.fps, first.n_frames)
-    with whole_file(path) as temporary:
-        _stack([stimulus_set.source(strip) for strip in strips], temporary)
-        _check_pair(decode(temporary), expected, " above ".join(strip.name for strip in strips))
-
-
-def _pair_video(top: Stimulus, bottom: Stimulus, path: Path) -> PairVideo:
-    digest = file_digest(path)
-    return PairVideo(top, bottom, path.name, digest, top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
-
-
-def _pair_key(sha256s: Sequence[str]) -> str:
-    recipe = [PAIR_RECIPE, GUARD_ROWS, GOP, CRF, *sha256s]
-    return hashlib.sha256(json.dumps(recipe).encode()).hexdigest()
-
-
-def _stack(sources: Sequence[Path], out: Path) -> None:
-    n, half = len(sources), GUARD_ROWS // 2
-    strips = [_padded(number, half * (number > 0), half * (number < n - 1)) for number in range(n)]
-    names = "".join(f"[strip{number}]" for number in range(n))
-    graph = "".join(strips) + f"{names}vstack=inputs={n}:shortest=1,format=yuv420p[pair]"
-    inputs = [part for source in sources for part in ("-i", str(source))]
-    _ffmpeg(
-        [
-            "-xerror",
-            *inputs,
-            "-filter_complex",
-            graph,
-            "-map",
-            "[pair]",
-            "-fps_mode",
-            "passthrough",
-            *ENCODING,
-            "-y",
-            str(out),
-        ],
-        f"{sources[0]} above {sources[1]}: cannot be encoded",
-    )
-
-
-def _padded(number: int, above: int, below: int) -> str:
-    """A strip padded in full colour resolution; `smear` repeats the outermost row over the padding."""
-    pad = f"pad=iw:ih+{above + below}:0:{above}"
-    smear = f"fillborders=top={above}:bottom={below}:mode=smear"
-    return f"[{number}:v]format=yuv444p,{pad},{smear}[strip{number}];"
-
-
-def _check_pair(found: VideoFacts, expected: VideoFacts, name: str) -> None:
-    same_fps = abs(found.fps - expected.fps) <= FPS_TOLERANCE * expected.fps
-    if not same_fps or replace(found, fps=expected.fps) != expected:
-        raise StimuliError(f"{name}: was encoded as {found}, expected {expected}")
-
-
-def _ffmpeg(arguments: Iterable[str], complaint: str) -> str:
+def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
+    """Run ffmpeg and return what it prints; the complaint goes before what it says went wrong."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode != 0 or done.stderr.strip():
@@ -474,7 +260,7 @@ def _ffmpeg(arguments: Iterable[str], complaint: str) -> str:
     return done.stdout
 
 
-def _in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
+def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
     """Run jobs that wait for a process each; the first error stops those that have not begun."""
     progress(0, len(jobs), "")
     with ThreadPoolExecutor(WORKERS) as pool:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from sqlalchemy import select, update
 
-from app.stimuli import PairVideo, Stimulus, StimulusSet
+from app.films import PairVideo
+from app.stimuli import Stimulus, StimulusSet
 from app.store.designs import insert_design
 from app.store.engine import Database
 from app.store.invitations import insert_invitation, invitation_by_code

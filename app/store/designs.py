@@ -8,20 +8,14 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, insert, select
 
-from app.stimuli import PairVideo, StimulusSet
+from app.films import H264, FilmFile, PairVideo
+from app.stimuli import StimulusSet
 from app.store.keys import new_opaque_id
-from app.store.tables import condition, dataset, pair, practice_pair, stimulus
+from app.store.tables import condition, dataset, pair, practice_pair, second_film, stimulus
 from app.study.trial import PlannedPair
 
+FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
-
-
-@dataclass(frozen=True)
-class PairFile:
-    """The file of a pair's video in the media folder."""
-
-    file: str
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -35,6 +29,11 @@ class PracticePair:
     guard_rows: int
     fps: float
     n_frames: int
+    second_media: str | None
+    second_codec: str | None
+
+
+SECOND = (second_film.c.media.label("second_media"), second_film.c.codec.label("second_codec"))
 
 
 def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs: Sequence[PairVideo]) -> None:
@@ -63,24 +62,27 @@ def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs:
         for one in of.stimuli
     }
     for video in pairs:
-        facts = {name: value for name, value in asdict(video).items() if name not in ("top", "bottom")}
         ids = {"top_id": stimuli[video.top.name], "bottom_id": stimuli[video.bottom.name]}
-        own = {"dataset_id": datasets[video.top.dataset], "media": new_opaque_id()}
-        _insert(connection, pair, {**own, **ids, **facts})
+        own = {"dataset_id": datasets[video.top.dataset], **ids}
+        _insert(connection, pair, {**own, **_film(connection, video)})
 
 
 def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairVideo]) -> None:
     """Insert the pairs that participants practise with."""
     for position, video in enumerate(pairs):
-        facts = {name: value for name, value in asdict(video).items() if name not in ("top", "bottom")}
-        own = {"study_id": study_id, "position": position, "media": new_opaque_id()}
-        _insert(connection, practice_pair, {**own, **facts})
+        own = {"study_id": study_id, "position": position}
+        _insert(connection, practice_pair, {**own, **_film(connection, video)})
 
 
 def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
     """The pairs that participants practise with, in order."""
-    columns = [practice_pair.c[one.name] for one in fields(PracticePair)]
-    rows = select(*columns).where(practice_pair.c.study_id == study_id).order_by(practice_pair.c.position)
+    own = [practice_pair.c[one.name] for one in fields(PracticePair) if one.name in practice_pair.c]
+    rows = (
+        select(*own, *SECOND)
+        .select_from(practice_pair.outerjoin(second_film, second_film.c.of_media == practice_pair.c.media))
+        .where(practice_pair.c.study_id == study_id)
+        .order_by(practice_pair.c.position)
+    )
     return [PracticePair(**row._mapping) for row in connection.execute(rows)]
 
 
@@ -116,12 +118,24 @@ def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str
     return {key: (of_dataset, of_condition) for key, of_dataset, of_condition in rows}
 
 
-def pair_file(connection: Connection, media: str) -> PairFile | None:
+def pair_file(connection: Connection, media: str) -> FilmFile | None:
+    """The file in the media folder that has this opaque name."""
     for table in (pair, practice_pair):
         row = connection.execute(select(table.c.file, table.c.sha256).where(table.c.media == media)).one_or_none()
         if row:
-            return PairFile(row.file, row.sha256)
-    return None
+            return FilmFile(H264, row.file, row.sha256)
+    found = select(second_film.c.codec, second_film.c.file, second_film.c.sha256).where(second_film.c.media == media)
+    second = connection.execute(found).one_or_none()
+    return FilmFile(second.codec, second.file, second.sha256) if second else None
+
+
+def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
+    """The columns of a pair that say which film it is; the film in the second codec gets its own row."""
+    media = new_opaque_id()
+    if video.second:
+        values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
+        _insert(connection, second_film, values)
+    return {"media": media, **{name: value for name, value in asdict(video).items() if name in FILM_FACTS}}
 
 
 def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> int:

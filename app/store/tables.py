@@ -178,6 +178,17 @@ practice_pair = Table(
     UniqueConstraint("study_id", "position"),
 )
 
+second_film = Table(  # a pair's film once more, for browsers that do not play the first
+    "second_film",
+    metadata,
+    _id(),
+    _required("media", String(32), unique=True),
+    _required("of_media", String(32), unique=True),  # of the pair, to compare or to practise with
+    _required("codec", String(8)),
+    _required("file", String(80)),
+    _digest("sha256"),
+)
+
 invitation = Table(
     "invitation",
     metadata,

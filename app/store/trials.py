@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, Select, exists, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.designs import SECOND
 from app.store.engine import Database
 from app.store.keys import new_opaque_id
 from app.store.tables import (
@@ -19,6 +20,7 @@ from app.store.tables import (
     exclusion,
     pair,
     participant,
+    second_film,
     session,
     stimulus,
     trial,
@@ -46,6 +48,8 @@ class NextTrial:
     guard_rows: int
     fps: float
     n_frames: int
+    second_media: str | None
+    second_codec: str | None
 
 
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
@@ -68,8 +72,9 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
             pair.c.guard_rows,
             pair.c.fps,
             pair.c.n_frames,
+            *SECOND,
         )
-        .select_from(trial.join(assignment).join(pair))
+        .select_from(trial.join(assignment).join(pair).outerjoin(second_film, second_film.c.of_media == pair.c.media))
         .where(
             trial.c.session_id == session_id,
             trial.c.voided_at.is_(None),

@@ -17,6 +17,7 @@ LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
+SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 ABANDONED_AFTER_H = 24.0  # without an answer; whoever comes back the next day still finds their slot
 
 
@@ -37,6 +38,7 @@ class StudyOptions:
     adaptive_pairs : so many pairs of each dataset, chosen from the votes so far, instead of every pair; 0: every pair
     free_exposure : the participant ends the exposure; the films go on until then
     reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
+    second_codec : in which films are there too, for browsers without H.264; empty: in none, and those are turned away
     break_every : trials after which a break is offered; 0: never
     abandoned_after_h : hours without an answer after which a slot that was not finished is given to somebody else
     """
@@ -54,6 +56,7 @@ class StudyOptions:
     adaptive_pairs: int = 0
     free_exposure: bool = False
     reference: str = ""
+    second_codec: str = ""
     break_every: int = BREAK_EVERY
     abandoned_after_h: float = ABANDONED_AFTER_H
 
@@ -112,6 +115,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
         free_exposure=_flag(content, "free_exposure"),
         reference=_text(content, "reference"),
+        second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
     )
@@ -122,6 +126,13 @@ def _flag(content: Mapping[str, Any], name: str) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"{name} is {value!r}, expected true or false")
     return value
+
+
+def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str]) -> str:
+    value = content.get(name, known[0])
+    if value not in known:
+        raise ValueError(f"{name} is {value!r}, expected one of {', '.join(filter(None, known))}, or nothing")
+    return str(value)
 
 
 def _count(content: Mapping[str, Any], name: str, default: int, most: int) -> int:

@@ -67,8 +67,11 @@ def write_study_file(of: StudyFile) -> str:
     options = {name: value for name, value in of.options.as_json().items() if value != default[name]}
     questions = options.pop("questions", [])
     lines = [_line(key, getattr(of, key)) for key in KEYS[:-1] if getattr(of, key) is not None]
+    tables = {name: options.pop(name) for name in list(options) if isinstance(options[name], Mapping)}
     if options:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
+    for name, table in tables.items():
+        lines += ["", f"[options.{name}]", *(_line(*one) for one in table.items())]
     for question in questions:
         lines += ["", "[[options.questions]]", *(_line(*one) for one in question.items() if one[1] not in (None, []))]
     return "\n".join(lines) + "\n"

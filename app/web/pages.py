@@ -19,6 +19,7 @@ from app.store.sessions import resume_session
 from app.web.gates import Store, address, entrance, throttle
 from app.web.participant import remember
 from app.web.throttle import WRONG_CODES
+from app.web.trials import FILM_TYPES
 
 TEXTS = Path(__file__).parents[2] / "templates" / "participant" / "texts"
 DEFAULT_LANGUAGE = "en"
@@ -44,7 +45,13 @@ def participant_page(request: Request, code: str) -> Response:
         throttle(request).count(WRONG_CODES, address(request))
     if found is None or state in STATUS_OF_MESSAGE:
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
-    return _page(request, "participant/study.html", study=found, code=code)
+    return _page(
+        request,
+        "participant/study.html",
+        study=found,
+        code=code,
+        second_type=FILM_TYPES.get(found.options.second_codec),
+    )
 
 
 @router.post("/resume")

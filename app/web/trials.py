@@ -28,6 +28,9 @@ router = APIRouter(prefix="/api/v1/session", tags=["participants"])
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: whoever leaves a trial open overnight has still seen it
 MOST_SWITCHES = 2000
 
+# H.264 is not among them: what a browser must play is known to the page. Levels as two films of full HD need them.
+FILM_TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
+
 Label = Literal["a", "b"]
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
@@ -35,8 +38,16 @@ Count = Annotated[int, Field(ge=0, le=10_000_000)]
 Reason = Literal["full screen", "hidden"]
 
 
-class MediaView(BaseModel):
+class SecondView(BaseModel):
+    """The same film in another codec."""
+
     url: str
+    type: str = Field(description="MIME type with the codec, to ask the browser about")
+
+
+class MediaView(BaseModel):
+    url: str = Field(description="H.264")
+    second: SecondView | None = Field(description="for browsers that do not play H.264, where the study has it")
     layout: Literal["stacked"]
     a: Literal["top", "bottom"]
     width: int = Field(description="of one half, pixels")
@@ -226,6 +237,9 @@ def _practice_view(session: Session, pair: PracticePair, total: int) -> OneTrial
 def _media_view(of: NextTrial | PracticePair, a_half: Half, *, has_reference: bool) -> MediaView:
     return MediaView(
         url=media_url(of.media),
+        second=SecondView(url=media_url(of.second_media), type=FILM_TYPES[of.second_codec])
+        if of.second_media and of.second_codec
+        else None,
         layout="stacked",
         a=a_half,
         width=of.width,

@@ -20,7 +20,7 @@ export function checkBrowser(list, onResult) {
 
 /** @param {HTMLElement} list */
 function tell(list) {
-  const { canPlay, window_width, window_height, device_pixel_ratio, refresh_hz } = display();
+  const { canPlay, window_width, window_height, device_pixel_ratio, refresh_hz } = display(list.dataset.secondType);
   const isLarge = window_width >= SMALLEST_WINDOW.width && window_height >= SMALLEST_WINDOW.height;
   const values = { window_width, window_height, device_pixel_ratio: Math.round(device_pixel_ratio * 100) / 100, refresh_hz: Math.round(refresh_hz ?? 0) };
   /** @type {Record<string, boolean>} */

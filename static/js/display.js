@@ -9,9 +9,20 @@ let refresh_hz = null;
 const waiting = [];
 measureRefresh();
 
-export function display() {
+/** Where the film is that this browser plays. @param {import("./session.js").Media} media @returns {string} */
+export function playable({ url, second }) {
+  return second && !plays(H264) ? second.url : url;
+}
+
+/** @param {string} type */
+function plays(type) {
+  return document.createElement("video").canPlayType(type) !== "";
+}
+
+/** @param {string} [secondType] of the films that the study has besides H.264 */
+export function display(secondType) {
   return {
-    canPlay: document.createElement("video").canPlayType(H264) !== "",
+    canPlay: plays(H264) || Boolean(secondType && plays(secondType)),
     window_width: window.innerWidth,
     window_height: window.innerHeight,
     screen_width: window.screen.width,

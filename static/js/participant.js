@@ -5,7 +5,7 @@ import { Films } from "./films.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { checkBrowser } from "./browser-check.js";
-import { display } from "./display.js";
+import { display, playable } from "./display.js";
 import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
@@ -205,7 +205,7 @@ async function practise() {
   while (practised.length < pairs.length) {
     const description = pairs[practised.length];
     show("trial");
-    trial = new Trial(byId("trial"), description, films.get(description.media.url));
+    trial = new Trial(byId("trial"), description, films.get(playable(description.media)));
     const { vote } = await trial.run();
     trial = null;
     if (!vote) throw new Error("practice is not interrupted");
@@ -274,16 +274,16 @@ async function upToDate() {
 
 /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
 async function withoutServer(following) {
-  await Promise.all([films.get(following.media.url).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+  await Promise.all([films.get(playable(following.media)).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
   return following;
 }
 
 /** @param {TrialDescription} description @returns {Promise<boolean>} false when it was interrupted */
 async function runTrial(description) {
   const { media, following } = description;
-  films.keepOnly([media.url, following?.media.url ?? null]);
-  const film = films.get(media.url);
-  if (following) film.whole.then(() => films.get(following.media.url)).catch(() => {});
+  films.keepOnly([playable(media), following ? playable(following.media) : null]);
+  const film = films.get(playable(media));
+  if (following) film.whole.then(() => films.get(playable(following.media))).catch(() => {});
   trial = new Trial(byId("trial"), description, film);
   const { vote, interruption } = await trial.run();
   trial = null;
@@ -407,7 +407,7 @@ function pressPrimary(event) {
   const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
   if (event.key !== "Enter" || event.repeat || hasOwnEnter || dialog().open) return;
   const button = /** @type {HTMLElement | null} */ (viewOf(page.dataset.showing ?? "")?.querySelector("[data-primary]"));
-  if (!button) return;
+  if (!button || button.hidden) return;
   event.preventDefault();
   button.click();
 }

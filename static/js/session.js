@@ -17,6 +17,7 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {object} Media one film that holds both stimuli, one above the other
  * @property {string} url
+ * @property {{url: string, type: string} | null} second the same film, for browsers that do not play the first
  * @property {"stacked"} layout
  * @property {"top" | "bottom"} a
  * @property {number} width of one half, pixels

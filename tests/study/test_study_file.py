@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from app.study.options import StudyOptions, parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
+from app.study.screening import ScreeningOptions
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
 
+SCREENING = {"tests": ["acuity"], "acuity_limit": 0.1, "distance": "fixed", "distance_cm": 90.0, "on_failure": "stop"}
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=30).map(str.strip)
 options = st.builds(
     StudyOptions,
@@ -24,6 +26,7 @@ options = st.builds(
     break_every=st.integers(0, 99),
     abandoned_after_h=st.floats(0.1, 1e6),
     questions=st.sampled_from([(), DEFAULT_QUESTIONS]),
+    screening=st.sampled_from([ScreeningOptions(), parse_options({"screening": SCREENING}).screening]),
 )
 files = st.builds(
     StudyFile,

@@ -123,7 +123,18 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     assert (trial["number"], trial["total"], trial["exposure_s"]) == (1, 6, 0.4)
     assert trial["first_shown"] in ("a", "b")
     media = trial["media"]
-    assert media.keys() == {"url", "layout", "a", "width", "height", "guard_rows", "reference", "fps", "n_frames"}
+    assert media.keys() == {
+        "url",
+        "second",
+        "layout",
+        "a",
+        "width",
+        "height",
+        "guard_rows",
+        "reference",
+        "fps",
+        "n_frames",
+    }
     assert media["layout"] == "stacked"
     assert media["a"] in ("top", "bottom")
     assert (media["width"], media["height"], media["guard_rows"]) == (64, 48, 16)

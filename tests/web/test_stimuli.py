@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 from app.errors import StimuliError
-from app.stimuli import GUARD_ROWS, StimulusSet, decode, prepare_pairs, read_stimulus_set
+from app.films import GUARD_ROWS, FilmMaker, check_strip, prepare_pairs
+from app.stimuli import StimulusSet, decode, read_stimulus_set
 
 Spoil = Callable[[Path, list[dict[str, Any]]], None]
 
@@ -50,7 +52,8 @@ def test_progress_is_told_to_the_end(folder: Path, tmp_path: Path) -> None:
     stimulus_set = read_stimulus_set(folder, lambda done, total, _: told.append((done, total)))
     assert told == [(done, 6) for done in range(7)]
     told.clear()
-    prepare_pairs(stimulus_set, tmp_path / "pairs", lambda done, total, _: told.append((done, total)))
+    maker = FilmMaker(tmp_path / "pairs", progress=lambda done, total, _: told.append((done, total)))
+    prepare_pairs(stimulus_set, maker)
     assert told == [(done, 6) for done in range(7)]
 
 
@@ -167,12 +170,12 @@ def checked(stimulus_set: Path) -> StimulusSet:
 @pytest.fixture(scope="module")
 def media_dir(checked: StimulusSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
     media_dir = tmp_path_factory.mktemp("pairs")
-    prepare_pairs(checked, media_dir)
+    prepare_pairs(checked, FilmMaker(media_dir))
     return media_dir
 
 
 def test_a_pair_holds_both_stimuli_and_the_guard_band(checked: StimulusSet, media_dir: Path) -> None:
-    for pair in prepare_pairs(checked, media_dir):
+    for pair in prepare_pairs(checked, FilmMaker(media_dir)):
         found = frames(media_dir / pair.file)
         assert found.shape == (clips.N_FRAMES, 2 * clips.HEIGHT + GUARD_ROWS, clips.WIDTH)
         seam = clips.HEIGHT + GUARD_ROWS // 2
@@ -187,7 +190,7 @@ def test_the_guard_band_repeats_the_outermost_rows(tmp_path: Path) -> None:
     for approach in ("id_fa", "id_fb"):
         clips.encode(tmp_path / "ball" / f"{approach}.mp4", gradient)
     clips.write_manifest(tmp_path, [clips.stimulus(tmp_path, "ball", one) for one in ("id_fa", "id_fb")])
-    (pair,) = prepare_pairs(read_stimulus_set(tmp_path), tmp_path / "pairs")
+    (pair,) = prepare_pairs(read_stimulus_set(tmp_path), FilmMaker(tmp_path / "pairs"))
     rows = frames(tmp_path / "pairs" / pair.file)[0].mean(axis=1)
     half = GUARD_ROWS // 2
     assert np.abs(rows[48 : 48 + half] - rows[47]).max() <= 6
@@ -196,7 +199,7 @@ def test_the_guard_band_repeats_the_outermost_rows(tmp_path: Path) -> None:
 
 
 def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: StimulusSet, media_dir: Path) -> None:
-    for pair in prepare_pairs(checked, media_dir):
+    for pair in prepare_pairs(checked, FilmMaker(media_dir)):
         path = media_dir / pair.file
         command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-i", str(path)]
         facts = subprocess.run(command, capture_output=True, text=True, check=False).stderr
@@ -210,7 +213,7 @@ def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: Stim
 def test_a_pair_is_encoded_once_for_its_content(checked: StimulusSet, media_dir: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in media_dir.iterdir()}
     told: list[int] = []
-    prepare_pairs(checked, media_dir, lambda _, total, __: told.append(total))
+    prepare_pairs(checked, FilmMaker(media_dir, progress=lambda _, total, __: told.append(total)))
     assert told == [0]
     assert {path: path.stat().st_mtime_ns for path in media_dir.iterdir()} == before
     assert len(before) == 6
@@ -221,7 +224,7 @@ def test_a_set_that_breaks_while_pairs_are_made_leaves_nothing_half_written(fold
     for video in folder.rglob("pm_fb.mp4"):
         video.write_bytes(b"broken")
     with pytest.raises(StimuliError, match="cannot be encoded"):
-        prepare_pairs(checked, tmp_path / "pairs")
+        prepare_pairs(checked, FilmMaker(tmp_path / "pairs"))
     assert not list((tmp_path / "pairs").glob("*part*"))
 
 
@@ -230,5 +233,26 @@ def test_a_master_is_what_pairs_are_made_from(folder: Path, tmp_path: Path) -> N
         clips.encode(folder / "ball" / f"{approach}.mkv", clips.flat("white"), "-c:v", "ffv1", "-pix_fmt", "bgr0")
     stimuli = [clips.stimulus(folder, "ball", a) | {"master": f"ball/{a}.mkv"} for a in ("id_fa", "id_fb")]
     clips.write_manifest(folder, stimuli)
-    (pair,) = prepare_pairs(read_stimulus_set(folder), tmp_path / "pairs")
+    (pair,) = prepare_pairs(read_stimulus_set(folder), FilmMaker(tmp_path / "pairs"))
     assert frames(tmp_path / "pairs" / pair.file).min() >= 252  # white, while the videos are grey
+
+
+@pytest.mark.parametrize("codec", ["vp9", "av1"])
+def test_a_second_codec_holds_the_same_frames(checked: StimulusSet, media_dir: Path, codec: str) -> None:
+    for pair in prepare_pairs(
+        replace(checked, stimuli=checked.of_dataset("ball")), FilmMaker(media_dir, second_codec=codec)
+    ):
+        assert pair.second is not None
+        assert pair.second.codec == codec
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-i", str(media_dir / pair.second.file)]
+        assert f"Video: {codec}" in subprocess.run(command, capture_output=True, text=True, check=False).stderr
+        found, first = (frames(media_dir / name).astype(int) for name in (pair.second.file, pair.file))
+        assert np.abs(found - first).max() <= 6
+
+
+def test_a_strip_that_is_not_its_source_is_found(checked: StimulusSet, media_dir: Path) -> None:
+    (pair, *_) = prepare_pairs(checked, FilmMaker(media_dir))
+    film, top = media_dir / pair.file, pair.top
+    check_strip(film, 0, top, checked.source(top), "film")
+    with pytest.raises(StimuliError, match=r"film: frame 0 differs from .* \(PSNR \d+\.\d dB, expected at least 25\)"):
+        check_strip(film, 0, top, checked.source(pair.bottom), "film")

@@ -15,9 +15,10 @@ import pytest
 from http_checks import is_problem
 
 from app import operate
+from app.films import GUARD_ROWS, FilmMaker, prepare_pairs, split_reference
 from app.settings import Settings
 from app.simulate import begin, simulate
-from app.stimuli import GUARD_ROWS, decode, prepare_pairs, read_stimulus_set, split_reference
+from app.stimuli import decode, read_stimulus_set
 from app.study.options import parse_options
 
 Create = Callable[..., dict[str, Any]]
@@ -99,7 +100,7 @@ def test_each_strip_of_a_film_is_its_stimulus(stimulus_set: Path, tmp_path: Path
     from test_stimuli import frames
 
     compared, references = split_reference(read_stimulus_set(stimulus_set), "pm_fb")
-    for pair in prepare_pairs(compared, tmp_path, references=references):
+    for pair in prepare_pairs(compared, FilmMaker(tmp_path), references):
         film = frames(tmp_path / pair.file)
         below = references[pair.top.dataset]
         for strip, one in enumerate((pair.top, pair.bottom, below)):
@@ -112,3 +113,16 @@ def test_free_exposure_is_told_to_every_client(client: httpx.Client, create: Cre
     study = create(free_exposure=True)
     begin(client, study["slug"], study["invitation"])
     assert client.get("/api/v1/session/trials/next").json()["free_exposure"] is True
+
+
+def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, create: Create) -> None:
+    study = create(second_codec="vp9", optional_stages=["practice"])
+    assert "vp09.00.51.08" in client.get(f"/s/{study['invitation']}").text
+    begin(client, study["slug"], study["invitation"])
+    trials = [client.get("/api/v1/session/trials/next").json(), *client.get("/api/v1/session/practice").json()]
+    for trial in trials:
+        second = trial["media"]["second"]
+        assert second["type"] == 'video/mp4; codecs="vp09.00.51.08"'
+        film = client.get(second["url"])
+        assert film.status_code == 200
+        assert b"vp09" in film.content
