@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
@@ -253,7 +254,8 @@ def _check_facts(path: Path, found: VideoFacts, stimulus: Stimulus) -> None:
 def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
     """Run ffmpeg and return what it prints; the complaint goes before what it says went wrong."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder tells of errors only
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, env=quiet)
     if done.returncode != 0 or done.stderr.strip():
         reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[0]
         raise StimuliError(f"{complaint}: {reason}")

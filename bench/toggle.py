@@ -133,7 +133,7 @@ def study() -> Iterator[Study]:
         films = Path(folder) / "films"
         films.mkdir()
         settings = Settings(data_dir=Path(folder) / "server")
-        options = parse_options({"free_exposure": True})
+        options = parse_options({"free_exposure": True, "second_codec": "vp9"})
         made = create_study(settings, write_films(films), "Bars", exposure_s=SECONDS, seed=1, options=options)
         token = add_token(settings, "bench")["token"]
         with running_server(settings) as url:
