@@ -35,7 +35,7 @@ from app.stimuli import (
 GUARD_ROWS = 16  # two macroblock halves: what a deblocking filter or a scaler can reach
 GOP = 25
 LEAST_PSNR_DB = 25.0  # of any frame beside its source; these encoders leave above 35, a wrong half or a black frame 15
-BY_NUMBER = "settb=1/1000,setpts=N"  # one tick a frame, whatever a file's own clock is
+BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second a frame, whatever a file's own clock is
 PRACTICE_S = 2  # of the videos made for practice; they are played over and over
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
 PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
