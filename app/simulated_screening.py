@@ -50,7 +50,7 @@ def _measure(ask: Ask, distance: str) -> None:
         screening = ask("PUT", f"{SCREENING}/distance", {"typed_cm": USUAL_DISTANCE_CM}).json()
     needed = screening["certificate"]["needed_distance_cm"]
     if not screening["certificate"]["can_certify"] and needed < FIXED_DISTANCES_CM[1]:
-        ask("PUT", f"{SCREENING}/distance", {"typed_cm": np.ceil(needed + 1)})
+        ask("PUT", f"{SCREENING}/distance", {"typed_cm": float(needed)})
 
 
 def _take(ask: Ask, test: str, observer: Observer, rng: np.random.Generator) -> None:

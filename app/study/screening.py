@@ -41,7 +41,7 @@ NOT_TAKEN: Verdict = "not taken"
 DEFAULT_ACUITY_LIMIT = 0.18  # logMAR, log10(30/20): the 20/30 line that ITU-T P.910 asks for
 ACUITY_LIMITS = (-0.3, 1.0)
 FIXED_DISTANCES_CM = (20.0, 600.0)
-RING_SHARE = 0.6  # of the window's height, for the largest ring
+RING_SHARE = 0.5  # of the window's height, for the largest ring
 LARGEST_GAP_PX = 200.0  # larger ones say nothing more and are long on their way
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Response
@@ -84,7 +85,7 @@ class CertificateView(BaseModel):
 
     can_certify: bool = Field(description="whether the ring at the limit is at least two of the display's pixels wide")
     distance_cm: float
-    needed_distance_cm: float = Field(description="from which it could")
+    needed_distance_cm: int = Field(description="from which it could")
 
 
 class ScreeningView(BaseModel):
@@ -231,7 +232,7 @@ def _certificate(display: Display, limit: float) -> CertificateView | None:
     return CertificateView(
         can_certify=smallest_size(display.pixel_mm, display.distance_mm) <= limit,
         distance_cm=round(display.distance_mm / 10, 1),
-        needed_distance_cm=round(certifying_distance_mm(display.pixel_mm, limit) / 10, 1),
+        needed_distance_cm=math.ceil(certifying_distance_mm(display.pixel_mm, limit) / 10),
     )
 
 

@@ -6,6 +6,7 @@ import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { checkBrowser } from "./browser-check.js";
 import { display, playable } from "./display.js";
+import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
@@ -43,11 +44,16 @@ let consentKey = ""; // of the session: the digest of the text that was agreed t
 /** What is shown in each stage of a session. @type {Record<import("./session.js").Stage, () => void>} */
 const STAGES = {
   introduction: introduce,
+  screening: () => guarded(screen),
   practice: () => show("practice"),
   trial: () => guarded(runTrials),
   interview: () => show("interview"),
   finished: thank,
   withdrawn: () => show("withdrawn"),
+  screened_out: () => {
+    leaveFullScreen();
+    show("screened-out");
+  },
 };
 
 onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hidden", !isInTrouble));
@@ -190,6 +196,11 @@ async function endIntroduction(more = {}) {
 /** @param {string} stage @param {object} data what came of it */
 async function completed(stage, data) {
   goTo(await patiently(() => completeStage(stage, data)));
+}
+
+async function screen() {
+  await takeScreening({ show, tell, showing: () => page.dataset.showing });
+  await completed("screening", {});
 }
 
 /** @param {Event} event */

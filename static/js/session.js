@@ -5,7 +5,7 @@ import { Unreachable, request } from "./connection.js";
 /**
  * @typedef {"a" | "b"} Letter
  * @typedef {Letter | "reference"} Shown
- * @typedef {"introduction" | "practice" | "trial" | "interview" | "finished" | "withdrawn"} Stage
+ * @typedef {"introduction" | "screening" | "practice" | "trial" | "interview" | "finished" | "withdrawn" | "screened_out"} Stage
  * @typedef {object} Session
  * @property {string} session its id
  * @property {{slug: string, title: string, exposure_s: number}} study
@@ -60,6 +60,26 @@ import { Unreachable, request } from "./connection.js";
  * @property {Viewing} viewing
  */
 
+/**
+ * @typedef {object} Certificate what this display can certify from where its participant sits
+ * @property {boolean} can_certify
+ * @property {number} distance_cm
+ * @property {number} needed_distance_cm
+ *
+ * @typedef {object} ScreeningState
+ * @property {{test: "acuity" | "colour", is_over: boolean, n_answered: number}[]} tests
+ * @property {"typed" | "fixed" | "blind spot"} distance how it is to be known
+ * @property {number | null} pixel_mm of the display's own pixels
+ * @property {Certificate | null} certificate
+ *
+ * @typedef {object} ScreeningItem a ring or a plate
+ * @property {number} number
+ * @property {number} total
+ * @property {string} picture its address
+ * @property {number[]} choices directions
+ * @property {boolean} may_be_nothing
+ */
+
 const API = "/api/v1";
 const LARGEST_KEPT_ALIVE = 32_768; // characters; browsers refuse more than 64 KiB under way at once
 
@@ -86,6 +106,36 @@ export function completeStage(stage, data) {
 /** @param {string} answer @returns {Promise<{understood: boolean}>} */
 export function markComprehension(answer) {
   return call("PUT", "/session/comprehension", { answer });
+}
+
+/** @returns {Promise<ScreeningState>} */
+export function readScreening() {
+  return call("GET", "/session/screening");
+}
+
+/** @param {object} card as it was fitted @returns {Promise<ScreeningState>} */
+export function sendCard(card) {
+  return call("PUT", "/session/screening/display", card);
+}
+
+/** @param {object} distance typed or by blind spots @returns {Promise<ScreeningState>} */
+export function sendDistance(distance) {
+  return call("PUT", "/session/screening/distance", distance);
+}
+
+/** @param {string} test @returns {Promise<ScreeningItem | null>} null when the test is over */
+export function readItem(test) {
+  return call("GET", `/session/screening/${test}`);
+}
+
+/** @param {string} test @param {number} number @param {{answer: number | null, response_ms: number}} answer @returns {Promise<ScreeningItem | null>} the next */
+export function answerItem(test, number, answer) {
+  return call("PUT", `/session/screening/${test}/${number}`, answer);
+}
+
+/** @param {string} test @param {string} reason @returns {Promise<null>} */
+export function skipTest(test, reason) {
+  return call("PUT", `/session/screening/${test}/skip`, { reason });
 }
 
 /** @returns {Promise<TrialDescription[]>} what to practise with */

@@ -1,0 +1,42 @@
+/** A bank card of the size that its participant gives it, by slider, keys, buttons or by dragging it. */
+
+const STEP = 1; // CSS pixels; 2 % of a card are four to ten
+const FIRST = { smallest: 220, largest: 420 }; // it begins elsewhere each time, so that it is fitted anew
+
+export class BankCard {
+  /** @param {ParentNode} view with the card, its slider and two buttons */
+  constructor(view) {
+    this.card = /** @type {HTMLElement} */ (view.querySelector(".bank-card"));
+    this.slider = /** @type {HTMLInputElement} */ (view.querySelector("input[type=range]"));
+    this.slider.addEventListener("input", () => this.#set(this.slider.valueAsNumber));
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ (view.querySelectorAll("[data-resize]"))) {
+      button.addEventListener("click", () => this.#set(this.width + STEP * Number(button.dataset.resize)));
+    }
+    this.card.addEventListener("pointerdown", (event) => this.#drag(event));
+  }
+
+  /** CSS pixels */
+  get width() {
+    return this.slider.valueAsNumber;
+  }
+
+  startAnew() {
+    this.#set(FIRST.smallest + Math.random() * (FIRST.largest - FIRST.smallest));
+  }
+
+  /** @param {number} width */
+  #set(width) {
+    this.slider.value = String(width); // keeps it within the slider's ends
+    this.card.style.setProperty("--width", `${this.slider.value}px`);
+  }
+
+  /** The edge follows the pointer, whichever point of the card it holds. @param {PointerEvent} down */
+  #drag(down) {
+    const before = this.width;
+    this.card.setPointerCapture(down.pointerId);
+    const dragging = new AbortController();
+    const { signal } = dragging;
+    this.card.addEventListener("pointermove", (move) => this.#set(before + move.clientX - down.clientX), { signal });
+    for (const end of ["pointerup", "pointercancel"]) this.card.addEventListener(end, () => dragging.abort(), { signal });
+  }
+}

@@ -1,0 +1,55 @@
+/** A dot that moves away from a cross until it vanishes in the blind spot; how far that is tells the distance of the eye. */
+
+const START_MM = 30;
+const START_RANGE_MM = 25; // it begins elsewhere each time, so that nobody answers by the time that passes
+const SPEED_MM_S = 20; // slow: answering takes a third of a second, or 7 mm
+const MARGIN_MM = 10; // to the right edge of the window, where it begins again
+
+/**
+ * @param {HTMLElement} field with a cross and a dot
+ * @param {number} cssPixelMm
+ * @param {() => boolean} isActive
+ * @returns {Promise<number>} CSS pixels from the cross to where the dot vanished
+ */
+export function watchDot(field, cssPixelMm, isActive) {
+  const dot = /** @type {HTMLElement} */ (field.querySelector(".blind-dot"));
+  const cross = /** @type {HTMLElement} */ (field.querySelector(".blind-cross"));
+  return new Promise((resolve) => {
+    const watching = new AbortController();
+    const { signal } = watching;
+    let offset = 0; // mm
+    let before = performance.now();
+    const restart = () => {
+      offset = START_MM + Math.random() * START_RANGE_MM;
+    };
+    const place = () => dot.style.setProperty("--offset", `${offset / cssPixelMm}px`);
+    restart();
+    place();
+
+    const tick = (/** @type {number} */ now) => {
+      if (signal.aborted) return;
+      if (isActive()) offset += (SPEED_MM_S * Math.max(0, now - before)) / 1000;
+      before = now;
+      const right = cross.getBoundingClientRect().left + (offset + MARGIN_MM) / cssPixelMm;
+      if (right > field.clientWidth) restart();
+      place();
+      requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
+
+    const vanish = () => {
+      watching.abort();
+      resolve(offset / cssPixelMm);
+    };
+    field.addEventListener("pointerdown", vanish, { signal });
+    document.addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key !== " " || event.repeat || !isActive() || event.target instanceof HTMLButtonElement) return;
+        event.preventDefault();
+        vanish();
+      },
+      { signal },
+    );
+  });
+}

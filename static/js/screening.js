@@ -1,0 +1,246 @@
+/** The screening: the display's size, the distance of the eyes, rings and plates. What is right only the server knows. */
+
+import { BankCard } from "./bank-card.js";
+import { watchDot } from "./blind-spot.js";
+import { Refusal, patiently } from "./connection.js";
+import { listenForDirections } from "./directions.js";
+import { PixelStage } from "./pixel-stage.js";
+import { answerItem, readItem, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
+import { enterFullScreen } from "./trial.js";
+
+/**
+ * @typedef {import("./session.js").ScreeningState} ScreeningState
+ * @typedef {import("./session.js").Certificate} Certificate
+ * @typedef {import("./session.js").ScreeningItem} ScreeningItem
+ * @typedef {object} Page how the page is changed
+ * @property {(view: string) => void} show
+ * @property {(values: Record<string, unknown>) => void} tell for the places in the texts
+ * @property {() => string | undefined} showing the view that is shown
+ */
+
+const N_CARDS = 2;
+const N_BLIND_SPOTS = 5;
+const BLANK_MS = 250; // between pictures
+
+/** Takes a participant through every test that is not over yet. @param {Page} page */
+export async function takeScreening(page) {
+  const state = await patiently(readScreening);
+  if (state.tests.every((one) => one.is_over)) return;
+  page.show("screening");
+  await pressed("begin-screening");
+  enterFullScreen();
+  for (const { test, is_over, n_answered } of state.tests) {
+    if (is_over) continue;
+    if (test === "acuity") await takeRings(page, state, n_answered > 0);
+    else await takePlates(page);
+  }
+}
+
+/** @param {Page} page @param {ScreeningState} state @param {boolean} hasBegun then nothing is measured any more */
+async function takeRings(page, state, hasBegun) {
+  const certificate = hasBegun ? state.certificate : await measure(page, state);
+  if (!certificate) {
+    await patiently(() => skipTest("acuity", "no card"));
+    return;
+  }
+  page.tell({ ...certificate });
+  byId("cannot-certify").hidden = certificate.can_certify;
+  page.show("rings-intro");
+  await pressed("begin-rings");
+  const stage = new PixelStage(/** @type {HTMLCanvasElement} */ (byId("ring-canvas")));
+  await takeItems(page, "acuity", "rings", (item) => stage.show(item.picture), () => stage.clear());
+}
+
+/** @param {Page} page */
+async function takePlates(page) {
+  page.show("plates-intro");
+  await pressed("begin-plates");
+  const plate = /** @type {HTMLImageElement} */ (byId("plate"));
+  const showPlate = async (/** @type {ScreeningItem} */ item) => {
+    plate.src = item.picture;
+    await plate.decode();
+    plate.hidden = false;
+  };
+  const hidePlate = () => {
+    plate.hidden = true;
+  };
+  await takeItems(page, "colour", "plates", showPlate, hidePlate);
+}
+
+/**
+ * Pictures and answers, one after the other, until the server has no more.
+ * @param {Page} page @param {string} test @param {string} view
+ * @param {(item: ScreeningItem) => Promise<void>} draw @param {() => void} blank
+ */
+async function takeItems(page, test, view, draw, blank) {
+  let item = await patiently(() => readItem(test));
+  if (item) page.tell({ item: item.number, items: item.total });
+  page.show(view);
+  while (item) {
+    const shown = item;
+    page.tell({ item: shown.number, items: shown.total });
+    await draw(shown);
+    const answer = await answered(page, view, shown);
+    blank();
+    const pause = new Promise((resolve) => setTimeout(resolve, BLANK_MS));
+    item = await patiently(() => answerItem(test, shown.number, answer));
+    await pause;
+  }
+}
+
+/**
+ * @param {Page} page @param {string} view @param {ScreeningItem} item
+ * @returns {Promise<{answer: number | null, response_ms: number}>} by dial or by key
+ */
+function answered(page, view, item) {
+  const shownAt = performance.now();
+  const dial = /** @type {HTMLElement} */ (document.querySelector(`[data-view="${view}"] .dial`));
+  return new Promise((resolve) => {
+    const listening = new AbortController();
+    const give = (/** @type {number | null} */ answer) => {
+      if (answer === null ? !item.may_be_nothing : !item.choices.includes(answer)) return;
+      listening.abort();
+      stopKeys();
+      resolve({ answer, response_ms: Math.round(performance.now() - shownAt) });
+    };
+    const stopKeys = listenForDirections(give, () => page.showing() === view && !isDialogOpen());
+    const press = (/** @type {Event} */ event) => {
+      const button = event.target instanceof Element ? event.target.closest("button") : null;
+      if (button) give(button.dataset.direction === "" ? null : Number(button.dataset.direction));
+    };
+    dial.addEventListener("click", press, { signal: listening.signal });
+  });
+}
+
+/** The display's size and the distance of the eyes. @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate | null>} null: there is no card */
+async function measure(page, state) {
+  const measured = await fitCards(page);
+  if (!measured) return null;
+  if (measured.certificate) return measured.certificate; // the distance is fixed
+  const find = state.distance === "blind spot" ? () => findBlindSpot(page, measured) : () => typeDistance(page, "distance");
+  const certificate = await find();
+  return certificate.can_certify ? certificate : stepBack(page, certificate);
+}
+
+/** @param {Page} page @returns {Promise<ScreeningState | null>} null: there is no card */
+async function fitCards(page) {
+  card ??= new BankCard(byId("card-fitting"));
+  byId("card-again").hidden = true;
+  for (;;) {
+    const card_widths = [];
+    while (card_widths.length < N_CARDS) {
+      page.tell({ card: card_widths.length + 1 });
+      card.startAnew();
+      page.show("card");
+      if ((await pressed("card-fits", "no-card")) === "no-card") return null;
+      card_widths.push(card.width);
+    }
+    const facts = { card_widths, device_pixel_ratio: devicePixelRatio, window_height: innerHeight };
+    const measured = await unlessImplausible(() => sendCard(facts));
+    if (measured) return measured;
+    byId("card-again").hidden = false;
+  }
+}
+
+/** @type {BankCard | undefined} */
+let card;
+
+/** @param {Page} page @param {"distance" | "step-back"} view with a form of the same name @returns {Promise<Certificate>} */
+async function typeDistance(page, view) {
+  const form = /** @type {HTMLFormElement} */ (byId(`${view}-form`));
+  const again = byId(`${view}-again`);
+  again.hidden = true;
+  for (;;) {
+    page.show(view);
+    const typed_cm = await submittedNumber(form);
+    const measured = await unlessImplausible(() => sendDistance({ typed_cm }));
+    if (measured) return known(measured);
+    again.hidden = false;
+  }
+}
+
+/** @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate>} */
+async function findBlindSpot(page, { pixel_mm }) {
+  const device_pixel_ratio = devicePixelRatio;
+  const cssPixelMm = Number(pixel_mm) * device_pixel_ratio;
+  byId("blind-again").hidden = true;
+  for (;;) {
+    page.show("blind-intro");
+    await pressed("begin-blind");
+    const blind_spots = [];
+    while (blind_spots.length < N_BLIND_SPOTS) {
+      page.tell({ spot: blind_spots.length + 1, spots: N_BLIND_SPOTS });
+      if (page.showing() !== "blind") page.show("blind");
+      blind_spots.push(await watchDot(byId("blind-field"), cssPixelMm, () => page.showing() === "blind" && !isDialogOpen()));
+    }
+    const measured = await unlessImplausible(() => sendDistance({ blind_spots, device_pixel_ratio }));
+    if (measured) return known(measured);
+    byId("blind-again").hidden = false;
+  }
+}
+
+/** The display's pixels are too large from here: further away it can, or nobody can say. @param {Page} page @param {Certificate} certificate @returns {Promise<Certificate>} */
+async function stepBack(page, certificate) {
+  let found = certificate;
+  const stay = pressed("stay");
+  while (!found.can_certify) {
+    page.tell({ ...found });
+    const next = await Promise.race([typeDistance(page, "step-back"), stay]);
+    if (typeof next === "string") break;
+    found = next;
+  }
+  return found;
+}
+
+/** @param {ScreeningState} state @returns {Certificate} */
+function known({ certificate }) {
+  if (!certificate) throw new Error("the distance was taken, and there is no certificate");
+  return certificate;
+}
+
+/** @template T @param {() => Promise<T>} send @returns {Promise<T | null>} null when the server finds that it cannot be */
+async function unlessImplausible(send) {
+  try {
+    return await patiently(send);
+  } catch (error) {
+    if (error instanceof Refusal && error.status === 422) return null;
+    throw error;
+  }
+}
+
+/** @param {...string} ids of buttons @returns {Promise<string>} the one that is pressed first */
+function pressed(...ids) {
+  return new Promise((resolve) => {
+    const listening = new AbortController();
+    for (const id of ids) {
+      const press = () => {
+        listening.abort();
+        resolve(id);
+      };
+      byId(id).addEventListener("click", press, { signal: listening.signal });
+    }
+  });
+}
+
+/** @param {HTMLFormElement} form with one number @returns {Promise<number>} */
+function submittedNumber(form) {
+  return new Promise((resolve) => {
+    const submit = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      const field = /** @type {HTMLInputElement} */ (form.querySelector("input[type=number]"));
+      if (!form.reportValidity()) return;
+      form.removeEventListener("submit", submit);
+      resolve(field.valueAsNumber);
+    };
+    form.addEventListener("submit", submit);
+  });
+}
+
+function isDialogOpen() {
+  return document.querySelector("dialog[open]") !== null;
+}
+
+/** @param {string} id @returns {HTMLElement} */
+function byId(id) {
+  return /** @type {HTMLElement} */ (document.getElementById(id));
+}

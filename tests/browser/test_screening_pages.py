@@ -1,0 +1,207 @@
+"""The screening before a real screen: what is drawn is looked at as pixels, and answered by key, mouse and touch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, Locator, Page, expect
+from test_accessibility import check_accessibility
+from visitor import NewStudy, Study, Visitor
+
+from app.study.observer import Observer, gap_of_ring
+from app.study.options import parse_options
+from app.study.pictures import MARGIN, read_png
+
+pytestmark = pytest.mark.browser
+
+RING_KEYS = ("Numpad6", "KeyE", "Numpad8", "KeyQ", "Numpad4", "KeyZ", "Numpad2", "Numpad3")
+PLATE_KEYS = {0: "ArrowRight", 2: "ArrowUp", 4: "ArrowLeft", 6: "ArrowDown", -1: "0"}
+ABOVE_DIAL = 0.62  # of the window's height
+
+
+@pytest.fixture(scope="session")
+def screened(new_study: NewStudy, short_films: Path) -> Any:
+    """Creates studies with a screening."""
+
+    def create(**screening: Any) -> Study:
+        options = parse_options({"optional_stages": ["screening"], "screening": screening})
+        return new_study(short_films, 0.4, options)
+
+    return create
+
+
+def enters(visitor: Visitor, study: Study) -> None:
+    visitor.begin(study)
+    visitor.sees("screening")
+
+
+def fits_card(visitor: Visitor) -> None:
+    """Twice alike, by keyboard."""
+    slider = visitor.page.get_by_label("Width of the drawn card")
+    for number in (1, 2):
+        expect(visitor.page.get_by_text(f"{number} of 2")).to_be_visible()
+        slider.press("Home")
+        for _ in range(2):
+            slider.press("PageUp")
+        visitor.page.keyboard.press("Enter")
+
+
+def types_distance(visitor: Visitor, view: str, distance_cm: int) -> None:
+    visitor.sees(view)
+    visitor.page.locator(f"#{view}-cm").press_sequentially(str(distance_cm))
+    visitor.page.keyboard.press("Enter")
+
+
+def picture_of(page: Page | Locator) -> NDArray[np.uint8]:
+    picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(picture[..., ::-1], dtype=np.uint8)
+
+
+def ring_on(page: Page) -> NDArray[np.uint8]:
+    """The part of the screen that holds the ring, with the margin that it was drawn with."""
+    screen = picture_of(page)[..., 0]
+    screen = screen[: int(ABOVE_DIAL * len(screen))]
+    rows, columns = np.nonzero(screen < 255)
+    return screen[rows.min() - MARGIN : rows.max() + MARGIN + 1, columns.min() - MARGIN : columns.max() + MARGIN + 1]
+
+
+def shows(page: Page, text: str) -> None:
+    expect(page.get_by_text(text, exact=True)).to_be_visible()
+
+
+def test_a_screening_is_passed_by_keyboard_with_open_eyes(screened: Any, page: Page, visitor: Visitor) -> None:
+    page.emulate_media(reduced_motion="reduce")
+    study = screened()
+    enters(visitor, study)
+    check_accessibility(page)
+    page.keyboard.press("Enter")
+    visitor.sees("card")
+    check_accessibility(page)
+    fits_card(visitor)
+    visitor.sees("distance")
+    check_accessibility(page)
+    types_distance(visitor, "distance", 250)
+    visitor.sees("rings-intro")
+    check_accessibility(page)
+    page.keyboard.press("Enter")
+    for number in range(1, 25):
+        shows(page, f"Ring {number} of 24")
+        page.wait_for_function(DRAWN)
+        if number == 1:
+            check_accessibility(page)
+        page.keyboard.press(RING_KEYS[gap_of_ring(ring_on(page))])
+    visitor.sees("plates-intro")
+    check_accessibility(page)
+    page.keyboard.press("Enter")
+    rng = np.random.default_rng(3)
+    plate = page.locator("#plate")
+    for number in range(1, 19):
+        shows(page, f"Disc {number} of 18")
+        expect(plate).to_be_visible()
+        if number == 1:
+            check_accessibility(page)
+        page.keyboard.press(PLATE_KEYS[Observer().answer_plate(picture_of(plate), rng)])
+    visitor.is_in("voting")
+    acuity, colour = study.read("screening")
+    assert (acuity["verdict"], acuity["distance_mm"]) == ("passed", 2500)
+    assert acuity["logmar"] < acuity["limit"]
+    assert colour["verdict"] == "passed"
+
+
+DRAWN = """() => {
+  const canvas = document.getElementById("ring-canvas");
+  const { width, height } = canvas;
+  if (width === 0) return false;
+  const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+  return pixels.some((level) => level < 128);
+}"""
+
+
+@pytest.mark.parametrize("ratio", [1, 1.5, 2])
+def test_a_ring_stands_on_the_displays_own_pixels_as_it_was_drawn(
+    screened: Any, browser: Browser, ratio: float
+) -> None:
+    context = browser.new_context(viewport={"width": 960, "height": 540}, device_scale_factor=ratio)
+    page = context.new_page()
+    visitor = Visitor(page)
+    enters(visitor, screened(tests=["acuity"], distance="fixed", distance_cm=300))
+    page.keyboard.press("Enter")
+    fits_card(visitor)
+    visitor.sees("rings-intro")
+    page.keyboard.press("Enter")
+    page.wait_for_function(DRAWN)
+    drawn = read_png(context.request.get(f"{page.url.split('/s/')[0]}/api/v1/session/screening/acuity/1.png").body())
+    screen = picture_of(page)[..., 0]
+    top, left = (round(share * size - len(drawn) / 2) for share, size in zip((0.4, 0.5), screen.shape, strict=True))
+    assert np.array_equal(screen[top : top + len(drawn), left : left + len(drawn)], drawn)
+    context.close()
+
+
+def test_the_blind_spot_a_step_back_that_cannot_be_taken_and_a_reload(
+    screened: Any, page: Page, visitor: Visitor
+) -> None:
+    study = screened(tests=["acuity"], distance="blind spot")
+    enters(visitor, study)
+    page.get_by_role("button", name="Begin").click()
+    fits_card(visitor)
+    visitor.sees("blind-intro")
+    check_accessibility(page)
+    page.keyboard.press("Enter")
+    for number in range(1, 6):
+        shows(page, f"{number} of 5")
+        page.wait_for_function(
+            "() => parseFloat(document.querySelector('.blind-dot').style.getPropertyValue('--offset')) > 200"
+        )
+        page.keyboard.press("Space")
+    visitor.sees("step-back")
+    check_accessibility(page)
+    page.get_by_role("button", name="I cannot move back").click()
+    expect(page.get_by_text("From here this display cannot show rings")).to_be_visible()
+    page.keyboard.press("Enter")
+    shows(page, "Ring 1 of 24")
+    page.get_by_role("button", name="right and up").click()
+    shows(page, "Ring 2 of 24")
+    page.reload()
+    visitor.sees("screening")
+    page.keyboard.press("Enter")
+    visitor.sees("rings-intro")
+    page.keyboard.press("Enter")
+    shows(page, "Ring 2 of 24")
+    page.wait_for_function(DRAWN)
+    page.keyboard.down("ArrowLeft")
+    page.keyboard.down("ArrowDown")
+    page.keyboard.up("ArrowLeft")
+    page.keyboard.up("ArrowDown")
+    shows(page, "Ring 3 of 24")
+    (row,) = study.read("screening")
+    assert (row["n_answered"], row["distance_source"], row["verdict"]) == (2, "blind spot", None)
+
+
+def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, page: Page, visitor: Visitor) -> None:
+    study = screened(tests=["acuity"], on_failure="stop")
+    enters(visitor, study)
+    page.keyboard.press("Enter")
+    slider = page.get_by_label("Width of the drawn card")
+    for key in ("Home", "End"):
+        slider.press(key)
+        page.get_by_role("button", name="It fits").click()
+    expect(page.get_by_role("alert").filter(has_text="too different")).to_be_visible()
+    card = page.locator(".bank-card").bounding_box()
+    assert card is not None
+    before = float(slider.input_value())
+    page.mouse.move(card["x"] + 50, card["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(card["x"] + 80, card["y"] + 50)
+    page.mouse.up()
+    assert float(slider.input_value()) == pytest.approx(before + 30, abs=1)
+    page.get_by_role("button", name="I have no card").click()
+    visitor.sees("screened-out")
+    check_accessibility(page)
+    page.reload()
+    visitor.sees("screened-out")
+    assert [row["verdict"] for row in study.read("screening")] == ["not taken"]
