@@ -1,7 +1,7 @@
 # The only commands anyone must know: setup, demo, test, check, bench, serve.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := app recon migrations tests bench docs
+SOURCES := app recon migrations tests bench docs/reference.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 
