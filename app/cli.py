@@ -12,16 +12,13 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from app.errors import UnavailableError
 from recon.cli import app as recon_app
 from recon.console import JsonOption, ProgressLine, print_result
-
-if TYPE_CHECKING:
-    pass
 
 DEMO_SECONDS = 5.0
 DEMO_PLAN = """The whole way once, into {out}:
@@ -126,6 +123,36 @@ def stimuli_check(
     progress.close()
     result = {"name": found.name, "datasets": list(found.datasets), "conditions": list(found.conditions)}
     sentence = f"{len(found.stimuli)} videos of {len(found.datasets)} datasets are whole: {stimulus_set}"
+    print_result(result, sentence, as_json=as_json)
+
+
+@stimuli_app.command("import")
+def stimuli_import(
+    folder: Annotated[Path, typer.Argument(help="Folder with DATASET/CONDITION.mp4, and conditions.csv for factors.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set, new.")],
+    practice: Annotated[
+        str | None, typer.Option(help="The dataset to practise on, with two videos; it is not compared.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a stimulus set of somebody else's videos."""
+    from app.stimulus_import import import_stimuli
+
+    progress = ProgressLine()
+    found = import_stimuli(folder, out, practice=practice, progress=_counted(progress))
+    progress.close()
+    result = {
+        "name": found.name,
+        "path": str(out),
+        "datasets": list(found.datasets),
+        "conditions": list(found.conditions),
+        "factors": found.factors,
+        "videos": len(found.stimuli),
+    }
+    sentence = (
+        f"{len(found.stimuli)} videos: {len(found.conditions)} conditions of {len(found.datasets)} datasets: {out}\n"
+        f"A study of it: reconstudy study create {out} --name NAME"
+    )
     print_result(result, sentence, as_json=as_json)
 
 
