@@ -18,9 +18,9 @@ import numpy as np
 from recon.approaches import FUSION_METHODS, approaches
 from recon.artefacts import Artefacts
 from recon.capture.format import Capture, read_capture
-from recon.capture.images import read_image
+from recon.capture.images import read_stored_image
 from recon.cloud import CloudParameters
-from recon.depth import MATCHERS, Matcher, StereoPair
+from recon.depth import DEFAULTS, MATCHERS, Matcher, StereoPair
 from recon.depth.disparity_io import write_disparity
 from recon.depth.temporal import TemporalParameters
 from recon.execute import Pool, Progress, open_pool, silent
@@ -79,9 +79,11 @@ def match_files(
     ValueError
         If the method is unknown or the images cannot be matched; nothing is written then.
     """
-    pair = StereoPair(read_image(left), read_image(right), n_disparities, min_disparity)
+    matcher = _matcher(method)
+    images = [np.asarray(read_stored_image(path)) for path in (left, right)]
+    pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
-    disparity = _matcher(method)(pair)
+    disparity = matcher(pair)
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
     return {
@@ -90,7 +92,7 @@ def match_files(
         "seconds": seconds,
         "density": float(np.isfinite(disparity).mean()),
         "size": [pair.width, pair.height],
-        "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity},
+        "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity} | asdict(DEFAULTS[method]),
     }
 
 

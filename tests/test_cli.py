@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import Command
+from numpy.typing import NDArray
 
 from recon.files import read_json, write_json
 from recon.render.video import write_video
@@ -128,6 +129,25 @@ def test_match_writes_a_disparity_and_reports_as_json(command: Command, tmp_path
     disparity = np.load(tmp_path / "d.npy")
     assert result["density"] == pytest.approx(np.isfinite(disparity).mean())
     assert np.nanmedian(disparity) == 4
+    assert {"n_disparities": 8, "min_disparity": 0, "sigma": 12.0, "levels": 2}.items() <= result["parameters"].items()
+
+
+@pytest.mark.parametrize(
+    ("right", "sentence"),
+    [
+        (np.zeros((40, 60, 3), np.uint8), "the left image has 1 channels, the right 3; expected the same"),
+        (np.zeros((40, 60), np.uint16), "the right image is uint16; expected 8 bits a channel"),
+    ],
+)
+def test_match_takes_no_image_for_one_of_another_kind(
+    command: Command, tmp_path: Path, right: NDArray[np.generic], sentence: str
+) -> None:
+    cv2.imwrite(str(tmp_path / "left.png"), np.zeros((40, 60), np.uint8))
+    cv2.imwrite(str(tmp_path / "right.png"), np.asarray(right))
+    told = command("match", tmp_path / "left.png", tmp_path / "right.png", "--disparities", 8, "-o", tmp_path / "d.npy")
+    assert told.code == 1
+    assert sentence in told.err
+    assert not (tmp_path / "d.npy").exists()
 
 
 def test_a_missing_image_is_named(command: Command, tmp_path: Path) -> None:

@@ -42,6 +42,22 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(pixels)
 
 
+def read_stored_image(path: Path) -> NDArray[np.generic]:
+    """Read a PNG or JPEG with the channels and the depth it has: (H, W) if grey, (H, W, 3) RGB if not, without alpha.
+
+    For who must not take a grey or a 16-bit image for a colour image of 8 bits.
+
+    Raises
+    ------
+    CaptureError
+        If the file is missing, is not an image, or is cut off.
+    """
+    pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
+    return np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[..., 2::-1])
+
+
 def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
     """Decode one frame (counted from 0) of a video as RGB uint8 (H, W, 3).
 

@@ -7,13 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.cvf import match_dr, match_id
+from recon.depth.cvf import DrParameters, IdParameters, match_dr, match_id
 from recon.depth.pair import StereoPair
-from recon.depth.patchmatch import match_pm
+from recon.depth.patchmatch import PmParameters, match_pm
 from recon.depth.temporal import match_sequence
 
-__all__ = ["MATCHERS", "Matcher", "StereoPair", "match_dr", "match_id", "match_pm", "match_sequence"]
+__all__ = ["DEFAULTS", "MATCHERS", "Matcher", "StereoPair", "match_dr", "match_id", "match_pm", "match_sequence"]
 
 Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
 
 MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm}
+# what each is run with
+DEFAULTS: dict[str, IdParameters | PmParameters] = {"id": IdParameters(), "dr": DrParameters(), "pm": PmParameters()}

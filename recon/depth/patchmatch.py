@@ -74,7 +74,7 @@ class PmParameters:
     seed : parameters of the surface to start from
     """
 
-    sweeps: int = 4
+    sweeps: int = 6
     is_seeded: bool = True
     gamma: float = 20.0
     gradient_share: float = 0.9
