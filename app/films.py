@@ -40,6 +40,7 @@ PRACTICE_S = 2  # of the videos made for practice; they are played over and over
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
 PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
 PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # without loss
+STILL_WIDTH = 480  # pixels of a thumbnail
 PAIR_RECIPE = "stacked-1"  # part of every pair's key: change it when a pair would be encoded otherwise
 
 H264 = "h264"
@@ -307,3 +308,17 @@ def check_strip(film: Path, number: int, strip: Stimulus, source: Path, name: st
             f"{name}: frame {found.index(min(found))} differs from {source} (PSNR {min(found):.1f} dB, expected at"
             f" least {LEAST_PSNR_DB:g})"
         )
+
+
+def write_still(film: Path, out: Path, *, row: int, width: int, height: int) -> None:
+    """Write one picture of a pair's half, the first, as JPEG.
+
+    Parameters
+    ----------
+    row : where the half begins in the film
+    width, height : of the half, pixels
+    """
+    crop = f"crop={width}:{height}:0:{row},scale='min({STILL_WIDTH},iw)':-2"
+    with whole_file(out) as temporary:
+        arguments = ["-i", str(film), "-vf", crop, "-frames:v", "1", "-q:v", "4", "-y", str(temporary)]
+        run_ffmpeg(arguments, f"{film}: has no picture")

@@ -19,8 +19,9 @@ from app.settings import Settings
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, screening, trials
-from app.web.admin import pages as admin_pages
-from app.web.admin import sign_in, users
+from app.web.admin import design, edit, invitations, overview, people, server, sets, sign_in, studies, users
+from app.web.admin import results as admin_results
+from app.web.admin import votes as admin_votes
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
@@ -52,6 +53,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
     app.state.throttle = new_throttle()
+    app.state.jobs = []
+    app.state.is_stopping = False  # what streams looks at it, and ends
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     for router in (
         participant.router,
@@ -61,8 +64,17 @@ def create_app(settings: Settings) -> FastAPI:
         media.router,
         health.router,
         sign_in.router,
-        admin_pages.router,
         users.router,
+        server.router,
+        sets.router,
+        studies.router,  # before those of one study: "new" is no study
+        overview.router,
+        people.router,
+        admin_votes.router,
+        design.router,
+        invitations.router,
+        admin_results.router,
+        edit.router,
         pages.router,
     ):
         app.include_router(router)
@@ -124,6 +136,7 @@ class _Server(uvicorn.Server):
             uvicorn.Config(app, host=host, port=port, log_level="warning", access_log=False, server_header=False)
         )
         self._on_start = on_start
+        self._app = app
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -131,12 +144,18 @@ class _Server(uvicorn.Server):
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             self._on_start(f"http://{f'[{host}]' if ':' in host else host}:{port}")
 
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._app.state.is_stopping = True
+        await super().shutdown(sockets)
+
 
 def _environment() -> Environment:
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(ROOT / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["has_browser_packages"] = (ROOT / "static" / "vendor" / "htmx.min.js").is_file()
+    return environment

@@ -17,8 +17,8 @@ from app.reports import expanded, read_measures
 from app.settings import Settings
 from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
 from app.store import studies
-from app.store.audit import COMMAND_LINE, Entry, record, record_alone
-from app.store.designs import conditions_of, datasets_of, insert_design, insert_practice
+from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
+from app.store.designs import conditions_of, copy_design, datasets_of, insert_design, insert_practice
 from app.store.engine import Database, open_database
 from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
@@ -145,6 +145,27 @@ def create_study(
         "seed": row["seed"],
         **{key: value for key, value in asdict(counts).items() if key.endswith(("datasets", "conditions", "pairs"))},
     }
+
+
+def duplicate_study(database: Database, of: studies.Study, name: str, actor: Actor) -> str:
+    """A new study of another one's stimuli, pairs and options, which pauses until it is opened; its name in addresses.
+
+    Raises
+    ------
+    ValueError
+        If there is a study of this name.
+    """
+    slug = slugify(name)
+    _refuse_second(database, slug, name)
+    kept = ("exposure_s", "factors", "options", "manifest_sha256")
+    row = {key: getattr(of, key) for key in kept}
+    own = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
+    with database.writing() as connection:
+        study_id = studies.insert_study(connection, {**row, **own, "created_at": actor.now, "paused_at": actor.now})
+        copy_design(connection, of.id, study_id)
+        insert_invitation(connection, study_id, None, actor.now)
+        record(connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": of.slug}), actor.now)
+    return slug
 
 
 def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:

@@ -285,6 +285,11 @@ def chart_pdf(chart: Any) -> bytes:
     return bytes(vl_convert.vegalite_to_pdf(_spec(chart)))
 
 
+def chart_vega(chart: Any) -> str:
+    """Return the chart as a Vega specification in JSON, for a browser to draw."""
+    return json.dumps(vl_convert.vegalite_to_vega(_spec(chart)))
+
+
 def _spec(chart: Any) -> str:
     spec = json.loads(chart.to_json())
     spec["config"] = {

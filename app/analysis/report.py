@@ -134,7 +134,7 @@ def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "vot
     """
     for name in ("scores", "triads", "observers"):
         write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
-    figures = [_write_figure(name, caption, chart, out) for name, caption, chart in _charts(analysis)]
+    figures = [_write_figure(name, caption, chart, out) for name, caption, chart in named_charts(analysis)]
     content = _content(analysis, figures, source)
     for name in ("report.html", "report.md"):
         write_text(out / name, _environment(name).get_template(name).render(content))
@@ -165,7 +165,8 @@ def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     return text.getvalue()
 
 
-def _charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+def named_charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Every figure's name, caption and chart; None for a chart where there is nothing to draw."""
     for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
         name = "scores" if comparison == "all" else f"scores_{_file_name(comparison)}"
         what = "all items" if comparison == "all" else f"the factor {comparison}"

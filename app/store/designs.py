@@ -140,3 +140,93 @@ def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
 
 def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> int:
     return int(connection.execute(insert(table).values(**values).returning(table.c.id)).scalar_one())
+
+
+def stimulus_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Every stimulus with its facts, and the half of a pair's video in which it can be seen."""
+    rows = connection.execute(
+        select(
+            dataset.c.name.label("dataset"),
+            condition.c.name.label("item"),
+            condition.c.levels,
+            *(stimulus.c[name] for name in ("id", "sha256", "width", "height", "fps", "n_frames", "codec", "renderer")),
+        )
+        .select_from(stimulus.join(dataset).join(condition))
+        .where(dataset.c.study_id == study_id)
+        .order_by(dataset.c.position, condition.c.position)
+    ).all()
+    seen_in: dict[int, tuple[str, str]] = {}
+    pairs = select(pair.c.media, pair.c.top_id, pair.c.bottom_id).join(dataset).where(dataset.c.study_id == study_id)
+    for media, top_id, bottom_id in connection.execute(pairs.order_by(pair.c.id)):
+        seen_in.setdefault(top_id, (media, "top"))
+        seen_in.setdefault(bottom_id, (media, "bottom"))
+    return [
+        {**{key: value for key, value in row._mapping.items() if key != "id"}, **_seen_in(seen_in.get(row.id))}
+        for row in rows
+    ]
+
+
+def _seen_in(where: tuple[str, str] | None) -> dict[str, str | None]:
+    return {"media": where[0] if where else None, "half": where[1] if where else None}
+
+
+def pair_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Every pair's video: what it holds, and its file."""
+    top, bottom = stimulus.alias("top"), stimulus.alias("bottom")
+    top_condition, bottom_condition = condition.alias("top_condition"), condition.alias("bottom_condition")
+    facts = ("media", "file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
+    rows = connection.execute(
+        select(
+            dataset.c.name.label("dataset"),
+            top_condition.c.name.label("top"),
+            bottom_condition.c.name.label("bottom"),
+            *(pair.c[name] for name in facts),
+        )
+        .select_from(pair.join(dataset, pair.c.dataset_id == dataset.c.id))
+        .join(top, pair.c.top_id == top.c.id)
+        .join(bottom, pair.c.bottom_id == bottom.c.id)
+        .join(top_condition, top.c.condition_id == top_condition.c.id)
+        .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
+        .where(dataset.c.study_id == study_id)
+        .order_by(dataset.c.position, pair.c.id)
+    )
+    return [dict(row._mapping) for row in rows]
+
+
+def copy_design(connection: Connection, source_id: int, target_id: int) -> None:
+    """Give a study the datasets, conditions, stimuli and pairs of another one; the films get new opaque names."""
+    datasets = _copy_rows(connection, dataset, dataset.c.study_id == source_id, {"study_id": target_id})
+    conditions = _copy_rows(connection, condition, condition.c.study_id == source_id, {"study_id": target_id})
+    stimuli: dict[int, int] = {}
+    for old, new in datasets.items():
+        for row in connection.execute(select(stimulus).where(stimulus.c.dataset_id == old)).all():
+            values = {key: value for key, value in row._mapping.items() if key != "id"}
+            ids = {"dataset_id": new, "condition_id": conditions[row.condition_id]}
+            stimuli[row.id] = _insert(connection, stimulus, {**values, **ids})
+    for old, new in datasets.items():
+        for row in connection.execute(select(pair).where(pair.c.dataset_id == old).order_by(pair.c.id)).all():
+            values = {key: value for key, value in row._mapping.items() if key != "id"}
+            ids = {"dataset_id": new, "top_id": stimuli[row.top_id], "bottom_id": stimuli[row.bottom_id]}
+            _insert(connection, pair, {**values, **ids, "media": _copy_film(connection, row.media)})
+    for row in connection.execute(select(practice_pair).where(practice_pair.c.study_id == source_id)).all():
+        values = {key: value for key, value in row._mapping.items() if key != "id"}
+        own = {"study_id": target_id, "media": _copy_film(connection, row.media)}
+        _insert(connection, practice_pair, {**values, **own})
+
+
+def _copy_film(connection: Connection, media: str) -> str:
+    """A new opaque name for a film, and for the same film in the second codec where there is one."""
+    new = new_opaque_id()
+    for row in connection.execute(select(second_film).where(second_film.c.of_media == media)).all():
+        values = {key: value for key, value in row._mapping.items() if key != "id"}
+        _insert(connection, second_film, {**values, "media": new_opaque_id(), "of_media": new})
+    return new
+
+
+def _copy_rows(connection: Connection, table: Table, which: Any, changes: Mapping[str, Any]) -> dict[int, int]:
+    """Copy rows with changes; the new ids by the old ones."""
+    copied = {}
+    for row in connection.execute(select(table).where(which).order_by(table.c.id)).all():
+        values = {key: value for key, value in row._mapping.items() if key != "id"}
+        copied[row.id] = _insert(connection, table, {**values, **changes})
+    return copied

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, func, insert, select
+from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from app.store.keys import digest, new_code
 from app.store.tables import invitation, participant, session
@@ -41,6 +41,26 @@ def preview_invitation(connection: Connection, study_id: int, now: datetime) -> 
         return int(found)
     code = insert_invitation(connection, study_id, 0, now)
     return int(connection.execute(select(invitation.c.id).where(invitation.c.code == code)).scalar_one())
+
+
+def preview_code(connection: Connection, study_id: int) -> str:
+    """The code of the invitation under which a study's previews stand, which is there once one has begun."""
+    own = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
+    return str(connection.execute(select(invitation.c.code).where(own)).scalar_one())
+
+
+def end_invitation(connection: Connection, study_id: int, code: str) -> bool:
+    """Let nobody else in by an invitation; whether the study has one of this code."""
+    found = connection.execute(
+        _invitations().where(invitation.c.study_id == study_id, invitation.c.code == code)
+    ).one_or_none()
+    if found is None or found.places == 0:
+        return False
+    if found.n_used:
+        connection.execute(update(invitation).where(invitation.c.id == found.id).values(places=found.n_used))
+    else:
+        connection.execute(delete(invitation).where(invitation.c.id == found.id))
+    return True
 
 
 def invitation_by_code(connection: Connection, code: str) -> Invitation | None:

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, delete, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.keys import digest, new_secret
-from app.store.tables import exclusion, metadata, participant, session, trial, vote
+from app.store.tables import exclusion, metadata, participant, session, stage_record, trial, vote
 from app.study.stages import WITHDRAWN
 
 ERASED = "erased"
@@ -54,6 +54,7 @@ def participant_records(connection: Connection, study_id: int) -> list[dict[str,
         "n_trials": trials.where(trial.c.voided_at.is_(None)),
         "n_votes": select(func.count()).where(of_votes),
         "n_voided": trials.where(trial.c.voided_at.is_not(None)),
+        "last_served_at": select(func.max(trial.c.served_at)).where(trial.c.session_id == session.c.id),
         "last_vote_at": select(func.max(vote.c.received_at)).where(of_votes),
         "mean_response_ms": select(func.avg(vote.c.response_ms)).where(of_votes),
     }
@@ -165,3 +166,33 @@ def _delete_rows(connection: Connection, table: Table, participant_id: int | Non
         connection.execute(delete(table).where(table.c.session_id.in_(sessions)))
     elif "participant_id" in table.c and participant_id is not None:
         connection.execute(delete(table).where(table.c.participant_id == participant_id))
+
+
+def stage_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
+    """What a participant gave with each stage, in order."""
+    rows = connection.execute(
+        select(stage_record.c.stage, stage_record.c.data, stage_record.c.completed_at)
+        .join(session)
+        .where(session.c.participant_id == participant_id)
+        .order_by(stage_record.c.id)
+    )
+    return [dict(row._mapping) for row in rows]
+
+
+def everything_of(connection: Connection, person: Person) -> dict[str, list[dict[str, Any]]]:
+    """Every row that hangs on a participant, by table; without what lets somebody in."""
+    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
+    found: dict[str, list[dict[str, Any]]] = {}
+    for table in metadata.sorted_tables:
+        columns = [column for column in table.c if not column.name.endswith("_hash")]
+        if table.name in ("participant", "session"):
+            own = table.c.id == person.id if table is participant else table.c.participant_id == person.id
+        elif "session_id" in table.c:
+            own = table.c.session_id.in_(sessions)
+        elif "participant_id" in table.c:
+            own = table.c.participant_id == person.id
+        else:
+            continue
+        rows = connection.execute(select(*columns).where(own))
+        found[table.name] = [dict(row._mapping) for row in rows]
+    return found

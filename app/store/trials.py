@@ -213,3 +213,27 @@ def _records() -> Select[Any]:
         .outerjoin(vote, vote.c.trial_id == trial.c.id)
         .outerjoin(exclusion, (exclusion.c.participant_id == participant.c.id) & exclusion.c.undone_at.is_(None))
     )
+
+
+@dataclass(frozen=True)
+class TrialFilm:
+    """The film of a trial, and which half of it was A."""
+
+    media: str
+    a_half: str
+    width: int
+    height: int
+    guard_rows: int
+    fps: float
+    n_frames: int
+
+
+def trial_film(connection: Connection, study_id: int, trial_id: str) -> TrialFilm | None:
+    """The film of one of a study's trials."""
+    facts = ("media", "width", "height", "guard_rows", "fps", "n_frames")
+    row = connection.execute(
+        select(assignment.c.a_half, *(pair.c[name] for name in facts))
+        .select_from(trial.join(assignment).join(pair).join(participant))
+        .where(participant.c.study_id == study_id, trial.c.public_id == trial_id)
+    ).one_or_none()
+    return TrialFilm(**row._mapping) if row else None

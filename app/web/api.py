@@ -218,7 +218,7 @@ def _columns(first: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> list[st
     return list(dict.fromkeys([*first, *(key for row in rows for key in row)]))
 
 
-def _analysis(database: Database, of: Study) -> dict[str, Any]:
+def _analysis(database: Database, of: Study) -> Mapping[str, Any]:
     found = analysis_of(database, of.id)
     return EMPTY_ANALYSIS if found is None else found
 

@@ -1,8 +1,12 @@
-"""A study's votes through the analysis, which is loaded when it is first needed."""
+"""A study's votes through the analysis, which is loaded when it is first needed and done once for the same votes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from app.reports import by_measure
@@ -11,17 +15,50 @@ from app.store.engine import Database
 from app.store.measurements import measurement_records
 from app.store.votes import vote_records
 
+ANALYSES_KEPT = 16  # of the latest votes and settings; a study of 100 participants takes some MB
+WITHDRAWN = "withdrawn"
+FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
-def analysis_of(database: Database, study_id: int) -> dict[str, Any] | None:
-    """The content of analysis.json for the votes so far; None while there are none."""
-    from app.analysis import AnalysisSettings, analyse, votes_from_rows
 
+@dataclass(frozen=True)
+class Snapshot:
+    """What the votes so far say; the digest is of the votes and of how they were analysed."""
+
+    digest: str
+    analysis: Mapping[str, Any] | None
+
+
+def snapshot_of(database: Database, study_id: int, *, with_excluded: bool = False) -> Snapshot:
+    """The analysis of the votes so far, None while there are none.
+
+    Parameters
+    ----------
+    with_excluded : count those whom the experimenter has excluded, too; who has withdrawn is never counted
+    """
     with database.reading() as connection:
         rows = list(vote_records(connection, study_id))
         levels = conditions_of(connection, study_id)
         measures = by_measure(measurement_records(connection, study_id))
-    settings = AnalysisSettings(factors=items_factors(levels), measures=measures)
-    return analyse(votes_from_rows(rows), settings) if rows else None
+    if with_excluded:
+        rows = [row | {"excluded": row["reason"] == WITHDRAWN} for row in rows]
+    given = {"rows": rows, "factors": items_factors(levels), "measures": measures}
+    content = json.dumps(given, sort_keys=True, default=str)
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    return Snapshot(digest, _analysed(content) if rows else None)
+
+
+def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
+    """The content of analysis.json for the votes so far; None while there are none."""
+    return snapshot_of(database, study_id).analysis
+
+
+@lru_cache(maxsize=ANALYSES_KEPT)
+def _analysed(content: str) -> Mapping[str, Any]:
+    from app.analysis import AnalysisSettings, analyse, votes_from_rows
+
+    given = json.loads(content)
+    settings = AnalysisSettings(factors=given["factors"], measures=given["measures"])
+    return analyse(votes_from_rows(given["rows"]), settings)
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
@@ -34,17 +71,54 @@ def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str
     }
 
 
-def measure_svg(analysis: dict[str, Any], measure: str) -> str | None:
-    """The plot of the scores against an attached measure; None if no item has both."""
-    from app.analysis.charts import chart_svg, measure_chart
+def figures_of(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Name and caption of every figure that there is something in."""
+    from app.analysis.report import named_charts
 
-    chart = measure_chart(analysis, measure)
-    return None if chart is None else chart_svg(chart)
+    return [(name, caption) for name, caption, chart in named_charts(analysis) if chart is not None]
 
 
-def scores_svg(analysis: dict[str, Any], comparison: str) -> str | None:
-    """The plot of a comparison's scores ("all", or a factor); None if there are none."""
-    from app.analysis.charts import chart_svg, scores_chart
+def figure(analysis: Mapping[str, Any], name: str, kind: str) -> bytes | None:
+    """A figure as a file of a kind in FIGURE_TYPES, or `vega` for a specification; None if there is no such figure."""
+    from app.analysis.charts import chart_pdf, chart_png, chart_svg, chart_vega
+    from app.analysis.report import named_charts
 
-    chart = scores_chart(analysis, comparison)
-    return None if chart is None else chart_svg(chart)
+    chart = next((chart for known, _, chart in named_charts(analysis) if known == name), None)
+    if chart is None:
+        return None
+    if kind == "csv":
+        return _figure_csv(analysis, name).encode()
+    if kind == "vega":
+        return chart_vega(chart).encode()
+    return chart_svg(chart).encode() if kind == "svg" else chart_png(chart) if kind == "png" else chart_pdf(chart)
+
+
+def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
+    from app.web.answers import csv_text
+
+    rows = _figure_rows(analysis, name)
+    return csv_text(rows, list(dict.fromkeys(key for row in rows for key in row)))
+
+
+def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
+    """The numbers behind a figure."""
+    kind, _, which = name.partition("_")
+    if kind == "scores":
+        comparisons = {row["comparison"] for row in analysis["scores"]}
+        wanted = next((one for one in comparisons if _is_called(one, which)), "all") if which else "all"
+        return [row for row in analysis["scores"] if row["comparison"] == wanted]
+    if kind in ("preferences", "residuals"):
+        return [row for row in analysis["pairs"] if row["comparison"] == "all"]
+    if kind == "triads":
+        return list(analysis["triads"])
+    if kind == "response":
+        return list(analysis["observers"])
+    return [row for row in analysis["measures" if kind == "measure" else "groups"] if _is_of(row, which)]
+
+
+def _is_of(row: Mapping[str, Any], which: str) -> bool:
+    return _is_called(str(row.get("measure", row.get("grouping", ""))), which)
+
+
+def _is_called(name: str, file_name: str) -> bool:
+    return "".join(character if character.isalnum() else "_" for character in name) == file_name

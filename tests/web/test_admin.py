@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -47,7 +49,7 @@ def test_a_new_link_ends_the_old_one(client: httpx.Client, settings: Settings) -
 
 def test_nobody_sees_the_pages_without_signing_in(client: httpx.Client, study: dict[str, Any]) -> None:
     results = f"/admin/studies/{study['slug']}"
-    for path in ("/admin", results, f"{results}/scores/all.svg"):
+    for path in ("/admin", results, f"{results}/figures/scores.svg"):
         answer = client.get(path, headers={"Accept": "text/html"})
         assert answer.status_code == 401
         assert "You are not signed in." in answer.text
@@ -61,38 +63,50 @@ def test_signing_out_ends_the_session(experimenter: Dashboard) -> None:
     assert experimenter.get("/admin", headers={"Cookie": f"experimenter={cookie}"}).status_code == 401
 
 
-def test_all_studies_are_listed_with_their_invitations(experimenter: Dashboard, study: dict[str, Any]) -> None:
-    page = experimenter.get("/admin").text
-    assert study["name"] in page
+def test_all_studies_are_listed_and_lead_to_their_invitations(experimenter: Dashboard, study: dict[str, Any]) -> None:
+    assert study["name"] in experimenter.get("/admin").text
+    page = experimenter.get(f"/admin/studies/{study['slug']}").text
     assert f"{experimenter.base_url}/s/{study['invitation']}".replace("//s/", "/s/") in page
 
 
 def test_results_show_scores_triads_and_downloads(experimenter: Dashboard, taken: dict[str, Any]) -> None:
-    page = experimenter.get(f"/admin/studies/{taken['slug']}").text
+    page = experimenter.get(f"/admin/studies/{taken['slug']}/results").text
     assert "Circular triads" in page
     assert "P003" in page
-    for path in (f"/admin/studies/{taken['slug']}/scores/all.svg", f"/api/v1/studies/{taken['slug']}/votes?format=csv"):
+    slug = taken["slug"]
+    for path in (f"/admin/studies/{slug}/figures/scores.svg", f"/api/v1/studies/{slug}/votes?format=csv"):
         assert path in page
         assert experimenter.get(path).status_code == 200
 
 
-@pytest.mark.parametrize("comparison", ["all", "depth"])
-def test_the_plot_is_an_image_that_names_the_items(
-    experimenter: Dashboard, taken: dict[str, Any], comparison: str
+@pytest.mark.parametrize("name", ["scores", "scores_depth", "preferences", "triads"])
+def test_every_figure_is_there_as_picture_print_and_numbers(
+    experimenter: Dashboard, taken: dict[str, Any], name: str
 ) -> None:
-    answer = experimenter.get(f"/admin/studies/{taken['slug']}/scores/{comparison}.svg")
-    assert answer.headers["content-type"] == "image/svg+xml"
-    assert answer.text.startswith("<svg")
-    assert ("pm_fb" if comparison == "all" else "pm") in answer.text
+    figure = f"/admin/studies/{taken['slug']}/figures/{name}"
+    drawn = experimenter.get(f"{figure}.svg")
+    assert drawn.headers["content-type"] == "image/svg+xml"
+    assert drawn.text.startswith("<svg")
+    assert experimenter.get(f"{figure}.png").content.startswith(b"\x89PNG")
+    assert experimenter.get(f"{figure}.pdf").content.startswith(b"%PDF")
+    assert experimenter.get(f"{figure}.vega").json()["$schema"].startswith("https://vega.github.io/schema/vega/")
+    rows = list(csv.DictReader(io.StringIO(experimenter.get(f"{figure}.csv").text)))
+    assert rows
+    if name == "scores_depth":
+        assert {row["item"] for row in rows} == {"id", "pm"}
 
 
 def test_there_is_no_plot_of_nothing(experimenter: Dashboard, taken: dict[str, Any]) -> None:
-    for path in (f"{taken['slug']}/scores/holiday.svg", "unknown/scores/all.svg"):
+    for path in (
+        f"{taken['slug']}/figures/holiday.svg",
+        f"{taken['slug']}/figures/scores.exe",
+        "unknown/figures/scores.svg",
+    ):
         assert experimenter.get(f"/admin/studies/{path}").status_code == 404
 
 
 def test_a_study_without_votes_says_so(experimenter: Dashboard, new_study: Callable[[], dict[str, Any]]) -> None:
-    assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}").text
+    assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}/results").text
 
 
 def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(

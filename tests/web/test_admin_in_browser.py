@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
@@ -30,18 +31,42 @@ def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
     assert complaints == []
 
 
-def test_the_pages_fit_a_telephone_and_are_accessible(
+STUDY_PAGES = (
+    "",
+    "/results",
+    "/participants",
+    "/participants/P001",
+    "/votes",
+    "/design",
+    "/stimuli",
+    "/invitations",
+    "/edit",
+)
+PAGES = ("", "/studies/new", "/sets", "/users", "/tokens", "/audit", "/settings", "/account")
+LARGEST_PAGE = 500_000  # bytes of document, styles and scripts, before figures, films and models
+WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")]
+    .filter((entry) => ["navigation", "link", "script"].includes(entry.initiatorType) && !entry.name.includes("/vega"))
+    .reduce((sum, entry) => sum + entry.decodedBodySize, 0)"""
+
+
+def test_every_page_fits_a_telephone_is_accessible_and_light(
     page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
 ) -> None:
     study = new_study()
     abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
     simulate(server, study["slug"], study["invitation"], token, 3, abilities)
-    for path in ("/admin", f"/admin/studies/{study['slug']}"):
-        page.goto(path, wait_until="networkidle")
-        assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
+    base = f"/admin/studies/{study['slug']}"
+    trial = httpx.get(
+        f"{server}/api/v1/studies/{study['slug']}/trials", headers={"Authorization": f"Bearer {token}"}
+    ).json()[0]["trial"]
+    paths = [*(f"/admin{path}" for path in PAGES), *(base + path for path in STUDY_PAGES), f"{base}/votes/{trial}"]
+    for path in paths:
+        page.goto(path)
+        page.locator("h1").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"], path
         found = Axe().run(page)
-        assert found.violations_count == 0, found.generate_report()
-    assert page.evaluate("Array.from(document.images).every((image) => image.naturalWidth > 0)")
+        assert found.violations_count == 0, f"{path}: {found.generate_report()}"
+        assert page.evaluate(WEIGHT) < LARGEST_PAGE, path
 
 
 def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:

@@ -84,12 +84,12 @@ def test_measures_stand_beside_the_scores(
     path = operate.add_experimenter(settings, "measures")["path"]
     with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
         browser.get(path)
-        page = browser.get(f"/admin/studies/{study['slug']}").text
+        page = browser.get(f"/admin/studies/{study['slug']}/results").text
         assert "Objective measures" in page
-        plot = browser.get(f"/admin/studies/{study['slug']}/measures/0.svg")
+        plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")
         assert plot.headers["content-type"] == "image/svg+xml"
         assert "Score against accuracy" in plot.text
-        assert browser.get(f"/admin/studies/{study['slug']}/measures/1.svg").status_code == 404
+        assert browser.get(f"/admin/studies/{study['slug']}/figures/measure_weight.svg").status_code == 404
 
 
 @pytest.mark.parametrize(

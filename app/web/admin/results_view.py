@@ -34,7 +34,6 @@ class ComparisonView:
     """The scores of all conditions ("all"), or of one factor's levels."""
 
     name: str
-    has_plot: bool
     groups: Sequence[ScoreGroup]
 
 
@@ -50,9 +49,8 @@ class TriadsLine:
 
 @dataclass(frozen=True)
 class MeasureLine:
-    """How well an attached measure goes with the scores; its plot is found by its number."""
+    """How well an attached measure goes with the scores."""
 
-    number: int
     name: str
     points: int
     spearman: str
@@ -61,11 +59,19 @@ class MeasureLine:
 
 
 @dataclass(frozen=True)
+class AgreementLine:
+    dataset: str
+    u: str
+    p_value: str
+
+
+@dataclass(frozen=True)
 class ResultsView:
     comparisons: Sequence[ComparisonView]
     datasets: Sequence[str]
     triads: Sequence[TriadsLine]
     measures: Sequence[MeasureLine]
+    agreement: Sequence[AgreementLine]
     warnings: Sequence[str]
 
 
@@ -77,6 +83,7 @@ def results_view(analysis: Mapping[str, Any]) -> ResultsView:
         datasets,
         _triads(analysis, datasets),
         _measures(analysis["measures"]),
+        [_agreement(row) for row in analysis["agreement"] if row["u"] is not None],
         analysis["warnings"],
     )
 
@@ -97,7 +104,7 @@ def _comparison(name: str, scores: Iterable[Mapping[str, Any]]) -> ComparisonVie
     # All datasets together first: it is what most readers look for.
     datasets = sorted(_unique(row["dataset"] for row in own), key=lambda dataset: dataset != "all")
     groups = [_group(dataset, [row for row in own if row["dataset"] == dataset]) for dataset in datasets]
-    return ComparisonView(name, any(row["score"] is not None for row in own), groups)
+    return ComparisonView(name, groups)
 
 
 def _group(dataset: str, rows: Sequence[Mapping[str, Any]]) -> ScoreGroup:
@@ -123,22 +130,16 @@ def _triads(analysis: Mapping[str, Any], datasets: Sequence[str]) -> list[Triads
     return lines
 
 
-def measure_names(analysis: Mapping[str, Any]) -> list[str]:
-    """The attached measures that were compared with scores, by their number."""
-    return _unique(row["measure"] for row in analysis["measures"])
-
-
 def _measures(rows: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
     """One line a measure: of all datasets together, or of the only one."""
     last = {row["measure"]: row for row in rows}
     return [
         MeasureLine(
-            number,
             name,
             row["n"],
             *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")),
         )
-        for number, (name, row) in enumerate(last.items())
+        for name, row in last.items()
     ]
 
 
@@ -146,6 +147,11 @@ def _with_interval(row: Mapping[str, Any], key: str) -> str:
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
     interval = "" if low is None else f" ({decimal(low)} to {decimal(high)})"
     return f"{decimal(row[key])}{interval}"
+
+
+def _agreement(row: Mapping[str, Any]) -> AgreementLine:
+    dataset = "all datasets" if row["dataset"] == "all" else row["dataset"]
+    return AgreementLine(dataset, decimal(row["u"]), p_value(row["p_value"]))
 
 
 def _circular(row: Mapping[str, Any] | None) -> str:

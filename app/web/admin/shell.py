@@ -1,4 +1,4 @@
-"""What all of the experimenter's pages share: the frame around them, and where forms lead."""
+"""What all of the experimenter's pages share: the frame around them, a study's head, and where forms lead."""
 
 from __future__ import annotations
 
@@ -7,10 +7,20 @@ from typing import Any
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.store.experimenters import Experimenter
-from app.web.gates import now
+from app.store.experimenters import Experimenter, Role
+from app.store.studies import Study, progress_of
+from app.web.gates import database, now
 
-VENDOR = ("htmx.min.js", "sse.js", "vega.min.js", "vega-interpreter.min.js", "three.module.min.js")
+TABS: tuple[tuple[str, str, Role], ...] = (
+    ("", "Overview", "viewer"),
+    ("/results", "Results", "viewer"),
+    ("/participants", "Participants", "experimenter"),
+    ("/votes", "Votes", "experimenter"),
+    ("/design", "Design", "viewer"),
+    ("/stimuli", "Stimuli", "viewer"),
+    ("/invitations", "Invitations", "experimenter"),
+    ("/edit", "Settings", "experimenter"),
+)
 
 
 def page(
@@ -24,6 +34,23 @@ def page(
         status_code=status_code,
     )
     return shown
+
+
+def study_page(
+    request: Request,
+    template: str,
+    person: Experimenter,
+    study: Study,
+    context: dict[str, Any] | None = None,
+    status_code: int = 200,
+) -> Response:
+    """A page of one study, under its name and tabs."""
+    with database(request).reading() as connection:
+        progress = progress_of(connection, study.id)
+    tabs = [(path, name) for path, name, role in TABS if person.may(role)]
+    base = f"/admin/studies/{study.slug}"
+    frame = {"study": study, "progress": progress, "tabs": tabs, "base": base}
+    return page(request, template, person, {**frame, **(context or {})}, status_code)
 
 
 def see(path: str) -> Response:

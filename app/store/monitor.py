@@ -1,0 +1,23 @@
+"""What a study is doing right now."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from sqlalchemy import Connection, select
+
+from app.store.tables import participant, session, vote
+
+
+def votes_by_minute(connection: Connection, study_id: int, now: datetime, minutes: int) -> list[int]:
+    """How many votes came in each of the last minutes, the oldest first."""
+    since = now - timedelta(minutes=minutes)
+    rows = connection.scalars(
+        select(vote.c.received_at)
+        .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
+        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False), vote.c.received_at > since)
+    )
+    counts = [0] * minutes
+    for received_at in rows:
+        counts[max(0, min(minutes - 1, int((received_at - since).total_seconds() // 60)))] += 1
+    return counts

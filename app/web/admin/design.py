@@ -1,0 +1,126 @@
+"""A study's design: pairs, orders and how balanced they are, how long it takes, how many participants it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import FileResponse, Response
+
+from app.errors import NotFoundError
+from app.films import write_still
+from app.stimuli import file_digest
+from app.store.designs import conditions_of, pair_records, stimulus_records
+from app.store.orders import study_plan, taken_orders
+from app.study.balance import balance_report
+from app.study.design import participant_order
+from app.web.admin.shell import study_page
+from app.web.gates import Acting, AStudy, Now, Person, Store, settings
+
+VOTING_S = 4.0  # beside the exposure: fixation, the choice, Next; typical of simulated and real sessions
+BEFORE_AND_AFTER_MIN = 5
+REPLICATES = 200  # of a simulated study: the power to about 3 %
+HALVES = ("top", "bottom")
+
+router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Power:
+    """What a number of participants can find, in JOD and as shares of studies."""
+
+    participants: int
+    effect_jod: float
+    one_dataset: float
+    pooled: float
+
+
+@router.get("/design")
+def design_page(
+    request: Request,
+    person: Person,
+    study: AStudy,
+    database: Store,
+    now: Now,
+    participants: Annotated[int | None, Query(ge=2, le=500)] = None,
+    effect: Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False)] = 0.5,
+) -> Response:
+    with database.reading() as connection:
+        plan = study_plan(connection, study)
+        report = balance_report(plan, taken_orders(connection, study, now))
+        conditions = conditions_of(connection, study.id)
+    n_trials = len(participant_order(plan.pairs, plan.seed, 0, plan.repetition))
+    n_datasets = len({pair.dataset for pair in plan.pairs})
+    power = _power(len(conditions), n_datasets, participants, effect) if participants else None
+    context = {
+        "report": report,
+        "conditions": conditions,
+        "factors": study.factors,
+        "n_trials": n_trials,
+        "minutes": round(n_trials * (study.exposure_s + VOTING_S) / 60 + BEFORE_AND_AFTER_MIN),
+        "power": power,
+        "asked": {"participants": participants or 22, "effect": effect},
+    }
+    return study_page(request, "design", person, study, context)
+
+
+@lru_cache(maxsize=64)
+def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> Power:
+    from app.analysis.power import StudyPlan, power
+
+    one, all_of_them = (StudyPlan(conditions, n, participants) for n in (1, datasets))
+    found = [power(plan, effect_jod, 1, REPLICATES) for plan in (one, all_of_them)]
+    return Power(participants, effect_jod, found[0], found[1])
+
+
+@router.get("/stimuli")
+def stimuli_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
+    return study_page(request, "stimuli", person, study, {**_stimuli(database, study.id), "checked": None})
+
+
+@router.post("/stimuli")
+def check_stimuli(request: Request, person: Person, actor: Acting, study: AStudy, database: Store) -> Response:
+    """Read every pair's file again: is it there, and is it what it was?"""
+    context = _stimuli(database, study.id)
+    checked = {pair["media"]: _fault(request, pair) for pair in context["pairs"]}
+    with database.writing() as connection:
+        faults = sum(fault is not None for fault in checked.values())
+        actor.note(connection, "films checked", study, study.slug, files=len(checked), faults=faults)
+    return study_page(request, "stimuli", person, study, {**context, "checked": checked})
+
+
+@router.get("/stimuli/{media}/{half}.jpg")
+def still(
+    request: Request,
+    _person: Person,
+    study: AStudy,
+    media: Annotated[str, Path(max_length=32)],
+    half: Annotated[str, Path(max_length=6)],
+    database: Store,
+) -> Response:
+    with database.reading() as connection:
+        pair = next((row for row in pair_records(connection, study.id) if row["media"] == media), None)
+    if pair is None or half not in HALVES:
+        raise NotFoundError("This study has no such film.")
+    path = settings(request).data_dir / "stills" / f"{pair['sha256']}-{half}.jpg"
+    if not path.is_file():
+        row = 0 if half == "top" else pair["height"] + pair["guard_rows"]
+        film = settings(request).media_dir / pair["file"]
+        write_still(film, path, row=row, width=pair["width"], height=pair["height"])
+    return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=86400"})
+
+
+def _stimuli(database: Any, study_id: int) -> dict[str, Any]:
+    with database.reading() as connection:
+        stimuli, pairs = stimulus_records(connection, study_id), pair_records(connection, study_id)
+    datasets = {one["dataset"]: [row for row in stimuli if row["dataset"] == one["dataset"]] for one in stimuli}
+    return {"datasets": datasets, "pairs": pairs}
+
+
+def _fault(request: Request, pair: dict[str, Any]) -> str | None:
+    path = settings(request).media_dir / pair["file"]
+    if not path.is_file():
+        return "the file is missing"
+    return None if file_digest(path) == pair["sha256"] else "the file is not what it was when the study was made"

@@ -1,0 +1,167 @@
+"""A study's settings, as a form and as a file; two editors at once are told of each other."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Form, Request
+from fastapi.responses import Response
+
+from app.errors import ConflictError, InvalidError
+from app.operate import EXPOSURE_BOUNDS_S
+from app.store.audit import Actor
+from app.store.engine import Database
+from app.store.studies import Study, edit_study, progress_of
+from app.study.options import parse_options
+from app.study.stages import OPTIONAL_STAGES
+from app.study.study_file import StudyFile, parse_study_file, write_study_file
+from app.web.admin.shell import see, study_page
+from app.web.gates import Acting, AStudy, Looking, Store
+
+FREE = ("name", "debriefing", "abandoned_after_h")  # what may change although somebody has begun
+LONGEST_NAME = 200
+LONGEST_FILE = 100_000  # characters
+LONGEST_NOTE = 200  # of a value in the audit log
+
+router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
+Text = Annotated[str, Form(max_length=20_000)]
+
+
+@router.get("/edit")
+def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
+    own = study_file_of(study)
+    with database.reading() as connection:
+        has_begun = progress_of(connection, study.id).n_started > 0
+    context = {"options": own.options, "stages": OPTIONAL_STAGES, "text": write_study_file(own), "has_begun": has_begun}
+    return study_page(request, "edit", person, study, context)
+
+
+@router.post("/edit")
+def edit(
+    actor: Acting,
+    study: AStudy,
+    database: Store,
+    revision: Revision,
+    name: Annotated[str, Form(min_length=1, max_length=200)],
+    exposure_s: Annotated[float | None, Form(ge=0.1, le=3600, allow_inf_nan=False)] = None,
+    stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
+    consent: Text = "",
+    consent_version: Annotated[str, Form(max_length=200)] = "",
+    comprehension: Annotated[bool, Form()] = False,
+    debriefing: Text = "",
+) -> Response:
+    """What the form has; everything else stays as it is."""
+    now = study_file_of(study)
+    given = {
+        "optional_stages": stage,
+        "consent": _unix(consent),
+        "consent_version": consent_version.strip(),
+        "comprehension": comprehension,
+        "debriefing": _unix(debriefing),
+    }
+    with database.reading() as connection:
+        if progress_of(connection, study.id).n_started:  # these fields are not sent then
+            given = {"debriefing": given["debriefing"]}
+    try:
+        options = parse_options({**now.options.as_json(), **given})
+        wanted = replace(now, name=name.strip(), exposure_s=exposure_s or now.exposure_s, options=options)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    return _save(database, study, wanted, revision, actor)
+
+
+@router.post("/edit/file")
+def edit_file(
+    actor: Acting,
+    study: AStudy,
+    database: Store,
+    revision: Revision,
+    text: Annotated[str, Form(max_length=LONGEST_FILE)],
+) -> Response:
+    try:
+        wanted = _complete(parse_study_file(_unix(text)), study_file_of(study))
+    except (tomllib.TOMLDecodeError, ValueError) as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    return _save(database, study, wanted, revision, actor)
+
+
+def study_file_of(study: Study) -> StudyFile:
+    return StudyFile(
+        name=study.name,
+        manifest_sha256=study.manifest_sha256,
+        exposure_s=study.exposure_s,
+        seed=study.seed,
+        options=parse_options(study.options),
+    )
+
+
+def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
+    """The file with what it leaves out as it is; another stimulus set makes another study.
+
+    Raises
+    ------
+    ValueError
+    """
+    if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
+        raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
+    low, high = EXPOSURE_BOUNDS_S
+    exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
+    if not low <= exposure_s <= high:
+        raise ValueError(f"exposure_s is {exposure_s}, expected between {low} and {high}")
+    if not 1 <= len(wanted.name.strip()) <= LONGEST_NAME:
+        raise ValueError(f"name has {len(wanted.name.strip())} characters, expected 1 to {LONGEST_NAME}")
+    seed = now.seed if wanted.seed is None else wanted.seed
+    if not 0 <= (seed or 0) < 2**63:
+        raise ValueError(f"seed is {seed}, expected a whole number from 0 to 2^63 - 1")
+    sha256 = now.manifest_sha256
+    return replace(wanted, name=wanted.name.strip(), manifest_sha256=sha256, exposure_s=exposure_s, seed=seed)
+
+
+def _save(database: Database, study: Study, wanted: StudyFile, revision: int, actor: Actor) -> Response:
+    """Keep what has changed.
+
+    Raises
+    ------
+    ConflictError
+        If somebody else has changed the study meanwhile, or what has changed would be different for those who come now
+        from what it was for those who have begun.
+    """
+    changes = _changes(study_file_of(study), wanted)
+    try:
+        with database.writing() as connection:
+            fixed = sorted(changes.keys() - set(FREE))
+            if fixed and progress_of(connection, study.id).n_started:
+                what = ", ".join(fixed)
+                raise ConflictError(f"Participants have begun, so {what} cannot change. Duplicate the study instead.")
+            values: dict[str, Any] = {"name": wanted.name, "exposure_s": wanted.exposure_s, "seed": wanted.seed}
+            values["options"] = wanted.options.as_json()
+            edit_study(connection, study.id, revision, values)
+            actor.note(connection, "study edited", study, study.slug, **changes)
+    except ConflictError as error:
+        with database.writing() as connection:
+            actor.note(connection, "edit refused", study, study.slug, reason=error.detail)
+        raise
+    return see(f"/admin/studies/{study.slug}/edit")
+
+
+def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:
+    """What differs, and what it becomes; long texts by their length."""
+    old, new = _flat(before), _flat(after)
+    return {key: _short(value) for key, value in new.items() if value != old[key]}
+
+
+def _short(value: Any) -> Any:
+    return value if len(str(value)) <= LONGEST_NOTE else f"{len(str(value))} characters"
+
+
+def _flat(of: StudyFile) -> dict[str, Any]:
+    return {"name": of.name, "exposure_s": of.exposure_s, "seed": of.seed, **of.options.as_json()}
+
+
+def _unix(text: str) -> str:
+    """A form's text with the line ends that files have."""
+    return text.replace("\r\n", "\n").strip()

@@ -1,0 +1,130 @@
+"""A study's overview, live: who is in which stage, how far, how fast, and what looks unusual."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+import anyio
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+from sse_starlette import EventSourceResponse, ServerSentEvent
+from starlette.concurrency import run_in_threadpool
+
+from app.store.invitations import invitations_of
+from app.store.monitor import votes_by_minute
+from app.store.participants import participant_records
+from app.store.studies import Study, progress_of
+from app.study.options import parse_options
+from app.study.stages import FINISHED, WITHDRAWN
+from app.web.admin.shell import study_page
+from app.web.gates import AStudy, Person, database, now
+from app.web.results import analysis_of
+
+LOOKS_EVERY_S = 1.0
+STREAM_LASTS_S = 300.0  # then the browser opens another one
+HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
+AWAY = timedelta(minutes=30)
+PACE_MINUTES = 60
+
+router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A participant as the monitor shows them."""
+
+    participant: str
+    stage: str
+    n_votes: int
+    n_trials: int
+    n_voided: int
+    connection: str
+    last_at: datetime
+    excluded: bool
+    flags: tuple[str, ...]
+
+    @property
+    def percent(self) -> int:
+        return round(100 * self.n_votes / self.n_trials) if self.n_trials else 0
+
+
+@router.get("")
+def overview_page(request: Request, person: Person, study: AStudy) -> Response:
+    with database(request).reading() as connection:
+        invitations = [one for one in invitations_of(connection, study.id) if not one.is_used]
+    link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
+    return study_page(request, "overview", person, study, {**monitor_of(request, study), "link": link})
+
+
+@router.get("/live")
+async def live(request: Request, person: Person, study: AStudy) -> Response:  # noqa: ARG001 (the gate)
+    """The monitor again whenever it changes, by server-sent events."""
+    return EventSourceResponse(_changes(request, study))
+
+
+async def _changes(request: Request, study: Study) -> AsyncIterator[ServerSentEvent]:
+    last = ""
+    with anyio.move_on_after(STREAM_LASTS_S):
+        while not request.app.state.is_stopping and not await request.is_disconnected():
+            shown = await run_in_threadpool(_rendered, request, study)
+            if shown != last:
+                last = shown
+                yield ServerSentEvent(shown, event="monitor")
+            await anyio.sleep(LOOKS_EVERY_S)
+
+
+def _rendered(request: Request, study: Study) -> str:
+    template = request.app.state.templates.get_template("admin/_monitor.html")
+    with database(request).reading() as connection:
+        progress = progress_of(connection, study.id)
+    text: str = template.render(study=study, progress=progress, **monitor_of(request, study))
+    return text
+
+
+def monitor_of(request: Request, study: Study) -> dict[str, Any]:
+    """What the monitor shows now."""
+    moment = now(request)
+    with database(request).reading() as connection:
+        people = participant_records(connection, study.id)
+        pace = votes_by_minute(connection, study.id, moment, PACE_MINUTES)
+    flags = _flags(database(request), study.id) if any(row["n_votes"] for row in people) else {}
+    lines = [_line(row, flags.get(row["participant"], ()), moment) for row in people]
+    stages = (*parse_options(study.options).way, WITHDRAWN)
+    by_stage = [(stage, sum(line.stage == stage for line in lines)) for stage in stages]
+    return {
+        "lines": sorted(lines, key=lambda line: (line.stage in (FINISHED, WITHDRAWN), -line.last_at.timestamp())),
+        "by_stage": [(stage, n) for stage, n in by_stage if n or stage != WITHDRAWN],
+        "pace": pace,
+        "peak": max([*pace, 1]),
+        "n_here": sum(line.connection == "here" for line in lines),
+        "n_voided": sum(line.n_voided for line in lines),
+    }
+
+
+def _line(row: dict[str, Any], flags: tuple[str, ...], moment: datetime) -> Line:
+    last_at = max(filter(None, (row["started_at"], row["last_served_at"], row["last_vote_at"], row["finished_at"])))
+    return Line(
+        row["participant"],
+        row["stage"],
+        row["n_votes"],
+        row["n_trials"],
+        row["n_voided"],
+        _connection(row["stage"], moment - last_at),
+        last_at,
+        row["excluded"],
+        flags,
+    )
+
+
+def _connection(stage: str, silent: timedelta) -> str:
+    if stage in (FINISHED, WITHDRAWN):
+        return "done"
+    return "here" if silent <= HERE else "quiet" if silent <= AWAY else "away"
+
+
+def _flags(of: Any, study_id: int) -> dict[str, tuple[str, ...]]:
+    analysis = analysis_of(of, study_id)
+    return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}

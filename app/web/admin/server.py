@@ -1,0 +1,37 @@
+"""How this server is set up, for its owners to look at."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from importlib.metadata import version
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from app.store.migrate import newest_version
+from app.web.admin.shell import page
+from app.web.gates import Owner, settings
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@router.get("/settings")
+def settings_page(request: Request, person: Owner) -> Response:
+    own = settings(request)
+    disk = shutil.disk_usage(own.data_dir)
+    facts = {
+        "Version": version("reconstudy"),
+        "Python": platform.python_version(),
+        "Database": "SQLite in the data folder" if own.is_embedded else own.url.split("://", 1)[0],
+        "Version of the tables": newest_version(),
+        "Data folder": str(own.data_dir.absolute()),
+        "Stimulus sets": str(own.sets_dir.absolute()),
+        "Free disk space": f"{disk.free / 1e9:.1f} GB of {disk.total / 1e9:.1f} GB",
+    }
+    described = [
+        (f"RECONSTUDY_{name.upper()}", getattr(own, name), field.description or "")
+        for name, field in type(own).model_fields.items()
+        if name != "database_url"  # it may hold a password
+    ]
+    return page(request, "settings", person, {"facts": facts, "described": described})

@@ -1,0 +1,125 @@
+"""Studies: all of them, a new one, and what can be done to one as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Path, Request
+from fastapi.responses import Response
+
+from app.errors import InvalidError, NotFoundError
+from app.operate import create_study, duplicate_study
+from app.store.invitations import preview_code
+from app.store.jobs import job_by_id
+from app.store.sessions import begin_preview
+from app.store.studies import Progress, Standing, Study, all_studies, progress_of, set_standing
+from app.study.options import parse_options
+from app.study.stages import OPTIONAL_STAGES
+from app.web.admin.jobs import Tell, start_job
+from app.web.admin.sets import known_sets, set_folder
+from app.web.admin.shell import page, see
+from app.web.gates import Acting, AStudy, Looking, Person, Store, settings
+from app.web.participant import remember
+
+EXPOSURE_S = Form(ge=0.1, le=3600, allow_inf_nan=False)
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Card:
+    """What an experimenter sees of a study at a glance."""
+
+    study: Study
+    progress: Progress
+
+
+@router.get("")
+def studies_page(request: Request, person: Person, database: Store) -> Response:
+    with database.reading() as connection:
+        cards = [Card(study, progress_of(connection, study.id)) for study in all_studies(connection)]
+    current = [card for card in cards if card.study.standing != "archived"]
+    archived = [card for card in cards if card.study.standing == "archived"]
+    return page(request, "studies", person, {"cards": current, "archived": archived})
+
+
+@router.get("/studies/new")
+def new_study_page(request: Request, person: Looking) -> Response:
+    return page(request, "new_study", person, {"sets": known_sets(settings(request)), "stages": OPTIONAL_STAGES})
+
+
+@router.post("/studies/new")
+def create(
+    request: Request,
+    actor: Acting,
+    database: Store,
+    name: Annotated[str, Form(min_length=1, max_length=200)],
+    stimulus_set: Annotated[str, Form(max_length=200)],
+    stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
+    exposure_s: Annotated[float | None, EXPOSURE_S] = None,
+    consent: Annotated[str, Form(max_length=20_000)] = "",
+) -> Response:
+    """Create a study in the background; its page tells how far it is."""
+    folder = set_folder(settings(request), stimulus_set)
+    try:
+        options = parse_options({"optional_stages": stage, "consent": _unix(consent)})
+    except ValueError as error:
+        raise InvalidError(f"The study was not created: {error}.") from error
+    own = settings(request)
+
+    def work(progress: Tell) -> str:
+        made = create_study(
+            own, folder, name, exposure_s=exposure_s, options=options, progress=progress, by=actor.name, is_paused=True
+        )
+        return f"/admin/studies/{made['slug']}"
+
+    return see(f"/admin/jobs/{start_job(request, database, actor, f'Creating the study {name}', work)}")
+
+
+@router.get("/jobs/{job}")
+def job_page(request: Request, job: Annotated[str, Path(max_length=32)], person: Person, database: Store) -> Response:
+    with database.reading() as connection:
+        found = job_by_id(connection, job)
+    if found is None:
+        raise NotFoundError("There is no such work in progress.")
+    if found.state == "done" and found.result and "hx-request" not in request.headers:
+        return see(found.result)
+    return page(request, "job", person, {"job": found})
+
+
+@router.post("/studies/{slug}/state")
+def change_standing(actor: Acting, study: AStudy, state: Annotated[Standing, Form()], database: Store) -> Response:
+    with database.writing() as connection:
+        set_standing(connection, study.id, state, actor.now)
+        actor.note(connection, f"study {state}", study, study.slug, before=study.standing)
+    return see(f"/admin/studies/{study.slug}")
+
+
+@router.post("/studies/{slug}/duplicate")
+def duplicate(
+    actor: Acting, study: AStudy, name: Annotated[str, Form(min_length=1, max_length=200)], database: Store
+) -> Response:
+    """A study of the same stimuli and options that nobody has taken yet."""
+    try:
+        slug = duplicate_study(database, study, name, actor)
+    except ValueError as error:
+        raise InvalidError(f"The study was not duplicated: {error}.") from error
+    return see(f"/admin/studies/{slug}")
+
+
+@router.post("/studies/{slug}/preview")
+def preview(request: Request, actor: Acting, study: AStudy, database: Store) -> Response:
+    """Walk through a study as a participant would; nothing of it is counted or kept."""
+    token = begin_preview(database, study, actor.now)
+    with database.writing() as connection:
+        actor.note(connection, "study previewed", study, study.slug)
+        code = preview_code(connection, study.id)
+    answer = see(f"/s/{code}")
+    remember(request, answer, token)
+    return answer
+
+
+def _unix(text: str) -> str:
+    """A form's text with the line ends that files have."""
+    return text.replace("\r\n", "\n").strip()

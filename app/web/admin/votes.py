@@ -1,0 +1,106 @@
+"""A study's votes: a table with filters, and any trial again as it was looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+
+from app.errors import NotFoundError
+from app.store.designs import datasets_of
+from app.store.trials import trial_film, trial_records
+from app.web.admin.shell import study_page
+from app.web.gates import AStudy, Looking, Store
+
+VOTES_ON_A_PAGE = 60
+
+router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A stretch of time in which one of the two was on screen, in parts of the whole."""
+
+    label: str
+    from_ms: float
+    to_ms: float
+
+
+@router.get("")
+def votes_page(
+    request: Request,
+    person: Looking,
+    study: AStudy,
+    database: Store,
+    participant: Annotated[str, Query(max_length=40)] = "",
+    dataset: Annotated[str, Query(max_length=200)] = "",
+    what: Annotated[str, Query(max_length=20)] = "",
+    at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
+) -> Response:
+    with database.reading() as connection:
+        trials = [row for row in trial_records(connection, study.id) if row["choice"] or row["voided_at"]]
+        datasets = datasets_of(connection, study.id)
+    people = list(dict.fromkeys(row["participant"] for row in trials))
+    found = [row for row in trials if _matches(row, participant, dataset, what)]
+    found.sort(key=lambda row: row["voted_at"] or row["voided_at"], reverse=True)
+    context = {
+        "rows": found[at : at + VOTES_ON_A_PAGE],
+        "n_found": len(found),
+        "people": people,
+        "datasets": datasets,
+        "chosen": {"participant": participant, "dataset": dataset, "what": what},
+        "newer": max(0, at - VOTES_ON_A_PAGE) if at else None,
+        "older": at + VOTES_ON_A_PAGE if len(found) > at + VOTES_ON_A_PAGE else None,
+    }
+    return study_page(request, "votes", person, study, context)
+
+
+@router.get("/{trial}")
+def replay_page(
+    request: Request, person: Looking, study: AStudy, trial: Annotated[str, Path(max_length=32)], database: Store
+) -> Response:
+    """One trial: both films, and on a time line what was on screen when."""
+    with database.reading() as connection:
+        found = next((row for row in trial_records(connection, study.id) if row["trial"] == trial), None)
+        film = trial_film(connection, study.id, trial)
+    if found is None or film is None:
+        raise NotFoundError("This study has no such trial.")
+    viewing = found["viewing"] or {}
+    looks = looks_of(viewing, study.exposure_s * 1000)
+    dwell = {label: sum(look.to_ms - look.from_ms for look in looks if look.label == label) for label in ("a", "b")}
+    context = {"trial": found, "film": film, "viewing": viewing, "looks": looks, "dwell": dwell}
+    return study_page(request, "replay", person, study, context)
+
+
+def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:
+    """What was on screen when, from a viewing record; nothing from none.
+
+    Parameters
+    ----------
+    shown_ms : how long a pair is shown, where the record does not say
+    """
+    if "first_shown" not in viewing:
+        return ()
+    end_ms = float(viewing.get("shown_ms", shown_ms))
+    shown, since_ms, looks = viewing["first_shown"], 0.0, []
+    for switch in viewing.get("switches", ()):
+        looks.append(Look(shown, since_ms, min(switch["at_ms"], end_ms)))
+        shown, since_ms = switch["to"], min(switch["at_ms"], end_ms)
+    return (*looks, Look(shown, since_ms, end_ms))
+
+
+def _matches(row: dict[str, Any], participant: str, dataset: str, what: str) -> bool:
+    if participant and row["participant"] != participant:
+        return False
+    if dataset and row["dataset"] != dataset:
+        return False
+    kinds = {
+        "voided": row["voided_at"] is not None,
+        "ties": row["choice"] == "none",
+        "unswitched": row["n_switches"] == 0,
+        "excluded": row["withdrawn"] or row["exclusion"] is not None,
+    }
+    return bool(kinds.get(what, True))

@@ -1,0 +1,33 @@
+// The page of stimulus sets: sends a zip file and leads to the page that tells how its check goes.
+
+const form = /** @type {HTMLFormElement | null} */ (document.getElementById("upload-form"));
+const state = document.getElementById("upload-state");
+
+form?.addEventListener("submit", (event) => {
+  event.preventDefault();
+  const file = /** @type {File} */ (new FormData(form).get("file"));
+  const request = new XMLHttpRequest(); // fetch tells no progress of what it sends
+  const bar = /** @type {HTMLProgressElement} */ (state.querySelector("progress"));
+  const words = state.querySelector("span");
+  state.hidden = false;
+  words.textContent = "";
+  form.querySelector("button").disabled = true;
+  request.upload.addEventListener("progress", (sent) => (bar.value = sent.loaded / sent.total));
+  request.addEventListener("load", () => {
+    const answer = JSON.parse(request.responseText);
+    if (request.status === 202) window.location.assign(answer.job);
+    else fail(answer.detail);
+  });
+  request.addEventListener("error", () => fail("The connection was lost. Please try again."));
+  request.open("PUT", "/admin/stimuli/upload");
+  request.setRequestHeader("X-CSRF-Token", form.dataset.formToken);
+  request.setRequestHeader("Content-Type", "application/zip");
+  request.send(file);
+
+  /** @param {string} reason */
+  function fail(reason) {
+    bar.value = 0;
+    words.textContent = reason;
+    form.querySelector("button").disabled = false;
+  }
+});
