@@ -113,6 +113,20 @@ def read_run(folder: Path) -> Run:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
 
 
+def recorded_in(run: Run) -> Path:
+    """The folder of the recording that a run was made of, if neither was moved.
+
+    Raises
+    ------
+    ValueError
+        If the run does not say.
+    """
+    recording = read_json(run.folder / RUN_FILE).get("recording")
+    if not isinstance(recording, str):
+        raise ValueError(f"{run.folder / RUN_FILE}: does not say where its recording is; reconstruct again")
+    return run.folder / recording
+
+
 def write_run(
     run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float], warnings: Sequence[str]
 ) -> dict[str, Any]:
@@ -122,6 +136,7 @@ def write_run(
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": run.dataset,
+        "recording": Path(os.path.relpath(run.capture.folder, run.folder)).as_posix(),
         "approaches": list(run.approaches),
         "frames": list(run.frames),
         "options": dict(options),

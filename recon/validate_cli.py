@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from recon.console import JsonOption, ProgressLine, print_result
-from recon.options import parse_position
+from recon.options import parse_frames, parse_position
 
 EVERY_DATASET = "all"
 DatasetOption = Annotated[
@@ -18,7 +18,7 @@ ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that this speaks for, such as pm_fb; may be repeated.")
 ]
 
-app = typer.Typer(no_args_is_help=True, help="Objective evaluation: spheres, meshes against the truth.")
+app = typer.Typer(no_args_is_help=True, help="Objective evaluation: known objects, truth, sensors and views.")
 
 
 @app.command("sphere")
@@ -107,6 +107,73 @@ def validate_cuboid(
     print_result({"report": str(page), **report}, _cuboid_sentences(report, page), as_json=as_json)
 
 
+@app.command("object")
+def validate_object(
+    model: Annotated[Path, typer.Argument(help="PLY of the known object's mesh.")],
+    cloud: Annotated[Path, typer.Argument(help="PLY, or text with x y z, of its reconstruction.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    delta: Annotated[
+        float | None,
+        typer.Option(help="How far from the model a point may lie in the search, mm; default: 2 % of its diagonal."),
+    ] = None,
+    trim: Annotated[float, typer.Option(help="Share of the points that the refinement uses, the nearest.")] = 0.8,
+    unit: Annotated[str, typer.Option(help="Unit of the cloud: mm, cm, m or in.")] = "mm",
+    model_unit: Annotated[str, typer.Option(help="Unit of the model: mm, cm, m or in.")] = "mm",
+    dataset: DatasetOption = EVERY_DATASET,
+    approach: ApproachOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Find a known mesh in a cloud; signed distances to it and inlier ratios."""
+    from recon.validation.known_object import ObjectSettings, measure_object
+    from recon.validation.measures import Subject
+    from recon.validation.object_report import ambiguity_text, write_object_report
+    from recon.validation.registration import RegistrationParameters
+
+    settings = ObjectSettings(
+        thresholds=parse_thresholds(thresholds),
+        registration=RegistrationParameters(delta=delta, trim=trim, seed=seed),
+        unit=unit,
+        model_unit=model_unit,
+        subject=Subject(dataset, tuple(approach or ())),
+    )
+    report, measured = measure_object(model, cloud, settings)
+    page = write_object_report(report, measured, out)
+    found, row = report["registration"], report["table"][0]
+    sentence = (
+        f"{found['overlap']:.1%} of the cloud within {found['delta_mm']:.3g} mm of the model; "
+        f"{row['inliers']:.2%} within {row['threshold_mm']:g} mm: {page}"
+    )
+    doubt = f"\n{ambiguity_text(report)}" if found["is_ambiguous"] else ""
+    print_result({"report": str(page), **report}, sentence + doubt, as_json=as_json)
+
+
+@app.command("views")
+def validate_views(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    capture: Annotated[
+        Path | None, typer.Option(help="Folder of the recording; default: where it was when it was reconstructed.")
+    ] = None,
+    frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all of the run.")] = None,
+    threshold: Annotated[
+        float | None,
+        typer.Option(help="Within which depths of two sensors agree, mm; default: a pixel of disparity in depth."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Sensors against each other, and every model seen from held-out and from the sensors' own cameras."""
+    from recon.validation.views import ViewSettings, measure_views
+    from recon.validation.views_report import write_views_report
+
+    progress = ProgressLine()
+    report, shown = measure_views(run, ViewSettings(capture, parse_frames(frames), threshold), progress)
+    progress.close()
+    page = write_views_report(report, shown, out)
+    print_result({"report": str(page), **report}, _view_sentences(report, page), as_json=as_json)
+
+
 @app.command("mesh")
 def validate_mesh(
     mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
@@ -171,6 +238,31 @@ def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
             f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
         ) from error
     return name or "S1", (x, y, z)
+
+
+def _view_sentences(report: dict[str, Any], page: Path) -> str:
+    threshold = report["settings"]["threshold_mm"]
+    lines = [
+        f"{row['kind']}, {row['approach']}: "
+        + ", ".join(
+            f"{name} {row[column]:{form}}"
+            for name, column, form in (
+                ("PSNR", "psnr_db", ".2f"),
+                ("SSIM", "ssim", ".3f"),
+                ("coverage", "coverage", ".1%"),
+                ("spill", "spill", ".1%"),
+            )
+            if row[column] is not None
+        )
+        for row in report["means"]
+        if row["region"] == "all"
+    ]
+    lines += [
+        f"sensors by {row['depth']}: {row['agree']:.1%} of the depths agree within {threshold:.3g} mm"
+        for row in report["agreement"]
+        if row["agree"] is not None
+    ]
+    return "\n".join([*lines, f"Report: {page}"])
 
 
 def _cuboid_sentences(report: dict[str, Any], page: Path) -> str:

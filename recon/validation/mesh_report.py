@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from recon.mesh import error_colours, write_coloured
-from recon.validation.ground_truth import read_shape, signed_vertex_errors
+from recon.validation.ground_truth import Shape, read_shape, sample_evenly, signed_vertex_errors
 from recon.validation.pictures import error_picture, png
 from recon.validation.report import (
     PALETTE,
@@ -23,6 +23,8 @@ from recon.validation.report import (
 
 MEASURES = ("precision", "recall", "f_score")
 COLOURED = "errors.ply"
+NO_FACES = np.zeros((0, 3), np.int32)
+PICTURED = 150_000  # points; more than the pictures have pixels for
 COLOUR_SHARE = 95  # percentile of the errors at which the colours end
 
 
@@ -68,7 +70,8 @@ def _errors(report: Mapping[str, Any], out: Path) -> Section:
     errors = signed_vertex_errors(measured, truth)
     limit = max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3)
     write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
-    picture = png(error_picture(measured.points, errors, limit))
+    shown = Shape(sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"])), NO_FACES)
+    picture = png(error_picture(shown.points, signed_vertex_errors(shown, truth), limit))
     write_bytes(out / "errors.png", picture)
     text = (
         f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "

@@ -21,6 +21,7 @@ MIN_SAMPLE = 20
 LARGEST_GRID = 96  # cells along the longest side of the model's surroundings
 FLATTEST = 0.3  # sine between the base's sides below which its points are nearly in line
 BASE_TRIES = 200
+PER_TRIAL, N_CANDIDATES = 3, 12  # motions that are kept of each base, and of all
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Registration:
     n_trials : bases that were tried
     n_checked : motions that were checked
     is_out_of_time : whether the time budget ended the search
+    candidates : float64 (C, 4, 4), cloud_from_model, the best of all, best first; they may be nearly alike
     """
 
     cloud_from_model: NDArray[np.float64]
@@ -76,6 +78,7 @@ class Registration:
     n_trials: int
     n_checked: int
     is_out_of_time: bool
+    candidates: NDArray[np.float64]
 
 
 def super4pcs(
@@ -95,7 +98,8 @@ def super4pcs(
     model_sample = _spread(model, parameters.n_samples, rng)
     cloud_sample = _spread(cloud, parameters.n_samples, rng)
     near, low, cell = _surroundings(np.asarray(model, dtype=np.float64), parameters.delta)
-    best, best_share, n_checked, n_trials = np.eye(4)[:3], -1.0, 0, 0
+    best: list[tuple[float, NDArray[np.float64]]] = []
+    n_checked, n_trials = 0, 0
     for _ in range(parameters.n_trials):
         if parameters.seconds is not None and clock() - started > parameters.seconds:
             break
@@ -105,16 +109,16 @@ def super4pcs(
             continue
         shares = overlaps(motions, cloud_sample, near, low, cell)
         n_checked += len(motions)
-        if shares.max() > best_share:
-            best, best_share = motions[int(np.argmax(shares))], float(shares.max())
-    if best_share <= 0:
+        best += [(float(shares[index]), motions[index]) for index in np.argsort(-shares, kind="stable")[:PER_TRIAL]]
+    best.sort(key=lambda one: -one[0])
+    if not best or best[0][0] <= 0:
         raise ValueError(
             f"no base of the cloud is congruent to one of the model in {n_trials} trials; delta "
             f"{parameters.delta:g} mm may be too small, or the model is not in the cloud"
         )
-    model_from_cloud = np.vstack([best, (0, 0, 0, 1)])
+    candidates = np.stack([np.linalg.inv(np.vstack([motion, (0, 0, 0, 1)])) for _, motion in best[:N_CANDIDATES]])
     is_out_of_time = n_trials < parameters.n_trials
-    return Registration(np.linalg.inv(model_from_cloud), best_share, n_trials, n_checked, is_out_of_time)
+    return Registration(candidates[0], best[0][0], n_trials, n_checked, is_out_of_time, candidates)
 
 
 def _motions(

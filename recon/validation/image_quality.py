@@ -1,0 +1,60 @@
+"""How alike a rendering and a photograph are, inside a region: PSNR, SSIM, and similarity of gradients."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SSIM_SIGMA = 1.5  # pixels, in a window of 11, Wang et al. (2004)
+SSIM_C1, SSIM_C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+GRADIENT_C = 170.0  # Xue et al. (2014), for values up to 255
+PREWITT = np.array([[1, 0, -1], [1, 0, -1], [1, 0, -1]], np.float32) / 3
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
+BEST_PSNR_DB = 99.0  # of pictures that are the same
+
+
+def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArray[np.bool_]) -> float | None:
+    """Peak signal-to-noise ratio of RGB pictures (H, W, 3) in a region (H, W), dB; None where the region is empty."""
+    if not where.any():
+        return None
+    difference = picture[where].astype(np.float64) - photograph[where]
+    error = float(np.mean(difference**2))
+    return BEST_PSNR_DB if error == 0 else min(BEST_PSNR_DB, float(10 * np.log10(255**2 / error)))
+
+
+def ssim_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Structural similarity of the luma of RGB pictures at each pixel, float32 (H, W).
+
+    Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
+    (2004), equation 13.
+    """
+    a, b = luma(picture), luma(photograph)
+    mean_a, mean_b = _blurred(a), _blurred(b)
+    var_a, var_b = _blurred(a * a) - mean_a**2, _blurred(b * b) - mean_b**2
+    both = _blurred(a * b) - mean_a * mean_b
+    likeness = (2 * mean_a * mean_b + SSIM_C1) * (2 * both + SSIM_C2)
+    return np.asarray(likeness / ((mean_a**2 + mean_b**2 + SSIM_C1) * (var_a + var_b + SSIM_C2)), dtype=np.float32)
+
+
+def gradient_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Similarity of the gradients' lengths at each pixel, float32 (H, W): 1 where edges are as strong as they should.
+
+    Source: Xue, Zhang, Mou, Bovik, "Gradient magnitude similarity deviation" (2014), equation 4, at full resolution.
+    """
+    a, b = _gradient(luma(picture)), _gradient(luma(photograph))
+    return np.asarray((2 * a * b + GRADIENT_C) / (a * a + b * b + GRADIENT_C), dtype=np.float32)
+
+
+def luma(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Luma float32 (H, W) of an RGB picture (H, W, 3), 0 to 255."""
+    return np.asarray(picture.astype(np.float32) @ LUMA)
+
+
+def _blurred(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(values, (11, 11), SSIM_SIGMA))
+
+
+def _gradient(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    across, down = cv2.filter2D(values, -1, PREWITT), cv2.filter2D(values, -1, PREWITT.T)
+    return np.asarray(np.hypot(across, down))
