@@ -1,25 +1,45 @@
-"""Fits of a sphere and the exclusion rule on simulated caps: error, time, and what is caught and dropped.
+"""Validation measured: fits of spheres and cuboids, the exclusion rule, F-scores, and the studio's ball reconstructed.
 
-Seeds differ from those that the rule's limits were set with.
-Run as `python bench/validation.py [--points N] [--seeds N] [--balls N]`.
+Caps and corners are simulated: the truth is known; seeds differ from those that the rule's limits were set with.
+Peers (pyransac3d, Open3D) run beside ours where they are installed.
+Run as `python bench/validation.py [fits exclusion cuboids f-score studio] [--points N] [--seeds N] [--balls N]`.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import random
+import tempfile
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from recon.capture.segment import segment_capture
+from recon.pipeline import ReconstructOptions, reconstruct
+from recon.run import cloud_name
+from recon.studio import SynthParameters, synthesise
+from recon.studio.objects import ball
 from recon.validation.caps import SPOILS, CapParameters, simulate_cap
+from recon.validation.cuboid import fit_cuboid
 from recon.validation.exclusion import exclusion_reasons, part_shifts
-from recon.validation.measured import FitError
+from recon.validation.ground_truth import Shape, compare_points, sample_evenly
+from recon.validation.measured import FitError, named_clouds
 from recon.validation.sphere import SphereFit, fit_sphere
-from recon.validation.sphere_methods import METHODS
+from recon.validation.sphere_methods import METHODS, SphereSettings
+from recon.validation.spheres import measure_spheres
+from recon.validation.triangles import TriangleTree
 
 RADIUS = 150.0
 AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))
 FIRST_SEED = 5000
+PEER_TRIALS = 200
+SENSORS = ("S1", "S2", "S3")
+STUDIO_MIDDLE = np.array([0.0, 1100.0, 0.0])  # mm, of the working volume
 
 
 def fits(n_points: int, n_seeds: int) -> None:
@@ -95,11 +115,169 @@ def _ball(seed: int, spoil: str) -> tuple[dict[str, tuple[SphereFit, tuple[float
     return found, f"S{bad}"
 
 
+def peer_fits(n_points: int, n_seeds: int) -> None:
+    """Print what pyransac3d makes of the same caps, if it is there."""
+    if importlib.util.find_spec("pyransac3d") is None:
+        print("  pyransac3d is not installed")
+        return
+    import pyransac3d
+
+    for outliers in (0.05, 0.2, 0.4):
+        errors, seconds = [], []
+        for seed in range(n_seeds):
+            rng = np.random.default_rng((FIRST_SEED + seed, 120))
+            points, centre = simulate_cap(CapParameters(n_points=n_points, outliers=outliers), rng)
+            random.seed(seed)  # pyransac3d draws from it
+            started = time.process_time()
+            found, _, _ = pyransac3d.Sphere().fit(points.astype(np.float64), thresh=12.5, maxIteration=PEER_TRIALS)
+            seconds.append(time.process_time() - started)
+            errors.append(float(np.linalg.norm(np.ravel(found) - centre)))
+        print(
+            f"  pyransac3d cap 120 deg, outliers {outliers:4.0%}: median {np.median(errors):.1f} "
+            f"worst {max(errors):.1f}, {np.median(seconds):.1f} s"
+        )
+
+
+def cuboids(n_seeds: int) -> None:
+    """Print errors of angles, edges and place of corners of boxes with 6 mm of noise."""
+    print(f"cuboids, 60 000 points of three faces, 6 mm noise, 5 % outliers, {n_seeds} seeds a row")
+    for size in ((300.0, 200.0, 400.0), (400.0, 250.0, 250.0), (200.0, 200.0, 200.0)):
+        angles, edges, places, seconds = [], [], [], []
+        for seed in range(n_seeds):
+            points, centre = _corner(size, np.random.default_rng((FIRST_SEED + seed, 3)))
+            started = time.process_time()
+            fit = fit_cuboid(points, size)
+            seconds.append(time.process_time() - started)
+            angles += [abs(angle - 90) for *_, angle in fit.dihedral_angles()]
+            edges += [abs(edge.length - size[edge.axis]) for edge in fit.edges]
+            places.append(float(np.linalg.norm(fit.centre - centre)))
+        found = ", ".join(
+            f"{name} median {np.median(values):.2f} worst {max(values):.2f} {unit}"
+            for name, values, unit in (("angles", angles, "deg"), ("edges", edges, "mm"), ("place", places, "mm"))
+        )
+        print(f"  {'x'.join(f'{edge:g}' for edge in size)}: {found}; {np.median(seconds):.1f} s of processor time")
+
+
+def _corner(
+    size: tuple[float, float, float], rng: np.random.Generator
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Three faces of a box as seen from outside, somewhere, and its middle."""
+    half, towards = np.array(size) / 2, np.abs(rng.normal(size=3)) + 0.35
+    towards /= np.linalg.norm(towards)
+    seen = np.array([size[(axis + 1) % 3] * size[(axis + 2) % 3] * towards[axis] for axis in range(3)])
+    faces = []
+    for axis, count in enumerate((60_000 * seen / seen.sum()).astype(int)):
+        face = rng.uniform(-1, 1, (count, 3)) * half
+        face[:, axis] = half[axis]
+        faces.append(face)
+    points = np.concatenate(faces)
+    points += rng.normal(0, 6.0, points.shape)
+    is_out = rng.random(len(points)) < 0.05
+    points[is_out] += rng.normal(0, 40.0, (np.count_nonzero(is_out), 1)) * towards
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    middle = rng.uniform(-300, 300, 3)
+    return (points @ axes + middle).astype(np.float32), middle
+
+
+def f_score() -> None:
+    """Print the time of an F-score of 250 000 points against as many, and of distances to triangles."""
+    rng = np.random.default_rng(FIRST_SEED)
+    vertices, faces = ball(150.0, 3.0)
+    shape = Shape(vertices, faces)
+    points, truth = (sample_evenly(shape, 250_000, rng) for _ in range(2))
+    points += rng.normal(0, 1, points.shape)
+    tree = TriangleTree(vertices, faces)
+    tree.nearest(points[:1000])  # compiles
+    ways: dict[str, Callable[[], object]] = {
+        "points to points, both ways": lambda: compare_points(points, truth, [1.0, 2.0]),
+        f"points to {len(faces)} triangles": lambda: tree.nearest(points),
+        "the triangles' tree": lambda: TriangleTree(vertices, faces),
+    }
+    if _has_open3d():
+        ways["Open3D, points to points, both ways"] = lambda: _open3d_distances(points, truth)
+    print("F-score, 250 000 points against 250 000")
+    for name, way in ways.items():
+        seconds = []
+        for _ in range(3):
+            started = time.perf_counter()
+            way()
+            seconds.append(time.perf_counter() - started)
+        print(f"  {name}: {np.median(seconds):.2f} s")
+
+
+def _has_open3d() -> bool:
+    try:
+        import open3d
+    except ImportError as error:  # also where one of the packages that it wants is missing
+        print(f"Open3D cannot be used: {error}")
+        return False
+    return bool(open3d.__version__)
+
+
+def _open3d_distances(points: NDArray[np.float64], truth: NDArray[np.float64]) -> None:
+    import open3d
+
+    one, other = (open3d.geometry.PointCloud(open3d.utility.Vector3dVector(side)) for side in (points, truth))
+    one.compute_point_cloud_distance(other)
+    other.compute_point_cloud_distance(one)
+
+
+def studio(n_positions: int, methods: tuple[str, ...]) -> None:
+    """Reconstruct the studio's ball at many places, and evaluate it in one call for each depth method."""
+    rng = np.random.default_rng(FIRST_SEED)
+    offsets = [np.zeros(3), *rng.uniform(-250, 250, (n_positions - 1, 3)).round(1)]
+    print(f"the studio's ball at {n_positions} places, three sensors, 1280x720")
+    with tempfile.TemporaryDirectory() as folder:
+        clouds: dict[str, list[Path]] = {method: [] for method in methods}
+        for number, offset in enumerate(offsets):
+            capture, run = Path(folder) / f"capture{number}", Path(folder) / f"run{number}"
+            x, y, z = map(float, offset)
+            synthesise(capture, SynthParameters(scene="sphere", n_frames=1, position=(x, y, z), seed=number))
+            segment_capture(capture)
+            reconstruct(capture, run, ReconstructOptions(depths=methods, fusions=("fb",), temporal=None))
+            for method in methods:
+                clouds[method] += [run / cloud_name(method, sensor, 0) for sensor in SENSORS]
+        for method in methods:
+            report = measure_spheres(named_clouds(clouds[method], SENSORS), SphereSettings(RADIUS, (5.0, 12.5)))
+            _print_studio(method, report, offsets)
+
+
+def _print_studio(method: str, report: dict[str, Any], offsets: list[NDArray[np.float64]]) -> None:
+    rows = report["reconstructions"]
+    fitted = [row for row in rows if "centre_mm" in row]
+    errors = [np.linalg.norm(row["centre_mm"] - STUDIO_MIDDLE - offsets[row["sample"] - 1]) for row in fitted]
+    for subset in ("all", "used"):
+        ratios = [r for r in report["curve"] if (r["sensor"], r["subset"]) == ("combined", subset)]
+        found = ", ".join(f"within {row['threshold_mm']:g} mm {row['inliers']:.1%}" for row in ratios)
+        print(f"  {method}, {subset}: {found}")
+    print(
+        f"  {method}: centre off by median {np.median(errors):.2f} worst {max(errors):.2f} mm; left out "
+        f"{len(report['excluded'])} of {len(rows)}, failed {len(report['failed'])}"
+    )
+    for row in report["excluded"]:
+        print(f"    {row['name']}: {'; '.join(row['reasons'])}")
+
+
+PARTS = ("fits", "exclusion", "cuboids", "f-score", "studio")
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
     parser.add_argument("--points", type=int, default=1_000_000)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--balls", type=int, default=30)
+    parser.add_argument("--positions", type=int, default=29)
+    parser.add_argument("--depth", default="id,dr")
     arguments = parser.parse_args()
-    fits(arguments.points, arguments.seeds)
-    exclusion(arguments.balls)
+    wanted = arguments.parts or PARTS
+    if "fits" in wanted:
+        fits(arguments.points, arguments.seeds)
+        peer_fits(arguments.points, arguments.seeds)
+    if "exclusion" in wanted:
+        exclusion(arguments.balls)
+    if "cuboids" in wanted:
+        cuboids(arguments.seeds)
+    if "f-score" in wanted:
+        f_score()
+    if "studio" in wanted:
+        studio(arguments.positions, tuple(arguments.depth.split(",")))
