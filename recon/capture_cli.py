@@ -165,7 +165,7 @@ def capture_check(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Everything that is wrong with a capture, in one go; exit 1 if anything is."""
+    """Everything that is wrong with a capture, in one go; exit 1 if it cannot be used as it is."""
     from recon.capture.check import check_capture
     from recon.capture.check_page import write_check
 
@@ -178,5 +178,13 @@ def capture_check(
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:
-    verdict = "\n".join(f"problem: {problem}" for problem in report.problems) or "Nothing is wrong."
+    found = [f"problem: {problem}" for problem in report.problems]
+    found += [f"warning: {warning}" for warning in report.warnings]
+    verdict = "\n".join([*found, _verdict(report)])
     return f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors\n{report.as_text()}\n{verdict}"
+
+
+def _verdict(report: CheckReport) -> str:
+    if report.problems:
+        return "The capture cannot be used as it is."
+    return "The capture can be used; mind the warnings." if report.warnings else "Nothing is wrong."

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from recon.capture.continuity import Glance, Glances, continuity_problems, count_problems, glance_at
+from recon.capture.consistency import disagreements, shared_points
+from recon.capture.continuity import Glance, Glances, continuity_warnings, count_warnings, frozen_cameras, glance_at
 from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
+from recon.capture.matches import Matches, match_pictures
+from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
-from recon.capture.sensor_check import SensorReport, check_sensor
+from recon.capture.sensor_check import SensorCheck, SensorReport, check_sensor, measured_frames
+from recon.capture.synchrony import synchrony_problems
 
 SCHEMA_VERSION = 1
+MAX_APART_PX = 0.4  # of disparity: what two sensors may differ on a point that both see; features reach half of it
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What `check_capture` found: the sound sensors' figures and one sentence for every problem.
+    """What `check_capture` found: the sound sensors' figures, and sentences on what is wrong.
 
     Parameters
     ----------
+    problems : each makes the capture unusable or its depths wrong
+    warnings : each costs accuracy or single frames; the capture can be used
     glances : thumbnails of all frames of every camera that could be read
     """
 
@@ -27,6 +36,7 @@ class CheckReport:
     n_frames: int | None
     sensors: tuple[SensorReport, ...]
     problems: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
     glances: Glances = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -43,10 +53,11 @@ class CheckReport:
             "sensors": [{**asdict(sensor), "texture": sensor.texture} for sensor in self.sensors],
             "verdicts": list(self.verdicts),
             "problems": list(self.problems),
+            "warnings": list(self.warnings),
         }
 
     def as_text(self) -> str:
-        """Two lines for each sensor; the problems are left to the caller."""
+        """Two lines for each sensor; problems and warnings are left to the caller."""
         return "\n".join(f"{sensor.as_line()}\n{sensor.verdict()}" for sensor in self.sensors)
 
 
@@ -55,14 +66,34 @@ def check_capture(capture_folder: Path) -> CheckReport:
     draft = read_draft(capture_folder)
     n_frames = draft.n_frames or 0
     glances, unreadable = _look_through(capture_folder, draft)
-    problems = [*draft.problems, *unreadable, *continuity_problems(glances)]
-    problems += count_problems(capture_folder, draft.cameras, n_frames)
-    reports = []
-    for stream in draft.sensors:
-        report, found = check_sensor(capture_folder, stream, n_frames, draft.bounds)
-        reports.append(report)
-        problems += found
-    return CheckReport(str(capture_folder), draft.n_frames, tuple(reports), tuple(problems), glances)
+    checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
+    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
+    problems += [problem for check in checks for problem in check.problems]
+    if not problems:
+        problems += _disagreements(capture_folder, draft, checks)
+    warnings = [*count_warnings(capture_folder, draft.cameras, n_frames), *continuity_warnings(glances)]
+    warnings += [warning for check in checks for warning in check.warnings]
+    reports = tuple(check.report for check in checks)
+    return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
+
+
+def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[str]:
+    """One sentence for every two neighbouring sensors that see the same points in different places."""
+    for (first, its), (second, others) in pairwise(zip(draft.sensors, checks, strict=True)):
+        shared = [
+            shared_points(its.matches[frame], others.matches[frame], _matched_between(folder, first, second, frame))
+            for frame in measured_frames(draft.n_frames or 0)
+            if frame in its.matches and frame in others.matches
+        ]
+        per_pixel = [check.report.depth_per_disparity_mm for check in (its, others)]
+        if shared and None not in per_pixel:
+            tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
+            yield from disagreements(first.sensor, second.sensor, shared, tolerance)
+
+
+def _matched_between(folder: Path, first: SensorStream, second: SensorStream, frame: int) -> Matches:
+    right, left = frame_pictures(folder, first, frame)[1], frame_pictures(folder, second, frame)[0]
+    return match_pictures(read_picture(right), read_picture(left))
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:

@@ -18,7 +18,8 @@ STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #1c1c1c }
 table { border-collapse: collapse } th, td { text-align: left; padding: .25rem 1rem .25rem 0; vertical-align: top }
 td.number { text-align: right; font-variant-numeric: tabular-nums }
-.problems { border-left: .25rem solid #a4260e; padding-left: 1rem } .sound { border-left: .25rem solid #1d6b35;
+.problems { border-left: .25rem solid #a4260e; padding-left: 1rem }
+.warnings { border-left: .25rem solid #b07800; padding-left: 1rem } .sound { border-left: .25rem solid #1d6b35;
 padding-left: 1rem } .frames { display: flex; flex-wrap: wrap; gap: .25rem } figure { margin: 0 } img { width: 112px }
 figcaption { font-size: .75rem; color: #555 }
 """
@@ -51,10 +52,17 @@ def check_page(report: CheckReport) -> str:
 
 
 def _problems(report: CheckReport) -> str:
-    if not report.problems:
+    if not report.problems and not report.warnings:
         return '<p class="sound">Nothing is wrong.</p>'
-    items = "".join(f"<li>{escape(problem)}</li>" for problem in report.problems)
-    return f'<section class="problems"><h2>Problems</h2><ul>{items}</ul></section>'
+    usable = "" if report.problems else '<p class="sound">The capture can be used; mind the warnings.</p>'
+    return f"{usable}{_list('Problems', report.problems)}{_list('Warnings', report.warnings)}"
+
+
+def _list(heading: str, sentences: tuple[str, ...]) -> str:
+    if not sentences:
+        return ""
+    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return f'<section class="{heading.lower()}"><h2>{heading}</h2><ul>{items}</ul></section>'
 
 
 def _table(report: CheckReport) -> str:

@@ -51,15 +51,25 @@ def glance_at(picture: NDArray[np.uint8]) -> Glance:
     return Glance(grey.astype(np.float32), zlib.crc32(picture.tobytes()))
 
 
-def continuity_problems(glances: Glances) -> Iterator[str]:
-    """One sentence for every repeated run of frames, frozen camera, jump of the exposure and unlike exposure."""
+def frozen_cameras(glances: Glances) -> Iterator[str]:
+    """One sentence for every camera that shows the same picture for several frames."""
     for pattern, by_frame in glances.items():
-        yield from _repeats(pattern, by_frame)
+        for first, last, is_frozen in _still(by_frame):
+            if is_frozen:
+                yield f"{pattern}: the camera is frozen, it shows the same picture from frame {first} to {last}"
+
+
+def continuity_warnings(glances: Glances) -> Iterator[str]:
+    """One sentence for every repeated run of frames, jump of the exposure and unlike exposure."""
+    for pattern, by_frame in glances.items():
+        for first, last, is_frozen in _still(by_frame):
+            if not is_frozen:
+                yield f"{pattern}: frame {last} repeats frame {first}"
         yield from _jumps(pattern, by_frame)
     yield from _unlike(glances)
 
 
-def count_problems(folder: Path, cameras: Iterable[CameraStream], n_frames: int) -> Iterator[str]:
+def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int) -> Iterator[str]:
     """One sentence for every camera that has recorded more frames than the capture says."""
     for camera in cameras:
         count = _count(folder, camera.image, n_frames)
@@ -80,18 +90,15 @@ def _count(folder: Path, pattern: str, n_frames: int) -> int:
     return count
 
 
-def _repeats(pattern: str, by_frame: Mapping[int, Glance]) -> Iterator[str]:
+def _still(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, int, bool]]:
+    """Runs of equal pictures: first frame, last frame, and whether the camera was frozen then."""
     pairs = _neighbours(by_frame)
     changes = {frame: float(np.abs(now.thumbnail - before.thumbnail).mean()) for frame, before, now in pairs}
     usual = float(np.median(list(changes.values()))) if len(changes) >= MIN_FRAMES_FOR_RATE else 0.0
     limit = min(STILL_LEVELS, STILL_SHARE * usual)
     still = [frame for frame, before, now in pairs if before.checksum == now.checksum or changes[frame] < limit]
     for run in _runs(still):
-        first, last = run[0] - 1, run[-1]
-        if len(run) + 1 >= FROZEN_FRAMES or (len(run) == len(pairs) and len(run) > 1):
-            yield f"{pattern}: the camera is frozen, it shows the same picture from frame {first} to {last}"
-        else:
-            yield f"{pattern}: frame {last} repeats frame {first}"
+        yield run[0] - 1, run[-1], len(run) + 1 >= FROZEN_FRAMES or (len(run) == len(pairs) and len(run) > 1)
 
 
 def _jumps(pattern: str, by_frame: Mapping[int, Glance]) -> Iterator[str]:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from recon.capture.consistency import with_focal
 from recon.capture.matches import Matches, epipolar_errors
-from recon.rig import Camera, Sensor, rigid
+from recon.rig import Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
@@ -82,7 +83,7 @@ def _swapped(sensor: Sensor, matches: Matches) -> _Explanation:
 
 def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        return replace(sensor, right=_with_focal(sensor.right, np.exp(unknown[0])))
+        return replace(sensor, right=with_focal(sensor.right, np.exp(unknown[0])))
 
     unknown, error = _fit(changed, 1, matches)
     change = float(np.exp(unknown[0]))
@@ -98,7 +99,7 @@ def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
 
 def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        left, right = (_with_focal(camera, np.exp(unknown[0])) for camera in (sensor.left, sensor.right))
+        left, right = (with_focal(camera, np.exp(unknown[0])) for camera in (sensor.left, sensor.right))
         return replace(sensor, left=left, right=right)
 
     unknown, error = _fit(changed, 1, matches)
@@ -120,10 +121,6 @@ def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
     return _Explanation(
         error, 3, f"the right camera is rotated by {angle:.2f} degrees against the left since the calibration"
     )
-
-
-def _with_focal(camera: Camera, factor: float) -> Camera:
-    return replace(camera, K=camera.K * np.array([[factor, factor, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]))
 
 
 def _fit(

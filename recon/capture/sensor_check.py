@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -130,33 +130,47 @@ class _Look:
     textured: float
 
 
-def check_sensor(
-    folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None
-) -> tuple[SensorReport, list[str]]:
-    """Measure one sensor, and one sentence for everything that is wrong with it."""
+@dataclass(frozen=True, eq=False)
+class SensorCheck:
+    """What was found out about one sensor.
+
+    Parameters
+    ----------
+    problems, warnings : one sentence for everything that spoils depth, and for everything that makes it worse
+    matches : by the measured frame, points of the pictures as recorded
+    """
+
+    report: SensorReport
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    matches: dict[int, Matches] = field(default_factory=dict)
+
+
+def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
+    """Measure one sensor."""
     report = SensorReport(stream.id, stream.sensor.baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
     problems = []
     if report.mask_coverage is not None and min(report.mask_coverage) == 0:
         problems.append(f"sensor {stream.id}: the masks of a camera are empty in all frames")
     if bounds is None:
-        return report, problems
+        return SensorCheck(report, tuple(problems))
     try:
         rectification = rectify(stream.sensor, bounds)
     except ValueError as error:
-        return report, [*problems, str(error)]
-    looks = []
-    for frame in _measured_frames(n_frames):
+        return SensorCheck(report, (*problems, str(error)))
+    by_frame = {}
+    for frame in measured_frames(n_frames):
         with suppress(CaptureError):  # its pictures are listed already
-            looks.append(_look(folder, stream, frame, rectification, bounds))
+            by_frame[frame] = _look(folder, stream, frame, rectification, bounds)
+    looks = list(by_frame.values())
     rows = _rows(looks, rectification)
     matches = joined([look.matches for look in looks])
     faults = diagnose(stream.sensor, matches)
     misfit = _misfit(stream.sensor, matches, rows)
     problems += faults or _row_problems(rectification, rows, misfit)
-    problems += _exposure_problems(stream.id, looks)
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
-    return replace(
+    report = replace(
         report,
         rectified_size=rectification.left.size,
         n_disparities=rectification.n_disparities,
@@ -164,7 +178,9 @@ def check_sensor(
         expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, misfit)),
         textured=float(np.mean([look.textured for look in looks])) if looks else None,
         rows=rows,
-    ), problems
+    )
+    warnings = (*_exposure_warnings(stream.id, looks), *_texture_warnings(report))
+    return SensorCheck(report, tuple(problems), warnings, {frame: look.matches for frame, look in by_frame.items()})
 
 
 def vertical_errors(capture: Capture) -> dict[str, Rows]:
@@ -178,7 +194,7 @@ def vertical_errors(capture: Capture) -> dict[str, Rows]:
     found = {}
     for stream in capture.sensors:
         rectification = rectify(stream.sensor, capture.bounds)
-        frames = _measured_frames(capture.n_frames)
+        frames = measured_frames(capture.n_frames)
         looks = [_look(capture.folder, stream, frame, rectification, capture.bounds) for frame in frames]
         found[stream.id] = _rows(looks, rectification)
     return found
@@ -206,7 +222,8 @@ def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[f
     return float(left), float(right)
 
 
-def _measured_frames(n_frames: int) -> list[int]:
+def measured_frames(n_frames: int) -> list[int]:
+    """The frames that are looked at closely."""
     return sorted({round(frame) for frame in np.linspace(0, n_frames - 1, min(n_frames, MEASURED_FRAMES))})
 
 
@@ -291,7 +308,7 @@ def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> It
         )
 
 
-def _exposure_problems(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
+def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
     ratios = np.concatenate([look.left_to_right for look in looks]) if looks else np.zeros(0)
     if len(ratios) < MIN_MATCHES:
         return
@@ -301,3 +318,8 @@ def _exposure_problems(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
             f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
             "points; use the same exposure and gain"
         )
+
+
+def _texture_warnings(report: SensorReport) -> Iterator[str]:
+    if report.texture == "poor":
+        yield f"sensor {report.id}: only {report.textured:.0%} of the object has enough texture to be matched"

@@ -9,7 +9,7 @@ import pytest
 from board import SIZE, record_board
 
 from recon.capture.check import check_capture
-from recon.capture.continuity import continuity_problems, glance_at
+from recon.capture.continuity import continuity_warnings, glance_at
 from recon.capture.format import Capture, image_path, read_frame
 
 N_FRAMES = 6
@@ -37,12 +37,13 @@ def brighten(path: Path, factor: float) -> None:
 
 
 def test_a_sound_recording_has_no_problems(board: Capture) -> None:
-    assert check_capture(board.folder).problems == ()
+    report = check_capture(board.folder)
+    assert report.problems == report.warnings == ()
 
 
 def test_a_repeated_frame_is_named(board: Capture) -> None:
     shutil.copyfile(picture(board, "left", 2), picture(board, "left", 3))
-    assert check_capture(board.folder).problems == ("S1/left/{frame:04d}.png: frame 3 repeats frame 2",)
+    assert check_capture(board.folder).warnings == ("S1/left/{frame:04d}.png: frame 3 repeats frame 2",)
 
 
 def test_a_frozen_camera_is_named(board: Capture) -> None:
@@ -58,29 +59,31 @@ def test_a_frame_that_only_differs_by_compression_is_a_repeated_one(board: Captu
     frames = [read_frame(board, "S1", frame)[0] for frame in (0, 1, 1, 2, 3, 4)]
     noisy = (frames[2] + rng.normal(0, 0.3, frames[2].shape)).round().clip(0, 255).astype(np.uint8)
     glances = {"left.mp4": dict(enumerate(map(glance_at, [*frames[:2], noisy, *frames[3:]])))}
-    assert list(continuity_problems(glances)) == ["left.mp4: frame 2 repeats frame 1"]
+    assert list(continuity_warnings(glances)) == ["left.mp4: frame 2 repeats frame 1"]
 
 
 def test_a_jump_of_the_exposure_is_named(board: Capture) -> None:
     for frame in range(3, N_FRAMES):
         brighten(picture(board, "left", frame), 0.8)
-    problems = check_capture(board.folder).problems
-    (jump,) = (problem for problem in problems if "jumps" in problem)
+    warnings = check_capture(board.folder).warnings
+    (jump,) = (warning for warning in warnings if "jumps" in warning)
     assert jump.startswith("S1/left/{frame:04d}.png: the exposure jumps at frame 3, to 0.8")
 
 
 def test_a_camera_that_is_darker_than_its_neighbour_is_named(board: Capture) -> None:
     for frame in range(N_FRAMES):
         brighten(picture(board, "right", frame), 0.7)
-    (problem,) = check_capture(board.folder).problems
-    assert problem.startswith("sensor S1: the left pictures are 1.4")
+    report = check_capture(board.folder)
+    (warning,) = report.warnings
+    assert report.problems == ()
+    assert warning.startswith("sensor S1: the left pictures are 1.4")
 
 
 def test_more_pictures_than_frames_are_unequal_counts(board: Capture) -> None:
     for extra in range(2):
         shutil.copyfile(picture(board, "left", 0), picture(board, "left", N_FRAMES + extra))
-    (problem,) = check_capture(board.folder).problems
-    assert "left/{frame:04d}.png: has 8 frames, the capture 6" in problem
+    (warning,) = check_capture(board.folder).warnings
+    assert "left/{frame:04d}.png: has 8 frames, the capture 6" in warning
 
 
 def test_a_longer_video_is_an_unequal_count(board: Capture) -> None:
@@ -92,5 +95,5 @@ def test_a_longer_video_is_an_unequal_count(board: Capture) -> None:
     writer.release()
     path = board.folder / "capture.json"
     path.write_text(path.read_text().replace("S1/left/{frame:04d}.png", "left.avi"))
-    (problem,) = check_capture(board.folder).problems
-    assert "left.avi: has 7 frames, the capture 6" in problem
+    (warning,) = check_capture(board.folder).warnings
+    assert "left.avi: has 7 frames, the capture 6" in warning
