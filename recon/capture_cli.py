@@ -30,6 +30,7 @@ def capture_synth(
     position: Annotated[str, typer.Option(help="x,y,z in mm from the centre, for sphere and cuboid.")] = "0,0,0",
     exposure_spread: Annotated[float, typer.Option(min=0, help="Spread of the cameras' exposures, a share.")] = 0.02,
     calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
+    distortion: Annotated[float, typer.Option(help="k1 of the lenses, about, as OpenCV's: -0.1 is usual.")] = 0.0,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -48,6 +49,7 @@ def capture_synth(
         position=parse_position(position),
         exposure_spread=exposure_spread,
         calibration_error_px=calibration_error,
+        distortion=distortion,
     )
     capture = synthesise(out, parameters, progress=progress)
     progress.close()

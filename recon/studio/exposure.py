@@ -29,7 +29,7 @@ def expose(
     row: int,
     gains: NDArray[np.float64],
     curve: NDArray[np.float32],
-    floor_map: NDArray[np.float64],
+    floor_cells: NDArray[np.float32],
     floor_shade: NDArray[np.float32],
     noise: float,
     key: np.uint64,
@@ -42,14 +42,13 @@ def expose(
     actors : float32 (h, w, 4), linear colour and coverage, at `column`, `row`
     gains : float64 (3,), the camera's exposure per channel
     curve : `display_curve()`
-    floor_map : float64 (3, 3), cell of `floor_shade` from pixel
+    floor_cells : float32 (H, W, 2), column and row in `floor_shade` of each pixel, -1 where it shows no floor
     floor_shade : float32 (S, S), factor on the floor's display values
     noise : standard deviation, grey levels
     key : uint64, makes the noise of this picture
     """
     height, width = plate.shape[0], plate.shape[1]
     h, w = actors.shape[0], actors.shape[1]
-    n_cells = floor_shade.shape[0]
     picture = np.empty((height, width, 3), np.uint8)
     sigma = np.float32(noise / 63.9980)  # of the sum of three uniform numbers 0 to 127: sqrt(3 (128^2 - 1) / 12)
     half = np.float32(0.5)
@@ -57,16 +56,13 @@ def expose(
     for y in range(height):
         for x in range(width):
             factor = np.float32(1.0)
-            depth = floor_map[2, 0] * x + floor_map[2, 1] * y + floor_map[2, 2]
-            if depth > 0.0:
-                u = (floor_map[0, 0] * x + floor_map[0, 1] * y + floor_map[0, 2]) / depth
-                v = (floor_map[1, 0] * x + floor_map[1, 1] * y + floor_map[1, 2]) / depth
-                if 0.0 <= u < n_cells - 1.0 and 0.0 <= v < n_cells - 1.0:
-                    i, j = int(v), int(u)
-                    ti, tj = np.float32(v - i), np.float32(u - j)
-                    top = floor_shade[i, j] + tj * (floor_shade[i, j + 1] - floor_shade[i, j])
-                    low = floor_shade[i + 1, j] + tj * (floor_shade[i + 1, j + 1] - floor_shade[i + 1, j])
-                    factor = top + ti * (low - top)
+            u, v = floor_cells[y, x, 0], floor_cells[y, x, 1]
+            if u >= 0.0:
+                i, j = int(v), int(u)
+                ti, tj = v - np.float32(i), u - np.float32(j)
+                top = floor_shade[i, j] + tj * (floor_shade[i, j + 1] - floor_shade[i, j])
+                low = floor_shade[i + 1, j] + tj * (floor_shade[i + 1, j + 1] - floor_shade[i + 1, j])
+                factor = top + ti * (low - top)
             values[x, 0] = plate[y, x, 0] * factor
             values[x, 1] = plate[y, x, 1] * factor
             values[x, 2] = plate[y, x, 2] * factor

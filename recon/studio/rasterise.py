@@ -15,6 +15,7 @@ from recon.rig import Camera
 
 N_SAMPLES = 5
 NEAREST_MM = 50.0
+N_DISTORTION = 5  # k1, k2, p1, p2, k3
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +48,18 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
     Raises
     ------
     ValueError
-        If a vertex lies behind the camera or closer than NEAREST_MM.
+        If a vertex lies behind the camera or closer than NEAREST_MM, or the camera's distortion has more than
+        N_DISTORTION coefficients.
+
+    Convention
+    ----------
+    Vertices are distorted, edges between them stay straight: triangles of a few pixels are exact to 0.01 px.
     """
-    pixels, extent = _project(vertices, np.ascontiguousarray(camera.K @ camera.cam_from_world[:3]))
+    if camera.dist.size > N_DISTORTION:
+        raise ValueError(f"dist has {camera.dist.size} coefficients, expected at most {N_DISTORTION}")
+    dist = np.zeros(N_DISTORTION)
+    dist[: camera.dist.size] = camera.dist
+    pixels, extent = _project(vertices, np.ascontiguousarray(camera.cam_from_world[:3]), camera.K, dist)
     if extent[0, 2] < NEAREST_MM:
         raise ValueError(f"a surface comes within {extent[0, 2]:.0f} mm of a camera; keep {NEAREST_MM:.0f} mm")
     low = np.maximum(np.floor(extent[0, :2]).astype(int) - 1, 0)
@@ -63,19 +73,25 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _project(
-    vertices: NDArray[np.float64], projection: NDArray[np.float64]
+    vertices: NDArray[np.float64], pose: NDArray[np.float64], K: NDArray[np.float64], dist: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Column, row and 1 / z (N, 3) of world points, and the lowest and highest (2, 3) column, row and z."""
     pixels = np.empty((len(vertices), 3))
     extent = np.empty((2, 3))
+    k1, k2, p1, p2, k3 = dist[0], dist[1], dist[2], dist[3], dist[4]
     for i in range(3):
         extent[0, i], extent[1, i] = np.inf, -np.inf
     for i in range(len(vertices)):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
-        depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+        depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
         near = 1.0 / depth
-        column = near * (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3])
-        row = near * (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3])
+        a = near * (pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3])
+        b = near * (pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3])
+        r2 = a * a + b * b
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        u = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a)
+        v = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b
+        column, row = K[0, 0] * u + K[0, 1] * v + K[0, 2], K[1, 1] * v + K[1, 2]
         pixels[i, 0], pixels[i, 1], pixels[i, 2] = column, row, near
         extent[0, 0], extent[1, 0] = min(extent[0, 0], column), max(extent[1, 0], column)
         extent[0, 1], extent[1, 1] = min(extent[0, 1], row), max(extent[1, 1], row)

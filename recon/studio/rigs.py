@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,16 @@ def disturbed(rig: Rig, error_px: float, rng: np.random.Generator) -> Rig:
     return Rig(
         tuple(Sensor(s.id, _disturbed(s.left, error_px, rng), _disturbed(s.right, error_px, rng)) for s in rig.sensors)
     )
+
+
+def distorted(rig: Rig, k1: float, rng: np.random.Generator) -> Rig:
+    """A rig with lenses of about the same distortion each, k2 against k1 and a little tangential, as real ones have."""
+
+    def lens(camera: Camera) -> Camera:
+        own = k1 * (1.0 + 0.05 * rng.normal())
+        return replace(camera, dist=np.array([own, -0.3 * own, *rng.normal(0.0, 2e-4, 2), 0.0]))
+
+    return Rig(tuple(Sensor(s.id, lens(s.left), lens(s.right)) for s in rig.sensors))
 
 
 def between(first: Sensor, second: Sensor, field: Field) -> Camera:

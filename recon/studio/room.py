@@ -66,11 +66,10 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def room_plate(
-    height: int,
-    width: int,
-    inverse_k: NDArray[np.float64],
+    slopes: NDArray[np.float64],
     camera_to_world: NDArray[np.float64],
     eye: NDArray[np.float64],
+    spread: float,
     radius: float,
     floor_y: float,
     curtain: NDArray[np.float64],
@@ -82,14 +81,15 @@ def room_plate(
 
     Parameters
     ----------
-    inverse_k : float64 (3, 3); camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
+    slopes : float64 (H, W, 2), x / z and y / z of every pixel's ray in the camera
+    camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
+    spread : size of a pixel at a distance of 1 mm
     """
+    height, width = slopes.shape[0], slopes.shape[1]
     colours = np.empty((height, width, 3), np.float32)
-    spread = inverse_k[0, 0]
     for row in range(height):
         for column in range(width):
-            cx = inverse_k[0, 0] * column + inverse_k[0, 1] * row + inverse_k[0, 2]
-            cy = inverse_k[1, 1] * row + inverse_k[1, 2]
+            cx, cy = slopes[row, column, 0], slopes[row, column, 1]
             dx = camera_to_world[0, 0] * cx + camera_to_world[0, 1] * cy + camera_to_world[0, 2]
             dy = camera_to_world[1, 0] * cx + camera_to_world[1, 1] * cy + camera_to_world[1, 2]
             dz = camera_to_world[2, 0] * cx + camera_to_world[2, 1] * cy + camera_to_world[2, 2]

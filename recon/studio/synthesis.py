@@ -23,7 +23,7 @@ from recon.studio.exposure import display_curve, expose
 from recon.studio.looks import Light, noise_volume
 from recon.studio.png import encode_png
 from recon.studio.rasterise import Visibility, see
-from recon.studio.rigs import arc_rig, between, disturbed
+from recon.studio.rigs import arc_rig, between, distorted, disturbed
 from recon.studio.room import Room
 from recon.studio.scenes import SCENES, Scene
 from recon.studio.shadow import FLOOR_CELLS, floor_shade
@@ -34,6 +34,7 @@ BOUNDS_MARGIN_MM = 15.0
 CELL_PX = 5.0  # edge of the actors' triangles in pixels
 CELLS_MM = (8.0, 13.0)  # and its limits
 SMALLEST_PX = 32
+STRONGEST_DISTORTION = 0.3  # beyond, lenses are fisheyes, and the polynomial folds back inside the picture
 WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from that of the field on each axis
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
@@ -57,6 +58,7 @@ class SynthParameters:
     position : mm, of a validation object from the middle of the working volume
     exposure_spread : standard deviation of the cameras' exposures, share
     calibration_error_px : standard deviation of the written calibration from the true one, pixels
+    distortion : k1 of the sensors' lenses (OpenCV's), about; below zero are barrels, 0 is none
 
     Raises
     ------
@@ -74,6 +76,7 @@ class SynthParameters:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     exposure_spread: float = 0.02
     calibration_error_px: float = 0.0
+    distortion: float = 0.0
 
     def __post_init__(self) -> None:
         if self.scene not in SCENES:
@@ -88,6 +91,10 @@ class SynthParameters:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected zero or more")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise ValueError(f"fps is {self.fps}, expected more than zero")
+        if not abs(self.distortion) <= STRONGEST_DISTORTION:
+            raise ValueError(
+                f"distortion is {self.distortion}, expected -{STRONGEST_DISTORTION} to {STRONGEST_DISTORTION}"
+            )
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}, expected zero or more")
         self._check_position()
@@ -119,6 +126,8 @@ class _Recording:
         self._folder, self._parameters = folder, parameters
         self._scene: Scene = SCENES[parameters.scene](np.asarray(parameters.position, dtype=np.float64))
         self._rig = arc_rig(self._scene.shown, n_sensors=parameters.n_sensors, size=parameters.size, rng=self._rng(1))
+        if parameters.distortion:
+            self._rig = distorted(self._rig, parameters.distortion, self._rng(6))
         self._noise = noise_volume(self._rng(2))
         self._lights, self._room, self._curve = Light().table(), Room(), display_curve()
         self._towards_key = self._lights[2, :3]
@@ -188,7 +197,7 @@ class _Recording:
     ) -> None:
         floor = np.ones((FLOOR_CELLS, FLOOR_CELLS), np.float32) if floor is None else floor
         picture = expose(
-            view.plate, actors, *corner, view.gains, self._curve, view.floor_map, floor, self._parameters.noise, key
+            view.plate, actors, *corner, view.gains, self._curve, view.floor_cells, floor, self._parameters.noise, key
         )
         path = self._folder / f"{view.name}/{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)

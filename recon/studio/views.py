@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,20 +24,21 @@ class View:
     name : its folder in the capture
     gains : float64 (3,), exposure per channel
     plate : float32 (H, W, 3), display values 0 to 255 of the empty studio, not rounded
-    floor_map : float64 (3, 3), cell of `shadow.floor_shade` from pixel; the third row is positive where the ray falls
+    floor_cells : float32 (H, W, 2), column and row in `shadow.floor_shade` of each pixel, -1 where it shows no floor
     """
 
     name: str
     camera: Camera
     gains: NDArray[np.float64]
     plate: NDArray[np.float32]
-    floor_map: NDArray[np.float64]
+    floor_cells: NDArray[np.float32]
 
     def as_json(self) -> dict[str, Any]:
         """The camera's true values."""
         return {
             "view": self.name,
             "K": self.camera.K.tolist(),
+            "dist": self.camera.dist.tolist(),
             "cam_from_world": self.camera.cam_from_world.tolist(),
             "gains": self.gains.tolist(),
         }
@@ -48,18 +50,31 @@ def empty_view(
     """A camera with its own exposure and white balance, of standard deviation `spread` and a quarter of it."""
     exposure, red, blue = 1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25)
     gains = exposure * np.array([red, 1.0, blue])
+    slopes = pixel_slopes(camera)
     plate = room_plate(
-        camera.size[1], camera.size[0], np.linalg.inv(camera.K), np.ascontiguousarray(camera.rotation.T), camera.centre,
-        room.radius, room.floor_y, np.power(room.curtain, 2.2), np.power(room.floor, 2.2), room.shift, noise,
+        slopes, np.ascontiguousarray(camera.rotation.T), camera.centre, 1.0 / camera.K[0, 0], room.radius,
+        room.floor_y, np.power(room.curtain, 2.2), np.power(room.floor, 2.2), room.shift, noise,
     )  # fmt: skip
-    return View(name, camera, gains, plate_values(plate, gains), _floor_map(camera, room.floor_y))
+    return View(name, camera, gains, plate_values(plate, gains), _floor_cells(camera, slopes, room.floor_y))
 
 
-def _floor_map(camera: Camera, floor_y: float) -> NDArray[np.float64]:
-    """The ray eye + t d of a pixel meets the floor at t = (eye_y - floor_y) / -d_y: a homography."""
-    rays = camera.rotation.T @ np.linalg.inv(camera.K)
-    eye, down = camera.centre, -rays[1]
-    x = eye[0] * down + (eye[1] - floor_y) * rays[0]
-    z = eye[2] * down + (eye[1] - floor_y) * rays[2]
+def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
+    """x / z and y / z (H, W, 2) of the rays through all pixels' centres, in the camera."""
+    width, height = camera.size
+    pixels = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
+    if not camera.dist.any():
+        return np.asarray((pixels - camera.K[:2, 2]) / np.diag(camera.K)[:2])
+    exact = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-8)
+    slopes = cv2.undistortPoints(pixels.reshape(-1, 1, 2), camera.K, camera.dist, criteria=exact)
+    return np.asarray(slopes, dtype=np.float64).reshape(height, width, 2)
+
+
+def _floor_cells(camera: Camera, slopes: NDArray[np.float64], floor_y: float) -> NDArray[np.float32]:
+    """The ray eye + t d of a pixel meets the floor at t = (eye_y - floor_y) / -d_y."""
+    rays = slopes @ camera.rotation[:2] + camera.rotation[2]  # (H, W, 3), world
+    down = -rays[..., 1]
+    t = (camera.centre[1] - floor_y) / np.where(down > 0, down, np.inf)
     scale = FLOOR_CELLS / (2 * FLOOR_HALF_MM)
-    return np.stack([scale * (x + FLOOR_HALF_MM * down), scale * (z + FLOOR_HALF_MM * down), down])
+    cells = scale * (camera.centre[[0, 2]] + t[..., None] * rays[..., [0, 2]] + FLOOR_HALF_MM)
+    inside = (down > 0) & (cells >= 0).all(axis=-1) & (cells < FLOOR_CELLS - 1).all(axis=-1)
+    return np.where(inside[..., None], cells, -1.0).astype(np.float32)
