@@ -118,7 +118,9 @@ def capture_import(
 def capture_calibrate(
     images: Annotated[
         list[Path],
-        typer.Argument(help="Folder with left and right, or with such folders per sensor; or every camera's folder."),
+        typer.Argument(
+            help="Folder with left and right (folders or videos), or one per sensor; or every camera's own."
+        ),
     ],
     board: Annotated[str, typer.Option(help="chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="calibration.yml; its report lies beside it.")],

@@ -1,6 +1,7 @@
-"""From folders of board pictures to a calibration file with its report and drawings.
+"""From folders or videos of a board to a calibration file with its report and drawings.
 
-Pictures of the same instant have the same name in every camera's folder. Beside the file, `<its name>_report/` holds
+Pictures of the same instant have the same name in every camera's folder, or the same number in every camera's video.
+Beside the file, `<its name>_report/` holds
 `report.json`, `corners/<sensor>/<side>/<image>.jpg` and `rectified/<sensor>.jpg`, a pair with epipolar lines.
 """
 
@@ -25,8 +26,17 @@ from recon.capture.calibrate import (
     calibrate_rig,
 )
 from recon.capture.folder import new_folder
-from recon.capture.images import IMAGE_SUFFIXES, CaptureError, read_image
+from recon.capture.images import (
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    CaptureError,
+    is_video,
+    read_image,
+    read_video_frame,
+    video_times,
+)
 from recon.capture.opencv import SUFFIXES, write_calibration
+from recon.capture.sources import steady_rate
 from recon.execute import Progress, silent
 from recon.files import write_json
 from recon.rig import Rig, Sensor
@@ -35,15 +45,29 @@ SCHEMA_VERSION = 1
 GREEN = (60, 200, 60)
 N_LINES = 16
 DOT_PX = 4
+MAX_VIDEO_FRAMES = 90  # that are looked at, evenly over the video: neighbours show the board alike
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """A picture of the board: an image, or a frame of a video."""
+
+    path: Path
+    frame: int | None = None
+
+    def read(self) -> NDArray[np.uint8]:
+        return read_image(self.path) if self.frame is None else read_video_frame(self.path, self.frame)
+
+    def __str__(self) -> str:
+        return str(self.path) if self.frame is None else f"{self.path}, frame {self.frame}"
 
 
 @dataclass(frozen=True, eq=False)
 class _Camera:
-    """What one camera's folder holds: the pictures' size, the corners found, and why others were rejected."""
+    """What one camera recorded: the pictures' size, the corners found, and why others were rejected."""
 
-    folder: Path
     size: tuple[int, int]
-    files: dict[str, Path]
+    shots: dict[str, _Shot]
     views: dict[str, Corners]
     rejected: dict[str, str]
 
@@ -87,8 +111,8 @@ def calibrate_folders(
 
     Parameters
     ----------
-    sources : one folder with `left` and `right`, or with a folder of these for every sensor; or the folders of the
-        cameras themselves, left and right of each sensor in turn
+    sources : one folder with `left` and `right` (folders of images, or videos `left.mp4`), or with a folder of these
+        for every sensor; or the cameras' folders or videos themselves, left and right of each sensor in turn
     out : the calibration file; a report of the same name must not exist
 
     Raises
@@ -120,11 +144,13 @@ def calibrate_folders(
 def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
     if len(sources) == 1:
         base = sources[0]
-        inside = [base] if (base / "left").is_dir() else sorted(path for path in base.glob("*") if path.is_dir())
-        found = [folder for folder in inside if all((folder / side).is_dir() for side in SIDES)]
+        if own := _sides(base):
+            return {"S1": own}
+        inside = {path.name: _sides(path) for path in sorted(base.glob("*")) if path.is_dir()}
+        found = {name: sides for name, sides in inside.items() if sides}
         if not found:
             raise CaptureError(f"{base}: holds neither left and right nor folders with left and right in them")
-        return {"S1" if path == base else path.name: (path / "left", path / "right") for path in found}
+        return found
     if len(sources) % 2:
         raise CaptureError(
             f"{len(sources)} folders, expected one with all cameras or a left and a right one per sensor"
@@ -132,13 +158,32 @@ def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
     return {f"S{i // 2 + 1}": (sources[i], sources[i + 1]) for i in range(0, len(sources), 2)}
 
 
-def _look(folder: Path, board: Board) -> _Camera:
-    files = {path.stem: path for path in sorted(folder.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES}
-    if not files:
-        raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
+def _sides(folder: Path) -> tuple[Path, Path] | None:
+    """The recordings of a sensor's cameras, folders or videos, or None if one is missing."""
+    found = []
+    for side in SIDES:
+        names = [folder / side, *(folder / f"{side}{suffix}" for suffix in VIDEO_SUFFIXES)]
+        found += [path for path in names if path.exists()][:1]
+    return (found[0], found[1]) if len(found) == len(SIDES) else None
+
+
+def _shots(source: Path) -> dict[str, _Shot]:
+    if is_video(source):
+        steady_rate(source)
+        n_frames = len(video_times(source))
+        frames = np.unique(np.linspace(0, n_frames - 1, min(n_frames, MAX_VIDEO_FRAMES)).round().astype(int))
+        return {f"{frame:06d}": _Shot(source, int(frame)) for frame in frames}
+    files = (path for path in sorted(source.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES)
+    return {path.stem: _Shot(path) for path in files}
+
+
+def _look(source: Path, board: Board) -> _Camera:
+    shots = _shots(source)
+    if not shots:
+        raise CaptureError(f"{source}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
     views, rejected, size = dict[str, Corners](), dict[str, str](), (0, 0)
-    for name, path in files.items():
-        picture = read_image(path)
+    for name, shot in shots.items():
+        picture = shot.read()
         size = size if any(size) else (picture.shape[1], picture.shape[0])
         try:
             if size != (picture.shape[1], picture.shape[0]):
@@ -148,7 +193,7 @@ def _look(folder: Path, board: Board) -> _Camera:
             views[name] = board.find(np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8))
         except CaptureError as error:
             rejected[name] = str(error)
-    return _Camera(folder, size, files, views, rejected)
+    return _Camera(size, shots, views, rejected)
 
 
 def _pair(sensor_id: str, board: Board, found: tuple[_Camera, _Camera]) -> PairCalibration:
@@ -157,7 +202,7 @@ def _pair(sensor_id: str, board: Board, found: tuple[_Camera, _Camera]) -> PairC
         try:
             calibrated.append(calibrate_camera(f"{sensor_id}/{side}", board, camera.size, camera.views))
         except CaptureError as error:
-            reasons = "".join(f"; {camera.files[name]}: {reason}" for name, reason in camera.rejected.items())
+            reasons = "".join(f"; {camera.shots[name]}: {reason}" for name, reason in camera.rejected.items())
             raise CaptureError(f"{error}{reasons}") from error
     return calibrate_pair(sensor_id, board, (calibrated[0], calibrated[1]), (found[0].views, found[1].views))
 
@@ -167,7 +212,7 @@ def _rejected(cameras: Mapping[str, tuple[_Camera, _Camera]], pairs: Sequence[Pa
     for pair in pairs:
         for found, calibrated in zip(cameras[pair.sensor.id], pair.cameras, strict=True):
             for name, reason in {**found.rejected, **calibrated.rejected}.items():
-                reasons[str(found.files[name])] = reason
+                reasons[str(found.shots[name])] = reason
     return reasons
 
 
@@ -198,12 +243,12 @@ def _sensor_json(pair: PairCalibration, sensor: Sensor) -> dict[str, Any]:
 def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera]) -> None:
     for camera, side in zip(cameras, SIDES, strict=True):
         for name, corners in camera.views.items():
-            picture = _bgr(camera.files[name])
+            picture = _bgr(camera.shots[name])
             for x, y in corners.pixels:
                 cv2.circle(picture, (round(x), round(y)), DOT_PX, GREEN, 1, cv2.LINE_AA)
             _write(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
     first = next(iter(pair.errors))
-    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, [_bgr(c.files[first]) for c in cameras]))
+    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, [_bgr(c.shots[first]) for c in cameras]))
 
 
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -223,8 +268,8 @@ def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray
     return np.asarray(both, dtype=np.uint8)
 
 
-def _bgr(path: Path) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(read_image(path)[..., ::-1])
+def _bgr(shot: _Shot) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(shot.read()[..., ::-1])
 
 
 def _write(path: Path, picture: NDArray[np.uint8]) -> None:

@@ -252,7 +252,7 @@ def _video_fps(recording: Recording) -> float | None:
     rates = {}
     for place, pictures in _all_pictures(recording):
         if pictures.is_video:
-            rates[place] = _steady_rate(pictures.files[0])
+            rates[place] = steady_rate(pictures.files[0])
     if not rates:
         return None
     slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
@@ -261,7 +261,14 @@ def _video_fps(recording: Recording) -> float | None:
     return rates[slow]
 
 
-def _steady_rate(path: Path) -> float:
+def steady_rate(path: Path) -> float:
+    """Frames a second of a video.
+
+    Raises
+    ------
+    CaptureError
+        If they do not follow each other evenly.
+    """
     intervals = np.diff(video_times(path))
     if len(intervals) == 0:
         return DEFAULT_FPS

@@ -150,3 +150,20 @@ def test_nothing_is_written_when_no_board_is_found(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"S1/left: 0 usable images.*1\.png: the board is not found"):
         calibrate_folders([tmp_path / "images"], COARSE, tmp_path / "calibration.yml")
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
+
+
+@pytest.mark.slow
+def test_videos_give_the_calibration_that_their_frames_give(photographed: tuple[Path, Rig], tmp_path: Path) -> None:
+    folder, _ = photographed
+    films = []
+    for side in ("left", "right"):
+        films.append(tmp_path / f"{side}.avi")
+        writer = cv2.VideoWriter(str(films[-1]), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 25.0, SIZE)
+        for path in sorted((folder / "S1" / side).iterdir()):
+            writer.write(cv2.imread(str(path)))
+        writer.release()
+    calibrate_folders(films, COARSE, tmp_path / "by_videos.yml")
+    calibrate_folders([folder], COARSE, tmp_path / "by_images.yml")
+    by_videos, by_images = (read_calibration(tmp_path / f"by_{way}.yml").sensors[0] for way in ("videos", "images"))
+    error = relative_error(by_videos, by_images)
+    assert max(error.values()) < 0.002  # the codec rounds colours
