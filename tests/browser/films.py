@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,18 @@ DARK, LIGHT = 40, 216
 Draw = Callable[[int, int], NDArray[np.uint8]]  # the picture of a condition and a frame
 
 
-def write_films(folder: Path, fps: float, n_frames: int, draw: Draw) -> Path:
-    """A stimulus set of three conditions of one dataset."""
-    stimuli = [_stimulus(folder, index, fps, n_frames, draw) for index in range(len(CONDITIONS))]
+def write_films(
+    folder: Path,
+    fps: float,
+    n_frames: int,
+    draw: Draw,
+    *,
+    datasets: Sequence[str] = (DATASET,),
+    conditions: Sequence[str] = CONDITIONS,
+) -> Path:
+    """A stimulus set; the same films in every dataset."""
+    films = [_film(folder, name, index, fps, n_frames, draw) for index, name in enumerate(conditions)]
+    stimuli = [{"dataset": dataset, **film} for dataset in datasets for film in films]
     manifest = {"schema_version": 1, "name": "squares", "created": "", "stimuli": stimuli, "factors": {}}
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
@@ -55,8 +64,8 @@ def decode_squares(screen: NDArray[np.uint8]) -> tuple[str, int]:
     return CONDITIONS[code >> N_FRAME_BITS], code & ((1 << N_FRAME_BITS) - 1)
 
 
-def _stimulus(folder: Path, index: int, fps: float, n_frames: int, draw: Draw) -> dict[str, Any]:
-    path = folder / f"{CONDITIONS[index]}.mp4"
+def _film(folder: Path, name: str, index: int, fps: float, n_frames: int, draw: Draw) -> dict[str, Any]:
+    path = folder / f"{name}.mp4"
     writer = imageio_ffmpeg.write_frames(
         str(path), (WIDTH, HEIGHT), pix_fmt_in="gray", fps=fps, codec="libx264", quality=None, macro_block_size=2,
         output_params=["-crf", "12", "-preset", "ultrafast"],
@@ -66,8 +75,7 @@ def _stimulus(folder: Path, index: int, fps: float, n_frames: int, draw: Draw) -
         writer.send(draw(index, frame))
     writer.close()
     return {
-        "dataset": DATASET,
-        "approach": CONDITIONS[index],
+        "approach": name,
         "video": path.name,
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "width": WIDTH,
