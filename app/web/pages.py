@@ -6,6 +6,7 @@ The trials live in the page's script, which talks to the session API; a page tel
 from __future__ import annotations
 
 import json
+import logging
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +27,7 @@ DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
 STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "paused": 403, "closed": 403}
 
+log = logging.getLogger(__name__)
 router = APIRouter(include_in_schema=False)
 
 
@@ -44,6 +46,7 @@ def participant_page(request: Request, code: str) -> Response:
     if found is None:
         throttle(request).count(WRONG_CODES, address(request))
     if found is None or state in STATUS_OF_MESSAGE:
+        log.warning("an invitation's page was refused: %s", state)
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
     return _page(
         request,
@@ -62,6 +65,7 @@ def resume_elsewhere(request: Request, resume_code: Annotated[str, Form(max_leng
     if token is None:
         throttle(request).count(WRONG_CODES, address(request))
         message = "unknown_resume_code"
+        log.warning("a resume code is not known")
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message)
     with database.reading() as connection:
         answer = RedirectResponse(f"/s/{invitation_of_session(connection, token)}", status_code=303)

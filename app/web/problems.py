@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
 PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz")  # addresses that people do not read
+LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
     404: "There is nothing at this address.",
     405: "This address does not take that method.",
@@ -70,6 +71,7 @@ class UnforeseenErrors:
 
 def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
+    _log_refusal(request, error.status, error.detail)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)
@@ -85,9 +87,17 @@ def _validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     faults = [{"at": ".".join(map(str, fault["loc"])), "message": fault["msg"]} for fault in error.errors()]
     where = f"{faults[0]['at']}: {faults[0]['message']}" if faults else "unreadable"
+    _log_refusal(request, 422, where)
     if not _is_page(request):
         return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
     return _answer(request, 422, f"The form is not as expected: {where}.")
+
+
+def _log_refusal(request: Request, status: int, why: str) -> None:
+    """Tell the log what was refused, by the route and what it is about: addresses may hold invitations and links."""
+    route = getattr(request.scope.get("route"), "path", "an unknown address")
+    about = {name: request.path_params[name] for name in LOGGED_PARAMETERS if name in request.path_params}
+    log.warning("%s %s %s refused: %d %s", request.method, route, about, status, why)
 
 
 def _is_page(request: Request) -> bool:

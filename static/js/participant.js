@@ -6,6 +6,7 @@ import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { checkBrowser } from "./browser-check.js";
 import { display, playable } from "./display.js";
+import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
@@ -90,8 +91,8 @@ function welcome() {
 function begin() {
   enterFullScreen();
   byId("begin").toggleAttribute("disabled", true);
-  const key = localStorage.getItem(beginKey) ?? randomId();
-  localStorage.setItem(beginKey, key);
+  const key = inBrowser.get(beginKey) ?? randomId();
+  inBrowser.set(beginKey, key);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
     practised.length = 0;
@@ -120,7 +121,7 @@ function goTo(session) {
 }
 
 function introduce() {
-  const number = Number(sessionStorage.getItem(pageKey) ?? 0);
+  const number = Number(inTab.get(pageKey) ?? 0);
   if (!hasAgreed()) show("consent");
   else showInstructions(Math.max(1, number));
 }
@@ -130,19 +131,19 @@ function consent(event) {
   event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
-  sessionStorage.setItem(consentKey, form.dataset.sha256 ?? "");
+  inTab.set(consentKey, form.dataset.sha256 ?? "");
   showInstructions(1);
 }
 
 /** Whether this session's participant has agreed, here, to the text as it stands now; or none is asked for. */
 function hasAgreed() {
   const form = document.getElementById("consent");
-  return !form || sessionStorage.getItem(consentKey) === form.dataset.sha256;
+  return !form || inTab.get(consentKey) === form.dataset.sha256;
 }
 
 /** @param {number} number */
 function showInstructions(number) {
-  sessionStorage.setItem(pageKey, String(number));
+  inTab.set(pageKey, String(number));
   show(`instructions-${number}`);
 }
 
@@ -346,7 +347,7 @@ function explain(error) {
   const messages = JSON.parse(page.dataset.messages ?? "{}");
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = page.dataset.showing === "welcome";
-  if (isAtTheDoor) localStorage.removeItem(beginKey);
+  if (isAtTheDoor) inBrowser.forget(beginKey);
   const message = isAtTheDoor && error instanceof Refusal ? messages[MESSAGE_AT_THE_DOOR.get(error.status) ?? ""] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
     show("withdrawn");
@@ -366,7 +367,7 @@ function sentence(error, problem) {
 
 /** @param {Session} session */
 async function enterSession(session) {
-  localStorage.removeItem(beginKey); // its answer has come; the next participant at this browser makes a new one
+  inBrowser.forget(beginKey); // its answer has come; the next participant at this browser makes a new one
   outbox = new Outbox(shelf, session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;

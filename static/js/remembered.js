@@ -1,0 +1,37 @@
+/** What a page remembers under a name; for as long as it is open where the browser refuses storage. */
+
+/** @param {() => Storage} storage asked for each time: even looking at it may be refused */
+function remembering(storage) {
+  /** @type {Map<string, string>} */
+  const here = new Map();
+  return {
+    /** @param {string} name @returns {string | null} */
+    get(name) {
+      try {
+        return storage().getItem(name);
+      } catch {
+        return here.get(name) ?? null;
+      }
+    },
+    /** @param {string} name @param {string} value */
+    set(name, value) {
+      try {
+        storage().setItem(name, value);
+      } catch {
+        here.set(name, value);
+      }
+    },
+    /** @param {string} name */
+    forget(name) {
+      here.delete(name);
+      try {
+        storage().removeItem(name);
+      } catch {
+        // nothing is kept there
+      }
+    },
+  };
+}
+
+export const inBrowser = remembering(() => localStorage);
+export const inTab = remembering(() => sessionStorage);

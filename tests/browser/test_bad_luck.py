@@ -1,0 +1,88 @@
+"""Browsers that cannot or will not: a calm sentence before the study, or a study that goes on all the same."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect
+from visitor import NewStudy, Study, Visitor
+
+from app.study.options import parse_options
+
+pytestmark = pytest.mark.browser
+
+NO_CODEC = "HTMLMediaElement.prototype.canPlayType = () => '';"
+NO_H264 = """const canPlay = HTMLMediaElement.prototype.canPlayType;
+HTMLMediaElement.prototype.canPlayType = function (type) {
+    return type.includes("avc1") ? "" : canPlay.call(this, type);
+};"""
+NO_STORAGE = """const refuse = () => { throw new DOMException("refused", "SecurityError"); };
+for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
+    Object.defineProperty(window, name, { get: refuse });
+}"""
+CLOCK_JUMPS = """const real = Date.now; let calls = 0;
+Date.now = () => real() + (++calls % 2 ? 1 : -1) * 36e5;"""
+
+
+def test_a_browser_without_the_codec_is_told_before_the_study_and_uses_no_invitation_up(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    page.add_init_script(NO_CODEC)
+    page.goto(study.address)
+    visitor.sees("welcome")
+    expect(page.get_by_text("cannot play the study")).to_be_visible()
+    expect(page.locator("#begin")).to_be_hidden()
+    page.keyboard.press("Enter")
+    page.wait_for_timeout(200)
+    visitor.sees("welcome")
+    assert study.read("trials") == []
+
+
+def test_a_browser_without_h264_sees_the_second_codec(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    page.add_init_script(NO_H264)
+    study = new_study(short_films, 1.6, parse_options({"second_codec": "vp9"}))
+    fetched: list[str] = []
+    page.on("response", lambda answer: "/media/" in answer.url and fetched.append(answer.url))
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    assert len(visitor.reads_screen()) == 2
+    visitor.votes("1")
+    assert b"vp09" in httpx.get(fetched[0]).content
+
+
+def test_a_study_is_finished_where_storage_is_refused(study: Study, page: Page, visitor: Visitor) -> None:
+    page.add_init_script(NO_STORAGE)
+    visitor.begin(study)
+    for key in ("1", "2", "3"):
+        visitor.votes(key)
+        visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
+    assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+
+
+def test_a_clock_that_jumps_changes_no_record(study: Study, page: Page, visitor: Visitor) -> None:
+    page.add_init_script(CLOCK_JUMPS)
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.keyboard.press("Space")
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
+    assert viewing["shown_ms"] == pytest.approx(1600, abs=600)
+    assert 0 <= viewing["switches"][0]["at_ms"] < viewing["shown_ms"]
+    assert viewing["response_ms"] < 60_000
+
+
+def test_what_is_refused_is_logged_without_the_invitation(study: Study, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        httpx.get(f"{study.url}/s/nobodys-code")
+        httpx.post(f"{study.url}/api/v1/studies/{study.slug}/sessions", json={"invitation": "nobodys-code"})
+        httpx.put(f"{study.url}/api/v1/session/trials/some-trial/vote", json={})
+    assert "an invitation's page was refused: unknown" in caplog.text
+    assert f"{{'slug': '{study.slug}'}} refused: 404 There is no such invitation" in caplog.text
+    assert "'some-trial'} refused" in caplog.text
+    assert "nobodys-code" not in caplog.text
