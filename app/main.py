@@ -22,6 +22,7 @@ from app.web import api, health, media, pages, participant, screening, trials
 from app.web.admin import design, edit, invitations, overview, people, server, sets, sign_in, studies, users
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
+from app.web.described import describe
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
@@ -80,6 +81,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=ROOT / "static"), name="static")
     install_problems(app)
+    describe(app)
     is_https = settings.secure_cookies
     for middleware in (BodyLimit, SameOrigin, UnforeseenErrors):  # the last one is outermost
         app.add_middleware(middleware)

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Table, delete, func, insert, select, update
 from app.errors import ConflictError, NotFoundError
 from app.store.keys import digest, new_secret
 from app.store.tables import exclusion, metadata, participant, session, stage_record, trial, vote
-from app.study.stages import WITHDRAWN
+from app.study.stages import INTERVIEW, WITHDRAWN
 
 ERASED = "erased"
 KEPT_AT_ERASURE = ("assignment", "exclusion", "session", "trial")  # who was shown what says nothing about them
@@ -196,3 +196,22 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
         rows = connection.execute(select(*columns).where(own))
         found[table.name] = [dict(row._mapping) for row in rows]
     return found
+
+
+def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """The answers of a study's interviews, a row for each participant and question."""
+    rows = connection.execute(
+        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
+        .select_from(stage_record.join(session).join(participant))
+        .where(
+            participant.c.study_id == study_id,
+            participant.c.is_preview.is_(False),
+            stage_record.c.stage == INTERVIEW,
+        )
+        .order_by(participant.c.slot)
+    )
+    return [
+        {"participant": label, "question": question, "answer": answer, "answered_at": at}
+        for label, data, at in rows
+        for question, answer in data.get("answers", {}).items()
+    ]

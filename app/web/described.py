@@ -1,0 +1,84 @@
+"""How the REST interface describes itself: tables with their columns, problems, tokens."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from app.web.answers import PARQUET
+from app.web.columns import Columns
+
+Answers = dict[int | str, dict[str, Any]]
+
+EXAMPLES: dict[str, Any] = {
+    "participant": "P001",
+    "dataset": "ball",
+    "item": "pm_fb",
+    "item_a": "pm_fb",
+    "item_b": "id_fa",
+    "first_shown": "pm_fb",
+    "choice": "a",
+    "score": 0.93,
+    "slug": "temple",
+    "state": "open",
+}
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+PROBLEM = {
+    "type": "object",
+    "properties": {
+        "type": {"type": "string"},
+        "title": {"type": "string"},
+        "status": {"type": "integer"},
+        "detail": {"type": "string"},
+    },
+    "required": ["type", "title", "status", "detail"],
+    "example": {"type": "about:blank", "title": "Not Found", "status": 404, "detail": "There is no such study."},
+}
+
+
+def table_answers(columns: Columns) -> Answers:
+    """The answers of a route that gives a table."""
+    properties = {name: {"description": meaning} for name, meaning in columns.items()}
+    row = {"type": "object", "properties": properties, "required": list(columns)}
+    example = [{name: EXAMPLES[name] for name in columns if name in EXAMPLES}]
+    json_table = {"schema": {"type": "array", "items": row}, "example": example}
+    content = {"application/json": json_table, "text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
+    return {200: {"description": "The table", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+
+
+def object_answers(*, tables_too: bool = False) -> Answers:
+    """The answers of a route that gives one object."""
+    content: dict[str, Any] = {"application/json": {"schema": {"type": "object"}}}
+    if tables_too:
+        content |= {"text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
+    return {200: {"description": "The object", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+
+
+def describe(app: FastAPI) -> None:
+    """Let the app describe its problems and tokens as they are."""
+
+    def description() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _description(app)
+        return app.openapi_schema
+
+    app.openapi = description  # type: ignore[method-assign]  # FastAPI's own way to extend it
+
+
+def _description(app: FastAPI) -> dict[str, Any]:
+    found = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
+    schemas = found["components"]["schemas"]
+    for name in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(name, None)
+    schemas["Problem"] = PROBLEM
+    found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    problem = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for operations in found["paths"].values():
+        for operation in operations.values():
+            operation["responses"].pop("422", None)
+            operation["responses"]["4XX"] = {"description": "Refused: says why (RFC 9457)", "content": problem}
+            operation["responses"]["503"] = {"description": "Try again later (Retry-After)", "content": problem}
+            operation["security"] = [{"token": []}]
+    return dict(found)
