@@ -22,13 +22,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.measure import marching_cubes
 
 from recon.mesh import Mesh, read_mesh, write_mesh
 from recon.render.camera_path import camera_path
+from recon.render.checked import check_video
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
-from recon.render.video import DELIVERED, MASTER, check_video, write_video
+from recon.render.video import DELIVERED, MASTER, write_video
 from recon.rig import Camera, Rig, Sensor, look_at
 
 SIZE = (1920, 1080)
@@ -48,6 +48,8 @@ CASES = ("plain pyrender", "pyrender", "software")
 
 def person() -> Mesh:
     """The smooth union of capsules, its surface by marching cubes as a reconstruction's would be."""
+    from skimage.measure import marching_cubes  # here, because the processes that are measured do not need it
+
     lowest = BOUNDS[0] - 20
     axes = [np.arange(*ends, VOXEL_MM, dtype=np.float32) for ends in zip(lowest, BOUNDS[1], strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

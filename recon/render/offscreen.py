@@ -23,6 +23,7 @@ from recon.rig import Camera
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast", "software")
+STRIPS = 4  # that a picture is drawn in: samples and read-back of a whole one of full HD take 120 MB, measured
 PROBE_TIMEOUT_S = 60
 # In a process of its own: PyOpenGL cannot change its platform once loaded, and a broken driver may crash.
 PROBE = """
@@ -85,15 +86,18 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     try:
         shown: LitMesh | None = None
         for shot in shots:
-            width, height = shot.camera.size[0] * scale, shot.camera.size[1] * scale
-            renderer = renderer or pyrender.OffscreenRenderer(width, height)
-            renderer.viewport_width, renderer.viewport_height = width, height
+            width, height = shot.camera.size
+            strip = -(-height // STRIPS)
+            renderer = renderer or pyrender.OffscreenRenderer(width * scale, strip * scale)
+            renderer.viewport_width, renderer.viewport_height = width * scale, strip * scale
             if shot.mesh is not shown:
                 for node in list(scene.mesh_nodes):
                     scene.remove_node(node)
                 scene.add(_two_sided(pyrender, shot.mesh))
                 shown = shot.mesh
-            _lay_over(shot.picture, _drawn(pyrender, renderer, scene, shot, scale))
+            for top in range(0, height, strip):
+                part = shot.picture[top : top + strip]
+                _lay_over(part, _drawn(pyrender, renderer, scene, shot, top, scale)[: len(part)])
             yield shot.picture
     finally:
         if renderer is not None:
@@ -134,8 +138,8 @@ def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
     )
 
 
-def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> NDArray[np.uint8]:
-    """The model alone, uint8 (H, W, 4): colours already multiplied by coverage, and coverage."""
+def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale: int) -> NDArray[np.uint8]:
+    """The model alone from row `top` on, uint8 (rows, W, 4): colours already multiplied by coverage, and coverage."""
     depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2]
     near = max(float(depth.min()) * 0.9, 1.0)
     K = shot.camera.K
@@ -143,7 +147,7 @@ def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, scale: int) -> 
         fx=K[0, 0] * scale,
         fy=K[1, 1] * scale,
         cx=(K[0, 2] + 0.5) * scale,  # OpenGL counts from the picture's edge, not from a pixel's centre
-        cy=(K[1, 2] + 0.5) * scale,
+        cy=(K[1, 2] - top + 0.5) * scale,
         znear=near,
         zfar=max(float(depth.max()) * 1.1, near * 2),
     )
