@@ -323,6 +323,7 @@ def study_list(as_json: JsonOption = False) -> None:
 def serve(
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
+    workers: Annotated[int, typer.Option(min=1, help="Processes; more than one needs PostgreSQL.")] = 1,
 ) -> None:
     """Serve all studies until interrupted."""
     from app.main import serve as serve_studies
@@ -340,7 +341,7 @@ def serve(
         if path := set_up_path(settings):
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)
 
-    serve_studies(settings, host, port, on_start=announce)
+    serve_studies(settings, host, port, workers=workers, on_start=announce)
 
 
 @admin_app.command("add")

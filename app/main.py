@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from uvicorn.supervisors import Multiprocess
 
 from app.operate import open_store
 from app.settings import Settings
@@ -23,12 +27,21 @@ from app.web.admin import design, edit, invitations, overview, people, server, s
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
 from app.web.described import describe
+from app.web.metrics import SHARED_FOLDER, Metrics
 from app.web.problems import UnforeseenErrors, install_problems
+from app.web.requests import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
+UVICORN_OPTIONS: dict[str, Any] = {
+    "log_config": None,
+    "log_level": "warning",
+    "access_log": False,  # addresses hold invitations and sign-in links; app/web/requests.py logs routes
+    "server_header": False,
+    "timeout_graceful_shutdown": 20,  # s for downloads; votes take milliseconds
+}
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -36,7 +49,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        with VoteWriter(app.state.database) as app.state.votes:
+        with app.state.votes:
             yield
         app.state.database.dispose()
 
@@ -51,6 +64,8 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     app.state.database = open_store(settings)
+    app.state.votes = VoteWriter(app.state.database)
+    app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
     app.state.throttle = new_throttle()
@@ -87,6 +102,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.add_middleware(middleware)
     app.add_middleware(RenewedSession, is_https=is_https)
     app.add_middleware(SecurityHeaders, is_https=is_https)
+    app.add_middleware(Requests, metrics=app.state.metrics)
     return app
 
 
@@ -95,16 +111,55 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 8000,
     *,
+    workers: int = 1,
     on_start: Callable[[str], None] | None = None,
 ) -> None:
-    """Serve until interrupted.
+    """Serve until interrupted; what is asked before the end is answered, and votes that wait are kept.
 
     Parameters
     ----------
     port : 0 for any free one
-    on_start : told the base address once the server answers
+    workers : processes that share the port; more than one on PostgreSQL only
+    on_start : told the base address once it takes connections
+
+    Raises
+    ------
+    ValueError
+        If the database does not suit, or the number of workers does not suit the database.
     """
-    _Server(create_app(settings), host, port, on_start).run()
+    start_logging(settings.log_format)
+    if workers == 1:
+        _Server(create_app(settings), host, port, on_start).run()
+    else:
+        _serve_by_workers(settings, host, port, workers, on_start)
+
+
+def worker_app() -> FastAPI:
+    """The server in one of several processes; its settings come by the environment."""
+    settings = Settings()
+    start_logging(settings.log_format)
+    return create_app(settings)
+
+
+def _serve_by_workers(
+    settings: Settings, host: str, port: int, workers: int, on_start: Callable[[str], None] | None
+) -> None:
+    """Workers that are started again when they die; SIGHUP replaces them one by one while the port stays open."""
+    if settings.is_sqlite:
+        raise ValueError(
+            f"--workers {workers} needs PostgreSQL (RECONSTUDY_DATABASE_URL): only one process at a time can write to "
+            "SQLite, and one that waits for another process waits long; see docs/operations.md"
+        )
+    open_store(settings).dispose()  # what is wrong with the database is said here, not once by every worker
+    os.environ |= settings.as_environment()
+    several: dict[str, Any] = {"factory": True, "workers": workers, "timeout_worker_healthcheck": START_TIMEOUT_S}
+    config = uvicorn.Config("app.main:worker_app", host, port, **several, **UVICORN_OPTIONS)
+    with tempfile.TemporaryDirectory(prefix="reconstudy-metrics-") as folder, config.bind_socket() as bound:
+        os.environ[SHARED_FOLDER] = folder
+        bound.listen(config.backlog)  # who comes before the first worker is up waits
+        if on_start is not None:
+            on_start(_address(bound))
+        Multiprocess(config, sockets=[bound]).run()
 
 
 @contextmanager
@@ -133,22 +188,23 @@ class _Server(uvicorn.Server):
     """uvicorn that tells when, and on which port, it answers."""
 
     def __init__(self, app: FastAPI, host: str, port: int, on_start: Callable[[str], None] | None) -> None:
-        # No access log: addresses hold invitations and sign-in links.
-        super().__init__(
-            uvicorn.Config(app, host=host, port=port, log_level="warning", access_log=False, server_header=False)
-        )
+        super().__init__(uvicorn.Config(app, host, port, **UVICORN_OPTIONS))
         self._on_start = on_start
         self._app = app
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started and self._on_start is not None:
-            host, port = self.servers[0].sockets[0].getsockname()[:2]
-            self._on_start(f"http://{f'[{host}]' if ':' in host else host}:{port}")
+            self._on_start(_address(self.servers[0].sockets[0]))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._app.state.is_stopping = True
         await super().shutdown(sockets)
+
+
+def _address(bound: Any) -> str:
+    host, port = bound.getsockname()[:2]
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def _environment() -> Environment:

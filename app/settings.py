@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -25,6 +26,10 @@ class Settings(BaseSettings):
     api_requests_per_minute: int = Field(default=1200, ge=1, description="of one token or experimenter")
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
 
+    log_format: Literal["text", "json"] = Field(
+        default="text", description="json: a line for every request, to standard error"
+    )
+
     @property
     def url(self) -> str:
         return self.database_url or f"sqlite:///{(self.data_dir / 'study.sqlite').absolute()}"
@@ -34,9 +39,18 @@ class Settings(BaseSettings):
         return self.database_url is None
 
     @property
+    def is_sqlite(self) -> bool:
+        return self.url.startswith("sqlite")
+
+    @property
     def sets_dir(self) -> Path:
         return self.stimuli_dir or self.data_dir / "stimuli"
 
     @property
     def media_dir(self) -> Path:
         return self.data_dir / "pairs"
+
+    def as_environment(self) -> dict[str, str]:
+        """These settings as environment variables, for a process that is started with them."""
+        values = self.model_dump(mode="json", exclude_none=True)
+        return {f"RECONSTUDY_{name.upper()}": str(value) for name, value in values.items()}

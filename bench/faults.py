@@ -18,7 +18,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from random import Random
@@ -124,9 +124,8 @@ def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> d
     return {"power cuts": n_cuts, **total}
 
 
-def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+def measure(arguments: argparse.Namespace) -> Iterator[tuple[str, dict[str, Any]]]:
     rng = Random(7)
-    results: dict[str, Any] = {}
 
     def kill_server(server: StudyServer) -> None:
         server.kill()
@@ -140,15 +139,14 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 
         n_votes, n_kills = arguments.votes, arguments.kills
         sqlite_url = f"sqlite:///{folder}/study.sqlite"
-        results["SQLite, server killed"] = kills(sqlite_url, n_votes, n_kills, kill_server, rng)
+        yield "SQLite, server killed", kills(sqlite_url, n_votes, n_kills, kill_server, rng)
+        if sqlite_disk.is_possible():
+            yield "SQLite FULL, power cut", power_cuts(arguments.power_cuts, 500, "FULL", rng)
+            yield "SQLite NORMAL, power cut", power_cuts(2, 500, "NORMAL", rng)
         url = postgres.new_database("server_killed")
-        results["PostgreSQL, server killed"] = kills(url, n_votes, n_kills, kill_server, rng)
+        yield "PostgreSQL, server killed", kills(url, n_votes, n_kills, kill_server, rng)
         url = postgres.new_database("postgresql_killed")
-        results["PostgreSQL killed"] = kills(url, n_votes, n_kills, kill_postgres, rng)
-    if sqlite_disk.is_possible():
-        results["SQLite FULL, power cut"] = power_cuts(arguments.power_cuts, 500, "FULL", rng)
-        results["SQLite NORMAL, power cut"] = power_cuts(2, 500, "NORMAL", rng)
-    return results
+        yield "PostgreSQL killed", kills(url, n_votes, n_kills, kill_postgres, rng)
 
 
 def main() -> None:
@@ -158,12 +156,13 @@ def main() -> None:
     parser.add_argument("--power-cuts", type=int, default=20)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    results = measure(arguments)
+    results = {}
+    for name, row in measure(arguments):
+        results[name] = row
+        if not arguments.json:
+            print(f"{name:26}", ", ".join(f"{value} {what}" for what, value in row.items()), flush=True)
     if arguments.json:
         print(json.dumps(results, indent=2))
-        return
-    for name, row in results.items():
-        print(f"{name:26}", ", ".join(f"{value} {what}" for what, value in row.items()))
 
 
 if __name__ == "__main__":

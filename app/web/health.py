@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 
 from app.store.migrate import why_not_ready
 from app.web.gates import Store, settings
+from app.web.metrics import Metrics
 from app.web.problems import problem
 
 router = APIRouter(include_in_schema=False)
@@ -24,3 +25,11 @@ def readyz(request: Request, database: Store) -> JSONResponse:
     if not settings(request).media_dir.is_dir():
         return problem(503, "The folder of pair videos is not there.")
     return JSONResponse({"status": "ready"})
+
+
+@router.get("/metrics")
+def metrics(request: Request) -> Response:
+    """What the server counts about itself, for Prometheus; keep it from the outside (deploy/nginx.conf)."""
+    found: Metrics = request.app.state.metrics
+    text, media_type = found.text()
+    return Response(text, media_type=media_type)

@@ -18,7 +18,7 @@ from app.errors import StudyError, TooManyError, UnavailableError
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
-PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz")  # addresses that people do not read
+PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz", "/metrics")  # addresses that people do not read
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
     404: "There is nothing at this address.",

@@ -1,0 +1,63 @@
+"""What the server counts about itself, for Prometheus; with several workers over all of them.
+
+Labels are routes and statuses, never addresses: those hold invitations and sign-in links.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.multiprocess import MultiProcessCollector, mark_process_dead
+
+SHARED_FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # where workers keep their counts, by prometheus_client's convention
+LATENCY_BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
+
+
+class Metrics:
+    """The counts of one application."""
+
+    def __init__(self, n_waiting: Callable[[], int]) -> None:
+        self._registry = CollectorRegistry()
+        self.requests = Counter(
+            "reconstudy_requests", "Answered requests.", ("method", "route", "status"), registry=self._registry
+        )
+        self.seconds = Histogram(
+            "reconstudy_request_seconds",
+            "Time to the first byte of the answer.",
+            ("route",),
+            buckets=LATENCY_BUCKETS_S,
+            registry=self._registry,
+        )
+        self._n_waiting = n_waiting
+        self._waiting = Gauge(
+            "reconstudy_votes_waiting",
+            "Votes that wait for the writer.",
+            multiprocess_mode="livesum",
+            registry=self._registry,
+        )
+
+    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+        self.requests.labels(method, route, str(status)).inc()
+        self.seconds.labels(route).observe(seconds)
+        self._waiting.set(self._n_waiting())
+
+    def text(self) -> tuple[bytes, str]:
+        """All counts, of every worker where there are several, and their media type."""
+        self._waiting.set(self._n_waiting())
+        if SHARED_FOLDER not in os.environ:
+            return generate_latest(self._registry), CONTENT_TYPE_LATEST
+        _forget_the_dead(Path(os.environ[SHARED_FOLDER]))
+        shared = CollectorRegistry()
+        MultiProcessCollector(shared)  # type: ignore[no-untyped-call]  # the package has none there
+        return generate_latest(shared), CONTENT_TYPE_LATEST
+
+
+def _forget_the_dead(folder: Path) -> None:
+    """Drop what workers that are gone had waiting; what they counted stays."""
+    for path in folder.glob("gauge_live*_*.db"):
+        pid = int(path.stem.rpartition("_")[2])
+        if not Path(f"/proc/{pid}").exists():
+            mark_process_dead(pid)  # type: ignore[no-untyped-call]  # the package has none there

@@ -1,0 +1,101 @@
+"""Every request has an id, a count, and a line in the log. Pure ASGI.
+
+The id is the proxy's where it sends one; it stands in the answer and in every line that is logged meanwhile. Lines
+name routes, not addresses, and neither clients nor tokens.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import secrets
+import time
+from contextvars import ContextVar
+from datetime import UTC, datetime
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.web.metrics import Metrics
+
+ID_HEADER = "X-Request-ID"
+VALID_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
+NOWHERE = "unknown"  # the route of addresses that lead nowhere
+QUIET = ("/healthz", "/readyz", "/metrics")  # asked every few seconds by machines
+PLAIN_FORMAT = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
+
+request_id: ContextVar[str] = ContextVar("request_id", default="-")
+log = logging.getLogger(__name__)
+
+
+class Requests:
+    """Names, counts and logs every request."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app, self.metrics = app, metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(ID_HEADER, "")
+        own = given if VALID_ID.fullmatch(given) else secrets.token_hex(8)
+        token = request_id.set(own)
+        started = time.perf_counter()
+
+        async def watch(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)[ID_HEADER] = own
+                self._note(scope, message["status"], time.perf_counter() - started)
+            await send(message)
+
+        try:
+            await self.app(scope, receive, watch)
+        finally:
+            request_id.reset(token)
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        route = route_of(scope)
+        self.metrics.answered(scope["method"], route, status, seconds)
+        level = logging.DEBUG if route in QUIET else logging.INFO
+        facts = {"method": scope["method"], "route": route, "status": status, "ms": round(1000 * seconds, 2)}
+        log.log(level, "%s %s: %d in %.1f ms", *facts.values(), extra={"facts": facts})
+
+
+def route_of(scope: Scope) -> str:
+    """The pattern that an address matched, for example "/s/{code}"."""
+    if route := scope.get("route"):
+        return str(route.path)
+    return "/static" if scope["path"].startswith("/static/") else NOWHERE
+
+
+class JsonFormatter(logging.Formatter):
+    """One JSON object for each line of the log."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        line = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "request_id": getattr(record, "request_id", "-"),
+            "message": record.getMessage(),
+            **getattr(record, "facts", {}),
+        }
+        if record.exc_info:
+            line["exception"] = self.formatException(record.exc_info)
+        return json.dumps(line)
+
+
+def start_logging(log_format: str) -> None:
+    """Log to standard error, as plain lines or as JSON; with the id of the request at hand."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(JsonFormatter() if log_format == "json" else logging.Formatter(PLAIN_FORMAT))
+    handler.addFilter(_with_request_id)
+    logging.basicConfig(level=logging.INFO if log_format == "json" else logging.WARNING, handlers=[handler], force=True)
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # says at every start that it is there
+
+
+def _with_request_id(record: logging.LogRecord) -> bool:
+    record.request_id = request_id.get()
+    return True
