@@ -18,6 +18,7 @@ from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from uvicorn.supervisors import Multiprocess
 
+from app.media import MediaStore
 from app.operate import open_store
 from app.settings import Settings
 from app.store.keys import utc_now
@@ -65,6 +66,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings = settings
     app.state.database = open_store(settings)
     app.state.votes = VoteWriter(app.state.database)
+    app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
@@ -101,7 +103,8 @@ def create_app(settings: Settings) -> FastAPI:
     for middleware in (BodyLimit, SameOrigin, UnforeseenErrors):  # the last one is outermost
         app.add_middleware(middleware)
     app.add_middleware(RenewedSession, is_https=is_https)
-    app.add_middleware(SecurityHeaders, is_https=is_https)
+    media_origin = app.state.media_store.origin if app.state.media_store else None
+    app.add_middleware(SecurityHeaders, is_https=is_https, media_origin=media_origin)
     app.add_middleware(Requests, metrics=app.state.metrics)
     return app
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from app.films import NO_REFERENCES, FilmMaker, prepare_identical, prepare_pairs, prepare_practice, split_reference
+from app.media import MediaStore
 from app.reports import expanded, read_measures
 from app.settings import Settings
 from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
@@ -114,6 +115,9 @@ def create_study(
         if options.identical_pairs:
             pairs += prepare_identical(compared, maker, references)
         practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
+        if settings.media_url:
+            films = [film for video in [*pairs, *practice] for film in (video, video.second) if film]
+            MediaStore(settings.media_url).upload(settings.media_dir / film.file for film in films)
         created_at = utc_now()
         row = {
             "slug": slug,

@@ -26,6 +26,15 @@ class Settings(BaseSettings):
     api_requests_per_minute: int = Field(default=1200, ge=1, description="of one token or experimenter")
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
 
+    media_accel: str | None = Field(
+        default=None,
+        pattern="^/.*/$",
+        description="inner path under which nginx has the pair videos, for example /pairs/",
+    )
+    media_url: str | None = Field(
+        default=None,
+        description="where browsers get the pair videos: s3://bucket/folder, …, or https:// of a public host",
+    )
     log_format: Literal["text", "json"] = Field(
         default="text", description="json: a line for every request, to standard error"
     )

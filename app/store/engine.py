@@ -8,11 +8,14 @@ while somebody is let in, a session's while its stage, trials or votes change.
 
 from __future__ import annotations
 
+import fcntl
 import logging
+import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from sqlalchemy import URL, Column, Connection, Engine, Table, create_engine, event, make_url
@@ -24,13 +27,40 @@ from app.errors import InvalidError, NotFoundError, UnavailableError
 
 log = logging.getLogger(__name__)
 
-BUSY_TIMEOUT_S = 20  # another process may hold SQLite's write lock, for example `study create` beside the server
+BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
 
 
+class _FairLock:
+    """A lock among the threads and processes that write to one SQLite file.
+
+    Who waits for SQLite itself asks again now and then, and under load may never be the first to ask.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._threads = threading.Lock()
+        self._file = -1
+
+    def __enter__(self) -> None:
+        self._threads.acquire()
+        try:
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+            fcntl.flock(self._file, fcntl.LOCK_EX)
+        except BaseException:
+            self._threads.release()
+            raise
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        os.close(self._file)  # which unlocks it, as the end of a process does
+        self._threads.release()
+
+
 class Database:
-    """An engine, and the lock under which one process writes to SQLite: waiting there is fair, SQLite's own is not.
+    """An engine, and the lock under which SQLite is written to: waiting there is fair, SQLite's own is not.
 
     Both kinds of transaction raise `UnavailableError` while the database is away, locked by somebody else for long, or
     its disk is full: nothing was changed, unless the connection broke while the commit was on its way.
@@ -38,7 +68,8 @@ class Database:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._write_lock = threading.Lock() if engine.dialect.name == "sqlite" else nullcontext()
+        is_sqlite = engine.dialect.name == "sqlite"
+        self._write_lock = _FairLock(f"{engine.url.database}-lock") if is_sqlite else nullcontext()
         self._is_away = False
 
     @contextmanager

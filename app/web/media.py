@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app.errors import NotFoundError
+from app.media import SIGNED_FOR_S, MediaStore
 from app.store.designs import pair_file
 from app.web.gates import Store, settings
 
 # A name never gets other content; shared caches must not serve a study's material to others.
 FOREVER = "private, max-age=31536000, immutable"
+FOR_A_WHILE = f"private, max-age={SIGNED_FOR_S // 2}"  # of an address that ends
 
 router = APIRouter()
 
@@ -26,6 +28,12 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
     headers = {"ETag": f'"{found.sha256}"', "Cache-Control": FOREVER}
     if is_known(request.headers.get("if-none-match", ""), found.sha256):
         return Response(status_code=304, headers=headers)
+    store: MediaStore | None = request.app.state.media_store
+    if store is not None:
+        return RedirectResponse(store.address(found.file), headers={"Cache-Control": FOR_A_WHILE})
+    if accel := settings(request).media_accel:
+        headers["X-Accel-Redirect"] = accel + found.file
+        return Response(headers=headers, media_type="video/mp4")
     return FileResponse(settings(request).media_dir / found.file, headers=headers, media_type="video/mp4")
 
 

@@ -40,9 +40,11 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 class SecurityHeaders:
     """Security headers on every answer; what does not say how long it may be kept is not kept."""
 
-    def __init__(self, app: ASGIApp, is_https: bool = False) -> None:
+    def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
         self.app = app
-        self.headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else HEADERS
+        self.headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else dict(HEADERS)
+        if media_origin is not None:  # from where a page fetches the pairs' videos
+            self.headers["Content-Security-Policy"] = f"{POLICY}; connect-src 'self' {media_origin}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:

@@ -1,0 +1,72 @@
+"""Where browsers get the pair videos from: this server, a proxy before it, or an object store.
+
+`RECONSTUDY_MEDIA_ACCEL=/pairs/`: nginx sends the file itself (X-Accel-Redirect, deploy/nginx.conf).
+`RECONSTUDY_MEDIA_URL=s3://bucket/folder`: any object store of fsspec that can sign addresses; browsers are sent to one
+that is good for an hour. Its endpoint and keys are fsspec's settings: `FSSPEC_S3_ENDPOINT_URL`, `AWS_ACCESS_KEY_ID`, …
+An https:// address is taken for a public host of the same files, such as a CDN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import fsspec
+
+SIGNED_FOR_S = 3600
+PUBLIC = ("http", "https")
+
+
+class MediaStore:
+    """The object store or public host that holds the pair videos.
+
+    Raises
+    ------
+    ValueError
+        If the address is of no kind that browsers can be sent to, or a package for it is missing.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url.rstrip("/")
+        self.is_public = urlsplit(url).scheme in PUBLIC
+        if self.is_public:
+            return
+        try:
+            self._files, self._folder = fsspec.core.url_to_fs(self.url)
+        except (ImportError, ValueError) as error:
+            raise ValueError(f"RECONSTUDY_MEDIA_URL={url}: {error}; for s3:// pip install 'reconstudy[s3]'") from error
+        try:
+            self.address("probe")
+        except NotImplementedError as error:
+            raise ValueError(
+                f"RECONSTUDY_MEDIA_URL={url}: this kind of store gives no addresses to browsers; expected s3://, "
+                "gs://, abfs:// or the https:// address of a public host"
+            ) from error
+
+    def address(self, file: str) -> str:
+        """Where a browser gets a file, for an hour unless it is public."""
+        if self.is_public:
+            return f"{self.url}/{file}"
+        return str(self._files.sign(f"{self._folder}/{file}", expiration=SIGNED_FOR_S))
+
+    @property
+    def origin(self) -> str:
+        """What a page's policy must allow."""
+        parts = urlsplit(self.address("probe"))
+        return f"{parts.scheme}://{parts.netloc}"
+
+    def upload(self, paths: Iterable[Path]) -> int:
+        """Put files there that are not there yet; how many those were. A public host is filled by other means."""
+        missing = [] if self.is_public else [path for path in paths if not self._has(path)]
+        for path in missing:
+            self._files.put_file(str(path), f"{self._folder}/{path.name}")
+        return len(missing)
+
+    def _has(self, path: Path) -> bool:
+        try:
+            facts: dict[str, Any] = self._files.info(f"{self._folder}/{path.name}")
+        except FileNotFoundError:
+            return False
+        return bool(facts["size"] == path.stat().st_size)
