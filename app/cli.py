@@ -384,6 +384,49 @@ def token_add(
     print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
 
 
+@app.command()
+def backup(
+    file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
+    media: Annotated[bool, typer.Option("--media", help="The pair videos too.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write all that is stored to a file, as it is at one moment; the server may run."""
+    from app.settings import Settings
+    from app.upkeep import back_up
+
+    result = back_up(Settings(), file, with_media=media)
+    n_rows = sum(result["tables"].values())
+    print_result(result, f"{n_rows} rows and {result['videos']} videos are in {file}.", as_json=as_json)
+
+
+@app.command()
+def restore(
+    file: Annotated[Path, typer.Argument(help="What `reconstudy backup` wrote, on either kind of database.")],
+    replace: Annotated[bool, typer.Option("--replace", help="Drop the studies that the database holds.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring a backup back, all of it or nothing; the server may run."""
+    from app.settings import Settings
+    from app.upkeep import restore as restore_backup
+
+    result = restore_backup(Settings(), file, replace=replace)
+    print_result(
+        result, f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.", as_json=as_json
+    )
+
+
+@db_app.command("check")
+def db_check(as_json: JsonOption = False) -> None:
+    """Everything wrong with the database and the videos it names; exit 1 if anything is."""
+    from app.settings import Settings
+    from app.upkeep import check
+
+    result = check(Settings())
+    print_result(result, "\n".join(result["faults"]) or "Nothing is wrong.", as_json=as_json)
+    if result["faults"]:
+        raise typer.Exit(1)
+
+
 @db_app.command("upgrade")
 def db_upgrade(as_json: JsonOption = False) -> None:
     """Bring the database to the newest version."""

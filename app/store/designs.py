@@ -129,6 +129,14 @@ def pair_file(connection: Connection, media: str) -> FilmFile | None:
     return FilmFile(second.codec, second.file, second.sha256) if second else None
 
 
+def film_files(connection: Connection) -> dict[str, str]:
+    """The SHA-256 of every film's file by its name in the media folder."""
+    tables = (pair, practice_pair, second_film)
+    return {
+        row.file: row.sha256 for table in tables for row in connection.execute(select(table.c.file, table.c.sha256))
+    }
+
+
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
     """The columns of a pair that say which film it is; the film in the second codec gets its own row."""
     media = new_opaque_id()

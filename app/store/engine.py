@@ -81,6 +81,14 @@ class Database:
                 raise NotFoundError("There is nothing of this name.") from error
 
     @contextmanager
+    def snapshot(self) -> Iterator[Connection]:
+        """Read everything as it is at one moment, whatever is written meanwhile."""
+        with self._unavailable_when_away(), self.engine.connect() as connection:
+            if connection.dialect.name == "postgresql":  # SQLite's transactions read so anyway
+                connection = connection.execution_options(isolation_level="REPEATABLE READ")
+            yield connection
+
+    @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction, on disk when the block ends, undone when it raises."""
         with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:

@@ -8,6 +8,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from sqlalchemy import Connection
 
 from app.errors import UnavailableError
 from app.store.engine import Database
@@ -17,12 +18,22 @@ ROOT = Path(__file__).parent.parent.parent
 
 def upgrade(database: Database) -> str:
     """Bring a database to the newest version, which is returned. One that is there already is left alone."""
-    config = _config()
     if version_of(database) != newest_version():
         with database.writing() as connection:
-            config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+            upgrade_within(connection, newest_version())
     return newest_version()
+
+
+def upgrade_within(connection: Connection, version: str) -> None:
+    """Bring a database to a version within a transaction that is open."""
+    config = _config()
+    config.attributes["connection"] = connection
+    command.upgrade(config, version)
+
+
+def revisions() -> list[str]:
+    """All versions, the newest first."""
+    return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()]
 
 
 def version_of(database: Database) -> str | None:

@@ -1,0 +1,191 @@
+"""All rows of a database as a file that either kind of database takes back.
+
+A ZIP archive: `backup.json` (version of the schema, and for each table the number of rows and their digest), and
+`tables/NAME.jsonl`, one JSON object a row. All tables are of one moment, and the server may run meanwhile.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from itertools import islice
+from typing import Any
+from zipfile import ZipFile
+
+from sqlalchemy import JSON, Connection, DateTime, MetaData, Table, func, insert, inspect, select, text
+
+from app.store.engine import Database
+from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
+from app.store.tables import metadata, study
+
+FACTS = "backup.json"
+SCHEMA_VERSION = 1
+ROWS_AT_ONCE = 500
+
+
+def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[str, int]:
+    """Write every row of one moment into an archive; the number of rows by table.
+
+    Raises
+    ------
+    ValueError
+        If the database is not at the newest version.
+    """
+    if reason := why_not_ready(database):
+        raise ValueError(reason)
+    facts: dict[str, Any] = {}
+    with database.snapshot() as connection:
+        for table in metadata.sorted_tables:
+            facts[table.name] = _write_table(connection, table, archive)
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "revision": newest_version(),
+        "created_at": now.isoformat(),
+        "tables": facts,
+    }
+    archive.writestr(FACTS, json.dumps(content, indent=2))
+    return {name: table["rows"] for name, table in facts.items()}
+
+
+def read_tables(database: Database, archive: ZipFile, *, replace: bool = False) -> dict[str, int]:
+    """Fill a database with the rows of an archive, all or none; the number of rows by table.
+
+    An older version's rows are migrated. Whoever reads or writes meanwhile waits, and then sees the restored rows.
+
+    Parameters
+    ----------
+    replace : drop what the database holds; otherwise it must hold no study
+
+    Raises
+    ------
+    ValueError
+        If the archive is not whole or of a newer version, or the database holds studies.
+    """
+    facts = _facts(archive)
+    with database.writing() as connection:
+        _empty(connection, replace=replace)
+        upgrade_within(connection, facts["revision"])
+        reflected = MetaData()
+        reflected.reflect(connection, only=list(facts["tables"]))
+        for table in reflected.sorted_tables:
+            _fill(connection, table, _rows(archive, table.name, facts["tables"][table.name]))
+        upgrade_within(connection, newest_version())
+    return {name: table["rows"] for name, table in facts["tables"].items()}
+
+
+def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict[str, Any]:
+    digest, n_rows = hashlib.sha256(), 0
+    with archive.open(f"tables/{table.name}.jsonl", "w", force_zip64=True) as file:
+        for row in connection.execute(
+            select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE)
+        ):
+            line = json.dumps({name: _plain(value) for name, value in row._mapping.items()}).encode() + b"\n"
+            digest.update(line)
+            file.write(line)
+            n_rows += 1
+    return {"rows": n_rows, "sha256": digest.hexdigest()}
+
+
+def _facts(archive: ZipFile) -> dict[str, Any]:
+    if FACTS not in archive.namelist():
+        raise ValueError(f"{archive.filename}: holds no {FACTS}; expected a file that `reconstudy backup` wrote")
+    facts: dict[str, Any] = json.loads(archive.read(FACTS))
+    if facts.get("schema_version") != SCHEMA_VERSION or facts.get("revision") not in revisions():
+        raise ValueError(
+            f"{archive.filename}: is of version {facts.get('revision')}, which this program does not know; "
+            "restore it with the version of reconstudy that wrote it, or a newer one"
+        )
+    return facts
+
+
+def _empty(connection: Connection, *, replace: bool) -> None:
+    present = MetaData()
+    present.reflect(connection)
+    if study.name in present.tables and not replace:
+        n_studies = connection.scalar(select(func.count()).select_from(present.tables[study.name]))
+        if n_studies:
+            raise ValueError(
+                f"the database holds {n_studies} studies; restore into an empty one, or give --replace to drop them"
+            )
+    present.drop_all(connection)
+
+
+def _rows(archive: ZipFile, name: str, facts: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """The rows of a table; raises at the end where they are not those that were written."""
+    digest, n_rows = hashlib.sha256(), 0
+    with archive.open(f"tables/{name}.jsonl") as file:
+        for line in file:
+            digest.update(line)
+            n_rows += 1
+            yield json.loads(line)
+    if digest.hexdigest() != facts["sha256"] or n_rows != facts["rows"]:
+        raise ValueError(f"{archive.filename}: the rows of {name} are not those that were written; it is damaged")
+
+
+def _fill(connection: Connection, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
+    for column in table.columns:
+        if isinstance(column.type, JSON):
+            column.type.none_as_null = True
+    moments = [column.name for column in table.columns if isinstance(column.type, DateTime)]
+    is_sqlite = connection.dialect.name == "sqlite"
+    left = iter(rows)
+    while some := list(islice(left, ROWS_AT_ONCE)):
+        connection.execute(insert(table), [{**row, **_moments(row, moments, is_sqlite)} for row in some])
+    if not is_sqlite and "id" in table.c:
+        newest = select(func.coalesce(func.max(table.c.id), 0) + 1).scalar_subquery()
+        connection.execute(select(func.setval(func.pg_get_serial_sequence(table.name, "id"), newest, False)))
+
+
+def _moments(row: Mapping[str, Any], names: Iterable[str], is_sqlite: bool) -> dict[str, datetime | None]:
+    found = {name: datetime.fromisoformat(row[name]) if row[name] else None for name in names}
+    if is_sqlite:  # keeps no time zone
+        return {name: moment and moment.astimezone(UTC).replace(tzinfo=None) for name, moment in found.items()}
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime) else value
+
+
+def faults_of(database: Database) -> list[str]:
+    """What is wrong with a database's structure and votes; nothing is right."""
+    if reason := why_not_ready(database):
+        return [reason]
+    with database.snapshot() as connection:
+        return [*_structure(connection), *_contradictions(connection)]
+
+
+def _structure(connection: Connection) -> Iterator[str]:
+    if connection.dialect.name == "sqlite":
+        yield from (f"SQLite: {row[0]}" for row in connection.execute(text("PRAGMA integrity_check")) if row[0] != "ok")
+        for row in connection.execute(text("PRAGMA foreign_key_check")):
+            yield f"row {row[1]} of {row[0]} refers to a row of {row[2]} that is not there"
+    for name in set(metadata.tables) - set(inspect(connection).get_table_names()):
+        yield f"the table {name} is missing"
+
+
+def _contradictions(connection: Connection) -> Iterator[str]:
+    trial, vote, session = (metadata.tables[name] for name in ("trial", "vote", "session"))
+    voided = select(func.count()).select_from(vote.join(trial)).where(trial.c.voided_at.is_not(None))
+    strange = select(func.count()).select_from(vote.join(trial)).where(vote.c.session_id != trial.c.session_id)
+    twice = (
+        select(trial.c.assignment_id)
+        .join(vote, vote.c.trial_id == trial.c.id)
+        .group_by(trial.c.assignment_id)
+        .having(func.count() > 1)
+    )
+    ended = (
+        select(func.count(session.c.id.distinct()))
+        .join(trial, trial.c.session_id == session.c.id)
+        .outerjoin(vote, vote.c.trial_id == trial.c.id)
+        .where(session.c.stage == "finished", trial.c.voided_at.is_(None), vote.c.id.is_(None))
+    )
+    counts = {
+        "votes on trials that were interrupted": connection.scalar(voided),
+        "votes of one session on trials of another": connection.scalar(strange),
+        "pairs that one participant voted on twice": len(connection.execute(twice).all()),
+        "finished sessions with trials without a vote": connection.scalar(ended),
+    }
+    yield from (f"{count} {what}" for what, count in counts.items() if count)

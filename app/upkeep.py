@@ -1,0 +1,90 @@
+"""Backup, restore and check of a server's database and pair videos."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
+
+from app.files import whole_file
+from app.settings import Settings
+from app.stimuli import file_digest
+from app.store.backup import faults_of, read_tables, write_tables
+from app.store.designs import film_files
+from app.store.engine import Database, open_database
+from app.store.keys import utc_now
+
+MEDIA = "media/"
+
+
+def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict[str, Any]:
+    """Write all rows, and the pair videos if wanted, to one file; the server may run."""
+    with (
+        _database(settings) as database,
+        whole_file(path) as temporary,
+        ZipFile(temporary, "w", ZIP_DEFLATED) as archive,
+    ):
+        tables = write_tables(database, archive, utc_now())
+        videos = sorted(_films(database)) if with_media else []
+        for name in videos:
+            archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
+    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, "videos": len(videos)}
+
+
+def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
+    """Bring back what `back_up` wrote, into either kind of database.
+
+    Raises
+    ------
+    ValueError
+        If the file is not a whole backup, or the database holds studies and they are not to be replaced.
+    """
+    try:
+        archive = ZipFile(path)
+    except (OSError, BadZipFile) as error:
+        raise ValueError(f"{path}: is not a backup: {error}") from error
+    with archive, _database(settings) as database:
+        videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
+        if strange := [name for name in videos if Path(name).name != name]:
+            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
+        tables = read_tables(database, archive, replace=replace)
+        for name in videos:
+            with whole_file(settings.media_dir / name) as temporary:
+                _extract(archive, MEDIA + name, temporary)
+    return {"tables": tables, "videos": len(videos)}
+
+
+def check(settings: Settings) -> dict[str, Any]:
+    """Everything wrong with the database and the pair videos it names."""
+    with _database(settings) as database:
+        faults = faults_of(database)
+        films = {} if faults or settings.media_url else _films(database)
+    for name, sha256 in sorted(films.items()):
+        path = settings.media_dir / name
+        if not path.is_file():
+            faults.append(f"{path}: is missing")
+        elif file_digest(path) != sha256:
+            faults.append(f"{path}: is not the file that was prepared")
+    return {"faults": faults, "videos": len(films)}
+
+
+def _extract(archive: ZipFile, name: str, path: Path) -> None:
+    with archive.open(name) as source, path.open("wb") as target:
+        shutil.copyfileobj(source, target)
+
+
+def _films(database: Database) -> dict[str, str]:
+    with database.reading() as connection:
+        return film_files(connection)
+
+
+@contextmanager
+def _database(settings: Settings) -> Iterator[Database]:
+    database = open_database(settings.url)
+    try:
+        yield database
+    finally:
+        database.dispose()

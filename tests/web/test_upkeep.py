@@ -1,0 +1,177 @@
+"""Backups are taken and brought back row by row, from either kind of database into either."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import pytest
+from seeding import NOW, seed_voters
+from sqlalchemy import delete, insert, select, text, update
+
+from app import operate
+from app.settings import Settings
+from app.store.engine import Database, open_database
+from app.store.migrate import newest_version, upgrade, version_of
+from app.store.tables import metadata, pair, session, trial, vote
+from app.upkeep import back_up, check, restore
+
+
+@pytest.fixture
+def here(tmp_path: Path, new_database_url: Callable[[], str]) -> Settings:
+    """A server's settings, on either kind of database, with votes in it."""
+    settings = Settings(data_dir=tmp_path / "here", database_url=new_database_url())
+    database = open_database(settings.url)
+    upgrade(database)
+    seed_voters(database, 3, 4)
+    with database.writing() as connection:
+        trials = connection.execute(select(trial.c.id, trial.c.session_id)).all()
+        rows = [vote_row(number, *row) for number, row in enumerate(trials[:-1])]
+        connection.execute(insert(vote), rows)
+        connection.execute(update(trial).where(trial.c.id == trials[-1].id).values(served_at=None))
+    database.dispose()
+    return settings
+
+
+def vote_row(number: int, trial_id: int, session_id: int) -> dict[str, Any]:
+    return {
+        "client_id": f"vote {number}",
+        "session_id": session_id,
+        "trial_id": trial_id,
+        "choice": ("a", "b", "none")[number % 3],
+        "first_shown": "a",
+        "n_switches": 1,
+        "shown_ms": 1 / 3 + number,
+        "response_ms": 0.1,
+        "viewing": {"switches": [{"to": "b", "at_ms": 1.5}], "first_shown": "a"},
+        "received_at": NOW.replace(microsecond=number),
+    }
+
+
+def rows_of(settings: Settings) -> dict[str, list[Any]]:
+    database = open_database(settings.url)
+    with database.reading() as connection:
+        found = {
+            table.name: [tuple(row) for row in connection.execute(select(table).order_by(*table.primary_key))]
+            for table in metadata.sorted_tables
+        }
+    database.dispose()
+    return found
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_every_row_comes_back_on_either_kind_of_database(
+    here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"restored_{id(here)}")
+    there = Settings(data_dir=tmp_path / "there", database_url=url)
+    restore(there, tmp_path / "backup.zip")
+    before = rows_of(here)
+    assert rows_of(there) == before
+    assert len(before["vote"]) == 17
+    assert check(there)["faults"] == [f"{there.media_dir / 'file.mp4'}: is missing"]
+    database = open_database(there.url)
+    (new_id,) = seed_ids(database)
+    assert new_id == 1 + max(row[0] for row in before["trial"])
+    database.dispose()
+
+
+def seed_ids(database: Database) -> list[int]:
+    """The next id that the database gives out."""
+    with database.writing() as connection:
+        first = connection.execute(select(trial.c.session_id, trial.c.assignment_id)).first()
+        assert first is not None
+        row = {"session_id": first.session_id, "assignment_id": first.assignment_id, "attempt": 2, "public_id": "new"}
+        return list(connection.scalars(insert(trial).values(**row).returning(trial.c.id)))
+
+
+def test_a_backup_is_of_one_moment_while_votes_come_in(here: Settings, tmp_path: Path) -> None:
+    ended = threading.Event()
+    database = open_database(here.url)
+
+    def write() -> None:
+        """Always both or neither of two rows in two tables."""
+        turn = 0
+        while not ended.is_set():
+            turn += 1
+            with database.writing() as connection:
+                connection.execute(text(f"UPDATE session SET stage = 'turn {turn}'"))
+                connection.execute(text(f"UPDATE study SET name = 'turn {turn}'"))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        for number in range(5):
+            back_up(here, tmp_path / f"{number}.zip")
+    finally:
+        ended.set()
+        writer.join()
+        database.dispose()
+    for number in range(5):
+        there = Settings(data_dir=tmp_path / f"there_{number}")
+        restore(there, tmp_path / f"{number}.zip")
+        found = open_database(there.url)
+        with found.reading() as connection:
+            name = connection.scalar(text("SELECT name FROM study"))
+            assert set(connection.scalars(select(session.c.stage))) == {name if name != "Test" else "trial"}
+        found.dispose()
+
+
+def test_studies_are_not_replaced_unless_one_says_so(here: Settings, tmp_path: Path) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    before = rows_of(here)
+    with pytest.raises(ValueError, match=r"holds 1 studies.*--replace"):
+        restore(here, tmp_path / "backup.zip")
+    database = open_database(here.url)
+    with database.writing() as connection:
+        connection.execute(delete(vote))
+    restore(here, tmp_path / "backup.zip", replace=True)
+    with database.reading() as connection:  # a server that ran all the time
+        assert len(connection.execute(select(vote)).all()) == 17
+    assert version_of(database) == newest_version()
+    database.dispose()
+    assert rows_of(here) == before
+
+
+def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    with ZipFile(tmp_path / "backup.zip") as whole, ZipFile(tmp_path / "damaged.zip", "w") as damaged:
+        for name in whole.namelist():
+            content = whole.read(name)
+            damaged.writestr(name, content.replace(b"vote 3", b"vote X") if "vote.jsonl" in name else content)
+    before = rows_of(here)
+    with pytest.raises(ValueError, match="rows of vote are not those"):
+        restore(here, tmp_path / "damaged.zip", replace=True)
+    assert rows_of(here) == before
+    (tmp_path / "no.zip").write_bytes(b"something else")
+    with pytest.raises(ValueError, match="is not a backup"):
+        restore(here, tmp_path / "no.zip")
+
+
+def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_path: Path) -> None:
+    here, there = (Settings(data_dir=tmp_path / name) for name in ("here", "there"))
+    operate.create_study(here, stimulus_set, "Whole")
+    assert check(here) == {"faults": [], "videos": 6}
+    assert back_up(here, tmp_path / "backup.zip", with_media=True)["videos"] == 6
+    restore(there, tmp_path / "backup.zip")
+    assert check(there) == {"faults": [], "videos": 6}
+    first, second, *_ = sorted(there.media_dir.glob("*.mp4"))
+    first.unlink()
+    second.write_bytes(b"")
+    assert check(there)["faults"] == [f"{first}: is missing", f"{second}: is not the file that was prepared"]
+
+
+def test_contradictions_are_found(here: Settings) -> None:
+    database = open_database(here.url)
+    with database.writing() as connection:
+        connection.execute(update(session).values(stage="finished"))
+        connection.execute(update(trial).where(trial.c.id == 1).values(voided_at=NOW))
+        connection.execute(update(pair).values(file="file.mp4"))
+    database.dispose()
+    faults = check(here)["faults"]
+    assert "1 votes on trials that were interrupted" in faults
+    assert "1 finished sessions with trials without a vote" in faults
