@@ -1,0 +1,138 @@
+"""How many votes a second one server process keeps, and how long participants wait for the answer.
+
+    python bench/server.py [--votes 4000] [--json]
+
+One server process (tests/study_server.py), one client process, all on this machine; each row has a fresh database.
+"HTTP only" acknowledges without keeping; "a commit each" is the same server with one vote in a transaction; "bare
+commits" is one thread that inserts rows of the same size into the same database and does nothing else. The slow disk
+takes 5 ms more for every sync. The last row sends 300 votes a second while eight browsers fetch 14 MB/s of video each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sqlite3
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import numpy as np
+import psycopg
+import sqlite_disk
+from postgresql import PostgresServer
+from seeding import seed_voters
+from study_server import StudyServer
+from voters import Letter, Tally, letters_of, send_all, send_at_rate
+
+from app.store.engine import open_database
+from app.store.migrate import upgrade
+from app.store.tables import pair
+
+SLOW_MS = 5.0
+VIDEO_BYTES = 15_000_000
+N_WATCHERS, WATCHED_MB_S = 8, 14.0
+
+
+def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
+    """A migrated database and the votes for it, one bundle for each connection."""
+    database = open_database(url)
+    upgrade(database)
+    n_approaches = next(k for k in range(2, 1000) if n_connections * k * (k - 1) // 2 >= n_votes)
+    voters, rng = seed_voters(database, n_connections, n_approaches), Random(1)
+    with database.writing() as connection:
+        connection.execute(pair.update().values(file="film.mp4"))
+    database.dispose()
+    return [letters_of(voter, rng)[: n_votes // n_connections] for voter in voters]
+
+
+def row_of(tally: Tally) -> dict[str, Any]:
+    p50, p99 = np.percentile(tally.latencies_ms, [50, 99])
+    faults = sum(n for status, n in tally.statuses.items() if status not in (200, 201)) + tally.n_broken
+    rate = len(tally.latencies_ms) / tally.seconds
+    return {"votes_per_s": round(rate), "p50_ms": round(p50, 2), "p99_ms": round(p99, 2), "errors": faults}
+
+
+def load(n_connections: int, n_votes: int, *options: str, url: str | None = None) -> dict[str, Any]:
+    """All votes as fast as they are answered."""
+    with tempfile.TemporaryDirectory() as folder:
+        bundles = prepare(url or f"sqlite:///{folder}/study.sqlite", n_connections, n_votes)
+        with StudyServer(Path(folder), *options, database_url=url) as server:
+            return row_of(asyncio.run(send_all(server.port, bundles)))
+
+
+def bare_sqlite(n_rows: int) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        connection = sqlite3.connect(f"{folder}/bare.sqlite", isolation_level=None)
+        connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; CREATE TABLE vote (content TEXT)")
+        started = time.perf_counter()
+        for _ in range(n_rows):
+            connection.execute("INSERT INTO vote VALUES (?)", ("x" * 400,))
+        return {"votes_per_s": round(n_rows / (time.perf_counter() - started))}
+
+
+def bare_postgresql(uri: str, n_rows: int) -> dict[str, Any]:
+    with psycopg.connect(uri.replace("+psycopg", ""), autocommit=True) as connection:
+        connection.execute("CREATE TABLE bare (content text)")
+        started = time.perf_counter()
+        for _ in range(n_rows):
+            connection.execute("INSERT INTO bare VALUES (%s)", ("x" * 400,))
+        return {"votes_per_s": round(n_rows / (time.perf_counter() - started))}
+
+
+def beside_video(n_votes: int) -> dict[str, Any]:
+    """300 votes a second while browsers fetch films from the same process."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bundles = prepare(f"sqlite:///{folder}/study.sqlite", 16, n_votes)
+        (folder / "pairs").mkdir()
+        (folder / "pairs" / "film.mp4").write_bytes(bytes(VIDEO_BYTES))
+        database = open_database(f"sqlite:///{folder}/study.sqlite")
+        with database.reading() as connection:
+            media = connection.scalar(pair.select().with_only_columns(pair.c.media).limit(1))
+        database.dispose()
+        with StudyServer(folder) as server:
+            work = send_at_rate(server.port, bundles, 300.0, f"/media/{media}", N_WATCHERS, WATCHED_MB_S)
+            tally, n_bytes = asyncio.run(work)
+        return {**row_of(tally), "video_MB_per_s": round(n_bytes / tally.seconds / 1e6)}
+
+
+def measure(n_votes: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    yield "HTTP only, 16", load(16, n_votes, "--no-database")
+    yield "SQLite, bare commits", bare_sqlite(n_votes)
+    yield "SQLite, a commit each, 16", load(16, n_votes, "--batch", "1")
+    yield "SQLite, our writer, 16", load(16, n_votes)
+    if sqlite_disk.is_possible():
+        slow = ("--sync-ms", str(SLOW_MS))
+        yield "slow disk, a commit each, 32", load(32, max(n_votes // 8, 32), "--batch", "1", *slow)
+        yield "slow disk, our writer, 32", load(32, n_votes, *slow)
+    with PostgresServer() as postgres:
+        yield "PostgreSQL, bare commits", bare_postgresql(postgres.new_database("bare"), n_votes)
+        yield "PostgreSQL, a commit each, 16", load(16, n_votes, "--batch", "1", url=postgres.new_database("each"))
+        yield "PostgreSQL, our writer, 16", load(16, n_votes, url=postgres.new_database("ours"))
+    yield "300/s beside video", beside_video(n_votes)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--votes", type=int, default=4000)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    results = {}
+    for name, row in measure(arguments.votes):
+        results[name] = row
+        if not arguments.json:
+            print(f"{name:30}", ", ".join(f"{value} {what}" for what, value in row.items()), flush=True)
+    if arguments.json:
+        print(json.dumps(results, indent=2))
+
+
+if __name__ == "__main__":
+    main()
