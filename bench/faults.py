@@ -38,7 +38,6 @@ from app.store.migrate import upgrade
 from app.store.tables import trial, vote
 
 N_VOTERS = 20
-PAUSES_S = (0.05, 0.5)  # between two kills
 LONGEST_S = 900
 
 
@@ -52,25 +51,28 @@ def prepare(url: str, n_votes: int, rng: Random) -> list[list[Letter]]:
     return [letters_of(voter, rng) for voter in voters]
 
 
-def run_under(fault: Callable[[], None], port: int, bundles: list[list[Letter]], rng: Random) -> tuple[Tally, int]:
-    """Send everything while faults happen; what was seen, and how many faults there were."""
-    ended = threading.Event()
-    n_faults = 0
+def run_under(
+    fault: Callable[[], None], n_faults: int, port: int, bundles: list[list[Letter]], rng: Random
+) -> list[tuple[str, str, str]]:
+    """Send everything while faults happen, each after a random number of votes; what was acknowledged."""
+    tally, has_ended = Tally(), threading.Event()
+    moments = sorted(rng.sample(range(sum(map(len, bundles))), n_faults))
 
     def disturb() -> None:
-        nonlocal n_faults
-        while not ended.wait(rng.uniform(*PAUSES_S)):
+        for n_before in moments:
+            while len(tally.acknowledged) < n_before and not has_ended.is_set():
+                time.sleep(0.001)
             fault()
-            n_faults += 1
 
     with ThreadPoolExecutor() as pool:
         disturbance = pool.submit(disturb)
         try:
-            tally = asyncio.run(send_all(port, bundles, repeat=0.25, rng=rng, timeout_s=LONGEST_S))
+            sending = send_all(port, bundles, repeat=0.25, rng=rng, timeout_s=LONGEST_S, tally=tally)
+            asyncio.run(sending)
         finally:
-            ended.set()
+            has_ended.set()
         disturbance.result()
-    return tally, n_faults
+    return tally.acknowledged
 
 
 def compare(url: str, acknowledged: list[tuple[str, str, str]]) -> dict[str, int]:
@@ -91,21 +93,13 @@ def compare(url: str, acknowledged: list[tuple[str, str, str]]) -> dict[str, int
 
 
 def kills(url: str, n_votes: int, n_kills: int, fault: Callable[[StudyServer], None], rng: Random) -> dict[str, Any]:
-    """Rounds of kills under load until there were enough of both votes and kills."""
-    bundles = prepare(url, n_votes, rng)
-    total, acknowledged, started = 0, [], time.perf_counter()
+    """Kills under load; at last everything is sent once more, and every answer must be the old one."""
+    bundles, started = prepare(url, n_votes, rng), time.perf_counter()
     with tempfile.TemporaryDirectory() as folder, StudyServer(Path(folder), database_url=url) as server:
-        n_rounds = 5
-        for number in range(n_rounds):  # the last votes of a round are sent while kills go on
-            part = [bundle[number::n_rounds] for bundle in bundles]
-            tally, n_faults = run_under(lambda: fault(server), server.port, part, rng)
-            acknowledged += tally.acknowledged
-            total += n_faults
-        while total < n_kills:  # nothing new is sent: every answer must be the old one
-            tally, n_faults = run_under(lambda: fault(server), server.port, [bundle[:50] for bundle in bundles], rng)
-            assert tally.statuses.get(201, 0) == 0, "a vote was taken twice"
-            total += n_faults
-    return {"kills": total, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
+        acknowledged = run_under(lambda: fault(server), n_kills, server.port, bundles, rng)
+        again = asyncio.run(send_all(server.port, bundles, timeout_s=LONGEST_S))
+    assert again.statuses.keys() == {200}, f"votes were taken twice: {again.statuses}"
+    return {"kills": n_kills, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
 
 
 def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> dict[str, Any]:

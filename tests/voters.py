@@ -49,14 +49,16 @@ async def send_all(
     repeat: float = 0.0,
     rng: Random | None = None,
     timeout_s: float = 120,
+    tally: Tally | None = None,
 ) -> Tally:
     """Send every bundle over a connection of its own, all at once, each letter until it is acknowledged.
 
     Parameters
     ----------
     repeat : share of the letters that are sent once more later, as a client does that did not hear the answer
+    tally : to look at meanwhile
     """
-    tally = Tally()
+    tally = tally or Tally()
     rng = rng or Random(1)
     started = time.perf_counter()
     async with asyncio.timeout(timeout_s), asyncio.TaskGroup() as group:
