@@ -10,12 +10,17 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from recon.capture.rectify import rectify
 from recon.cli import app
+from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
+from recon.studio.truth import read_depth, read_truth_mesh
 from recon.validation.cuboid import fit_cuboid
 from recon.validation.cuboids import CuboidSettings, measure_cuboids
 from recon.validation.measured import FitError, named_clouds
+from recon.validation.novel_view import true_disparity
 from recon.validation.outline import end_of_points
+from recon.validation.redundancy import depth_points
 
 SIZE = (300.0, 200.0, 400.0)
 
@@ -137,3 +142,19 @@ def test_the_command_writes_a_whole_report(tmp_path: Path) -> None:
     for name in ("report.json", "faces.csv", "edges.csv", "angles.csv", "curve.svg", "cuboid_1_S1.png", "report.html"):
         assert (out / name).stat().st_size > 0
     assert CliRunner().invoke(app, [*words[:4], "300x200", "-o", str(out)]).exit_code == 2
+
+
+def test_the_studios_cuboid_is_where_the_studio_put_it(tmp_path: Path) -> None:
+    place = (40.0, -30.0, 60.0)
+    parameters = SynthParameters(scene="cuboid", n_sensors=1, n_frames=1, size=(640, 360), position=place)
+    capture = synthesise(tmp_path / "cuboid", parameters)
+    stream = capture.sensors[0]
+    view = rectify(stream.sensor, capture.bounds)
+    disparity = true_disparity(read_depth(capture, stream.id, "left", 0), stream.left.camera, view)
+    a, b, c = capture.object["size_mm"]
+    fit = fit_cuboid(depth_points(disparity, view, capture.bounds), (a, b, c))
+    vertices = read_truth_mesh(capture, 0).vertices
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    assert np.linalg.norm(fit.centre - middle) < 0.1
+    assert max(abs(angle - 90) for *_, angle in fit.dihedral_angles()) < 0.05
+    assert np.abs(fit.errors(vertices)).max() < 0.1
