@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SPOILS = ("none", "wedge", "patch", "rim", "pushed")
+UNSEEN_SPOILS = ("ramp", "bulge")  # that no limit of the exclusion rule was set with
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class CapParameters:
     noise : standard deviation of depth, mm
     outliers : share of the points that lie in clusters of wrong depth
     depth_step : mm between slices of whole disparities; 0 for depths in between
-    spoil : one of SPOILS, a cluster of wrong depth large enough to bias a fit
+    spoil : one of SPOILS or UNSEEN_SPOILS, a cluster of wrong depth or a depth that is wrong throughout
     spoil_mm : how wrong the depth is there; it grows smoothly into the cluster
     """
 
@@ -101,8 +102,14 @@ def _spoil(normals: NDArray[np.float64], p: CapParameters, rng: np.random.Genera
         share = np.clip((rng.uniform(0.35, 0.6) * half - angle) / (0.1 * half), 0.0, 1.0)
     elif p.spoil == "rim":
         share = np.clip((polar - rng.uniform(0.6, 0.8)) / 0.15, 0.0, 1.0)
+    elif p.spoil == "ramp":
+        across = rng.uniform(0, 2 * np.pi)
+        share = (normals[:, 0] * np.cos(across) + normals[:, 1] * np.sin(across)) / np.sin(half)
+    elif p.spoil == "bulge":
+        share = 1 - polar**2
     else:
-        raise ValueError(f"there is no way {p.spoil!r} to spoil a cap; expected one of {', '.join(SPOILS)}")
+        known = ", ".join((*SPOILS, *UNSEEN_SPOILS))
+        raise ValueError(f"there is no way {p.spoil!r} to spoil a cap; expected one of {known}")
     return np.asarray(sign * p.spoil_mm * share)
 
 

@@ -81,6 +81,7 @@ def _left_out(report: Mapping[str, Any]) -> Section:
             "free radius mm": row.get("free_radius_mm"),
             "sector shift mm": row.get("sector_shift_mm"),
             "ring shift mm": row.get("ring_shift_mm"),
+            "coherent mm": row.get("coherent_error_mm"),
             "reasons": row["reasons"] + ([row["failure"]] if row["failure"] else []),
         }
         for row in report["reconstructions"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon.execute import Progress, silent
 from recon.validation.curves import N_REPLICATES, TABLE_THRESHOLD, table_measures
-from recon.validation.exclusion import exclusion_reasons, part_shifts
+from recon.validation.exclusion import Parts, examine_parts, exclusion_reasons
 from recon.validation.measured import FitError, MeasuredCloud, read_measured
 from recon.validation.sphere import SphereFit, SphereParameters
 from recon.validation.sphere_methods import METHODS, SphereSettings
@@ -119,27 +119,25 @@ def _sample_rows(
 ) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.float32]]]:
     """One row per reconstruction and the signed errors by name, of one placed ball."""
     fits = {one.cloud.sensor: one.fit for one in measured if one.fit is not None}
-    shifts = {
-        one.cloud.sensor: part_shifts(one.points, one.fit, SphereParameters(seed=settings.seed))
+    parts = {
+        one.cloud.sensor: examine_parts(one.points, one.fit, SphereParameters(seed=settings.seed))
         for one in measured
         if one.fit is not None
     }
-    reasons = exclusion_reasons(fits, shifts)
+    reasons = exclusion_reasons(fits, parts)
     rows, errors = [], {}
     for one in measured:
         name, why = one.cloud.name, reasons.get(one.cloud.sensor, [])
         is_excluded = bool(one.failure) or name in settings.drop or (bool(why) and name not in settings.keep)
         if name in settings.drop:
             why = [*why, "left out on request"]
-        rows.append(_row(one, why, is_excluded, shifts.get(one.cloud.sensor)))
+        rows.append(_row(one, why, is_excluded, parts.get(one.cloud.sensor)))
         if one.fit is not None:
             errors[name] = one.fit.errors(one.points)
     return rows, errors
 
 
-def _row(
-    one: _Measured, reasons: Sequence[str], is_excluded: bool, shifts: tuple[float, float] | None
-) -> dict[str, Any]:
+def _row(one: _Measured, reasons: Sequence[str], is_excluded: bool, parts: Parts | None) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": one.cloud.name,
         "sample": one.cloud.sample,
@@ -150,7 +148,7 @@ def _row(
         "is_excluded": is_excluded,
         "reasons": list(reasons),
     }
-    if one.fit is None or shifts is None:
+    if one.fit is None or parts is None:
         return row
     errors = one.fit.errors(one.points)
     return row | {
@@ -159,8 +157,9 @@ def _row(
         "scale_mm": one.fit.scale,
         "coverage": one.fit.coverage,
         "surface_share": one.fit.surface_share,
-        "sector_shift_mm": shifts[0],
-        "ring_shift_mm": shifts[1],
+        "sector_shift_mm": parts.sector_shift,
+        "ring_shift_mm": parts.ring_shift,
+        "coherent_error_mm": parts.coherent_error,
         "median_error_mm": float(np.median(errors)),
         "rms_inliers_mm": _rms(errors[np.abs(errors) <= TABLE_THRESHOLD]),
         "inliers": float(np.mean(np.abs(errors) <= TABLE_THRESHOLD)),

@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 from recon.cli import app
 from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
+from recon.validation.exclusion import examine_parts, exclusion_reasons
 from recon.validation.measured import FitError, named_clouds, read_measured
+from recon.validation.sphere import fit_sphere
 from recon.validation.sphere_methods import SphereSettings
 from recon.validation.sphere_report import write_sphere_report
 from recon.validation.spheres import measure_spheres
@@ -80,6 +82,22 @@ def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Pat
     kept = measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2",)))
     assert kept["excluded"] == []
     assert next(row for row in kept["reconstructions"] if row["name"] == "1/S2")["reasons"]
+
+
+def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit() -> None:
+    points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
+    offsets = (points - centre).astype(np.float32)
+    good = fit_sphere(offsets, 150.0)
+    assert exclusion_reasons({"S1": good}, {"S1": examine_parts(offsets, good)}) == {"S1": []}
+    is_wrong = np.arctan2(offsets[:, 1], offsets[:, 0]) > 1.8
+    offsets[is_wrong] *= np.float32(162 / 150)  # too far off to pull the fit
+    fit = fit_sphere(offsets, 150.0)
+    assert np.linalg.norm(fit.centre - good.centre) < 0.5
+    assert exclusion_reasons({"S1": good}, {"S1": examine_parts((points - centre).astype(np.float32), good)}) == {
+        "S1": []
+    }
+    (reasons,) = exclusion_reasons({"S1": fit}, {"S1": examine_parts(offsets, fit)}).values()
+    assert "off together" in reasons[-1]
 
 
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
