@@ -24,7 +24,7 @@ from app.settings import Settings
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, screening, trials
-from app.web.admin import design, edit, invitations, overview, people, server, sets, sign_in, studies, users
+from app.web.admin import design, edit, interview, invitations, overview, people, server, sets, sign_in, studies, users
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
 from app.web.described import describe
@@ -88,6 +88,7 @@ def create_app(settings: Settings) -> FastAPI:
         studies.router,  # before those of one study: "new" is no study
         overview.router,
         people.router,
+        interview.router,
         admin_votes.router,
         design.router,
         invitations.router,

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, delete, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.keys import digest, new_secret
-from app.store.tables import exclusion, metadata, participant, session, stage_record, trial, vote
+from app.store.tables import exclusion, metadata, participant, session, spoken_answer, stage_record, trial, vote
 from app.study.stages import INTERVIEW, WITHDRAWN
 
 ERASED = "erased"
@@ -199,19 +199,29 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
 
 
 def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """The answers of a study's interviews, a row for each participant and question."""
-    rows = connection.execute(
+    """A row for each participant and question: first what was written, then what was said to an experimenter."""
+    own = (participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+    written = connection.execute(
         select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
         .select_from(stage_record.join(session).join(participant))
-        .where(
-            participant.c.study_id == study_id,
-            participant.c.is_preview.is_(False),
-            stage_record.c.stage == INTERVIEW,
-        )
+        .where(*own, stage_record.c.stage == INTERVIEW)
         .order_by(participant.c.slot)
     )
-    return [
-        {"participant": label, "question": question, "answer": answer, "answered_at": at}
-        for label, data, at in rows
+    rows: list[dict[str, Any]] = [
+        {"participant": label, "question": question, "answer": answer, "answered_at": at, "source": "written"}
+        for label, data, at in written
         for question, answer in data.get("answers", {}).items()
     ]
+    said = connection.execute(
+        select(
+            participant.c.label.label("participant"),
+            spoken_answer.c.question,
+            spoken_answer.c.answer,
+            spoken_answer.c.written_at.label("answered_at"),
+            spoken_answer.c.experimenter,
+        )
+        .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
+        .where(*own)
+        .order_by(participant.c.slot, spoken_answer.c.id)
+    )
+    return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

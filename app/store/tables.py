@@ -20,6 +20,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
+    Text,
     TypeDecorator,
     UniqueConstraint,
     false,
@@ -294,6 +295,18 @@ screening_item = Table(
     Column("answered_at", UtcDateTime),  # NULL: not yet
     Column("response_ms", Float),
     UniqueConstraint("screening_test_id", "number"),
+)
+
+spoken_answer = Table(
+    "spoken_answer",
+    metadata,
+    _id(),
+    _reference("session", index=False),
+    _required("question", String(500)),  # as it was asked
+    _required("answer", Text),
+    _required("experimenter", String(120)),
+    _required("written_at", UtcDateTime),
+    UniqueConstraint("session_id", "question"),
 )
 
 assignment = Table(

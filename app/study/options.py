@@ -9,7 +9,13 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from app.study.design import Repetition
-from app.study.questionnaire import DEFAULT_QUESTIONS, Question, parse_questions
+from app.study.questionnaire import (
+    DEFAULT_QUESTIONS,
+    DEFAULT_SPOKEN_QUESTIONS,
+    Question,
+    parse_questions,
+    parse_spoken_questions,
+)
 from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 
@@ -33,6 +39,7 @@ class StudyOptions:
     consent_version : how its authors call this text
     comprehension : whether the instructions end with a question on them
     questions : of the interview
+    spoken_questions : what the experimenter asks aloud, noted in a form of the dashboard
     debriefing : what participants read at the end, paragraphs apart by an empty line
     both_orders, repeated_pairs, identical_pairs : what is shown besides every pair once, see `Repetition`
     adaptive_pairs : so many pairs of each dataset, chosen from the votes so far, instead of every pair; 0: every pair
@@ -49,6 +56,7 @@ class StudyOptions:
     consent_version: str = ""
     comprehension: bool = False
     questions: tuple[Question, ...] = ()
+    spoken_questions: tuple[str, ...] = DEFAULT_SPOKEN_QUESTIONS
     debriefing: str = ""
     both_orders: bool = False
     repeated_pairs: int = 0
@@ -80,6 +88,7 @@ class StudyOptions:
             "optional_stages": list(self.optional_stages),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "questions": [asdict(q) for q in self.questions],
+            "spoken_questions": list(self.spoken_questions),
         }
 
 
@@ -108,6 +117,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         consent_version=_text(content, "consent_version"),
         comprehension=_flag(content, "comprehension"),
         questions=questions,
+        spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
         debriefing=_text(content, "debriefing"),
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),

@@ -52,6 +52,34 @@ DEFAULT_QUESTIONS = (
     Question("criteria", "text"),
 )
 
+DEFAULT_SPOKEN_QUESTIONS = (
+    "What did you look at when you compared the two?",
+    "Was anything unclear or disturbing?",
+    "What else would you like to say?",
+)
+MOST_SPOKEN_QUESTIONS = 20
+LONGEST_QUESTION = 500  # characters
+
+
+def parse_spoken_questions(content: Any) -> tuple[str, ...]:
+    """What an experimenter asks aloud, from a study file; none are given: the usual ones.
+
+    Raises
+    ------
+    ValueError
+        If it is no list of different texts.
+    """
+    if content is None:
+        return DEFAULT_SPOKEN_QUESTIONS
+    is_list = isinstance(content, Sequence) and not isinstance(content, str) and len(content) <= MOST_SPOKEN_QUESTIONS
+    if not is_list or not all(isinstance(one, str) and 0 < len(one.strip()) <= LONGEST_QUESTION for one in content):
+        lengths = f"1 to {LONGEST_QUESTION} characters"
+        raise ValueError(f"spoken_questions: expected a list of at most {MOST_SPOKEN_QUESTIONS} texts of {lengths}")
+    questions = tuple(one.strip() for one in content)
+    if len(set(questions)) < len(questions):
+        raise ValueError("spoken_questions: one of them is there twice")
+    return questions
+
 
 def parse_questions(content: Any) -> tuple[Question, ...]:
     """Questions from a study file.

@@ -60,9 +60,11 @@ PARTICIPANTS: Columns = {
 }
 QUESTIONNAIRE: Columns = {
     "participant": PARTICIPANT,
-    "question": "name of the question",
+    "question": "name of the question, or the spoken question itself",
     "answer": "the answer; empty if it was left out",
-    "answered_at": "when the interview was completed",
+    "answered_at": "when the interview was completed, or the spoken answer noted",
+    "source": "written by the participant, or spoken",
+    "experimenter": "who noted a spoken answer",
 }
 SCORES: Columns = {
     "comparison": "all conditions, or the levels of a factor",

@@ -1,0 +1,92 @@
+"""What participants write and say at the end, and who reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from dashboard import Dashboard, signed_in
+from http_checks import is_problem
+
+from app import operate
+from app.settings import Settings
+from app.simulate import begin, simulate
+from app.study.options import parse_options
+
+SPOKEN = ("Which was easiest?", "Anything else?")
+
+
+@pytest.fixture(scope="module")
+def asked(settings: Settings, stimulus_set: Path, server: str, token: str) -> dict[str, Any]:
+    """A study whose first participant has answered the questionnaire."""
+    question = {"name": "hand", "text": "Which hand?", "kind": "choice", "options": ["l", "r"], "required": True}
+    content = {"optional_stages": ["interview"], "questions": [question], "spoken_questions": list(SPOKEN)}
+    made = operate.create_study(settings, stimulus_set, "Asked", exposure_s=0.4, options=parse_options(content))
+    simulate(server, made["slug"], made["invitation"], token, 1)
+    return made
+
+
+@pytest.fixture
+def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
+    with signed_in(server, settings, "Ina", "experimenter") as dashboard:
+        yield dashboard
+
+
+def rows(analyst: httpx.Client, study: dict[str, Any], what: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = analyst.get(f"/api/v1/studies/{study['slug']}/{what}").json()
+    return found
+
+
+def test_what_is_said_is_noted_changed_and_exported_with_what_was_written(
+    experimenter: Dashboard, analyst: httpx.Client, asked: dict[str, Any]
+) -> None:
+    path = f"/admin/studies/{asked['slug']}/participants/P001/interview"
+    assert all(question in experimenter.get(path).text for question in SPOKEN)
+    experimenter.act(path, question=list(SPOKEN), answer=["The <ball>,\r\nI think", ""])
+    assert (
+        "The &lt;ball&gt;,\nI think"
+        in experimenter.act(path, question=list(SPOKEN), answer=["The <ball>,\nI think", "No"]).text
+    )
+    written, first, second = rows(analyst, asked, "questionnaire")
+    assert (written["source"], written["question"], written["answer"]) == ("written", "hand", "l")
+    assert (first["source"], first["question"], first["answer"]) == ("spoken", SPOKEN[0], "The <ball>,\nI think")
+    assert (second["answer"], second["participant"]) == ("No", "P001")
+    assert first["experimenter"]
+    text = analyst.get(f"/api/v1/studies/{asked['slug']}/questionnaire?format=csv").text
+    assert text.startswith("participant,question,answer,answered_at,source,experimenter")
+
+
+def test_only_what_a_study_asks_is_noted(experimenter: Dashboard, asked: dict[str, Any]) -> None:
+    base = f"/admin/studies/{asked['slug']}/participants"
+    assert experimenter.act(f"{base}/P001/interview", question="Who are you?", answer="x").status_code == 422
+    assert experimenter.act(f"{base}/P001/interview", question=SPOKEN[0], answer="x" * 2001).status_code == 422
+    assert experimenter.get(f"{base}/P999/interview").status_code == 404
+
+
+def test_participants_are_listed_with_how_far_they_are(
+    client: httpx.Client, analyst: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    (row,) = rows(analyst, study, "participants")
+    assert (row["participant"], row["stage"], row["n_votes"], row["n_trials"]) == ("P001", "trial", 0, 6)
+    assert row["excluded"] is False
+
+
+@pytest.mark.parametrize("what", ["participants", "screening", "questionnaire"])
+def test_personal_data_takes_a_scope_of_its_own(
+    server: str, settings: Settings, asked: dict[str, Any], what: str
+) -> None:
+    token = operate.add_token(settings, f"reads votes, not {what}", ["read"])["token"]
+    address = f"{server}/api/v1/studies/{asked['slug']}/{what}"
+    assert is_problem(httpx.get(address, headers={"Authorization": f"Bearer {token}"}), 403)
+    assert is_problem(httpx.get(address), 401)
+
+
+@pytest.mark.parametrize("content", ["Why?", [""], ["x" * 501], ["Why?", "Why? "], [1]])
+def test_spoken_questions_are_texts(content: Any) -> None:
+    with pytest.raises(ValueError, match="spoken_questions"):
+        parse_options({"spoken_questions": content})
