@@ -125,13 +125,20 @@ def _count(
 @njit(inline="always")
 def _fullest_two(votes: NDArray[np.int32]) -> tuple[int, int]:
     """Where the two runs of disparities begin that a window covers each and that together have the most votes."""
+    votes_of_first = votes_of_second = np.int64(0)  # as both windows slide
+    for k in range(COVERED):
+        votes_of_first += votes[k]
+        votes_of_second += votes[COVERED + k]
     first, fullest, fullest_pair = 0, -1, -1
     pair = (0, 0)
     for second in range(COVERED, votes.shape[0] - COVERED + 1):
         before = second - COVERED
-        if votes[before : before + COVERED].sum() > fullest:
-            first, fullest = before, votes[before : before + COVERED].sum()
-        if fullest + votes[second : second + COVERED].sum() > fullest_pair:
-            fullest_pair = fullest + votes[second : second + COVERED].sum()
+        if votes_of_first > fullest:
+            first, fullest = before, votes_of_first
+        if fullest + votes_of_second > fullest_pair:
+            fullest_pair = fullest + votes_of_second
             pair = first, second
+        if second + COVERED < votes.shape[0]:
+            votes_of_first += votes[second] - votes[before]
+            votes_of_second += votes[second + COVERED] - votes[second]
     return pair

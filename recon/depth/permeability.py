@@ -80,17 +80,24 @@ def aggregate_and_choose(
     upward = np.zeros(pitch, np.float32)
     view = (codes, facing_codes, origin, passages, start, tile_bits)
     for chunk in range(n_chunks):
-        checkpoints[chunk * pitch : (chunk + 1) * pitch] = held[:pitch]
+        _copy(held, 0, checkpoints, chunk * pitch, pitch)
         last = min((chunk + 1) * n_held, height)
         _flow_down(view, chunk * n_held, last, held)
         if chunk + 1 < n_chunks:
-            held[:pitch] = held[n_held * pitch :]
+            _copy(held, n_held * pitch, held, 0, pitch)
     for chunk in range(n_chunks - 1, -1, -1):
         first, last = chunk * n_held, min((chunk + 1) * n_held, height)
         if chunk + 1 < n_chunks:
-            held[:pitch] = checkpoints[chunk * pitch : (chunk + 1) * pitch]
+            _copy(checkpoints, chunk * pitch, held, 0, pitch)
             _flow_down(view, first, last, held)
         _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, found)
+
+
+@njit(cache=True, nogil=True)
+def _copy(source: NDArray[np.float32], begin: int, target: NDArray[np.float32], place: int, n: int) -> None:
+    """Copy n numbers; assigned as slices they take two seconds more to compile, for the message of an error."""
+    for index in range(n):
+        target[place + index] = source[begin + index]
 
 
 @njit(cache=True, nogil=True)
