@@ -125,10 +125,10 @@ def _count(
 @njit(inline="always")
 def _fullest_two(votes: NDArray[np.int32]) -> tuple[int, int]:
     """Where the two runs of disparities begin that a window covers each and that together have the most votes."""
-    votes_of_first = votes_of_second = np.int64(0)  # as both windows slide
+    votes_of_first, votes_of_second = 0, 0  # as both windows slide
     for k in range(COVERED):
-        votes_of_first += votes[k]
-        votes_of_second += votes[COVERED + k]
+        votes_of_first += int(votes[k])
+        votes_of_second += int(votes[COVERED + k])
     first, fullest, fullest_pair = 0, -1, -1
     pair = (0, 0)
     for second in range(COVERED, votes.shape[0] - COVERED + 1):
@@ -139,6 +139,6 @@ def _fullest_two(votes: NDArray[np.int32]) -> tuple[int, int]:
             fullest_pair = fullest + votes_of_second
             pair = first, second
         if second + COVERED < votes.shape[0]:
-            votes_of_first += votes[second] - votes[before]
-            votes_of_second += votes[second + COVERED] - votes[second]
+            votes_of_first += int(votes[second]) - int(votes[before])
+            votes_of_second += int(votes[second + COVERED]) - int(votes[second])
     return pair
