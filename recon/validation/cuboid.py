@@ -55,7 +55,7 @@ def fit_cuboid(points: NDArray[np.floating], size: Size, seed: int = 1) -> Cuboi
     FitError
         If no such cuboid is there. The message says what was found instead.
     """
-    if len(size) != 3 or not all(np.isfinite(length) and length > 0 for length in size):
+    if np.shape(size) != (3,) or not all(np.isfinite(length) and length > 0 for length in size):
         raise ValueError(f"the size is {size}, expected three positive lengths in mm")
     checked = checked_points(points, min(size), "shortest edge")
     try:

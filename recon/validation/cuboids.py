@@ -109,7 +109,7 @@ def face_errors(one: MeasuredCuboid, face: Face) -> tuple[NDArray[np.float64], N
 
 
 def _check(clouds: Sequence[MeasuredCloud], settings: CuboidSettings) -> None:
-    if len(settings.size) != 3 or not min(settings.size) > 0:
+    if np.shape(settings.size) != (3,) or not min(settings.size) > 0:
         raise ValueError(f"the size is {settings.size}, expected three positive lengths in mm")
     if not settings.thresholds or min(settings.thresholds) <= 0:
         raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
