@@ -1,0 +1,159 @@
+"""Every reader of other people's files answers bad input with a sentence: it does not crash, hang or swell."""
+
+from __future__ import annotations
+
+import io
+import json
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from app.analysis.reading import read_items, read_votes
+from app.operate import read_options
+from app.stimuli import read_stimulus_set
+from recon.capture.images import read_image
+from recon.capture.schema import parse_capture
+from recon.depth.disparity_io import read_disparity
+from recon.mesh import read_cloud, read_mesh
+
+REFUSALS = (ValueError, OSError)  # a sentence for whoever gave the file; anything else is our mistake
+LONGEST_S = 20.0
+MOST_MEMORY_KB = 600_000  # more than before
+BOUNDED = settings(
+    max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+VOTES = "participant,dataset,item_a,item_b,choice,first_shown,response_ms\nP1,ball,x,y,a,x,120\nP2,ball,y,x,none,y,80\n"
+OPTIONS = 'optional_stages = ["practice", "interview"]\n[[questions]]\nname = "age"\nkind = "number"\ntext = "Age?"\n'
+PLY = "\n".join(
+    [
+        "ply",
+        "format ascii 1.0",
+        "element vertex 3",
+        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "element face 1",
+        "property list uchar int vertex_indices",
+        "end_header",
+        "0 0 0 0 0 1 9 9 9",
+        "1 0 0 0 0 1 9 9 9",
+        "0 1 0 0 0 1 9 9 9",
+        "3 0 1 2\n",
+    ]
+)
+PFM = b"Pf\n3 2\n-1.0\n" + np.arange(6, dtype="<f4").tobytes()
+STIMULUS = {
+    "dataset": "ball",
+    "approach": "id_fa",
+    "levels": {"depth": "id"},
+    "video": "v.mp4",
+    "sha256": "0" * 64,
+    "width": 64,
+    "height": 48,
+    "fps": 25.0,
+    "n_frames": 10,
+    "codec": "h264",
+    "renderer": "x",
+}
+MANIFEST = {"schema_version": 1, "name": "tiny", "created": "2026-03-01T12:00:00+00:00", "stimuli": [STIMULUS]}
+SENSOR = {
+    "id": "1",
+    "left": {"image": "l/{:04d}.png", "K": [[50, 0, 31], [0, 50, 23], [0, 0, 1]], "dist": [], "size": [64, 48]},
+}
+CAPTURE = {"schema_version": 1, "name": "c", "kind": "scene", "fps": 5, "n_frames": 1, "sensors": [SENSOR]}
+
+
+def png() -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.zeros((6, 8, 3), np.uint8)).save(file, "png")
+    return file.getvalue()
+
+
+READERS: dict[str, tuple[Callable[[Path], Any], str, bytes]] = {
+    "votes": (read_votes, "votes.csv", VOTES.encode()),
+    "items": (read_items, "items.csv", b"item,depth\nx,id\ny,pm\n"),
+    "options": (lambda path: read_options(path, {}), "options.toml", OPTIONS.encode()),
+    "manifest": (read_stimulus_set, "manifest.json", json.dumps(MANIFEST).encode()),
+    "cloud": (read_cloud, "cloud.ply", PLY.encode()),
+    "mesh": (read_mesh, "mesh.ply", PLY.encode()),
+    "disparity": (read_disparity, "disparity.pfm", PFM),
+    "image": (read_image, "image.png", png()),
+    "capture": (
+        lambda path: parse_capture(path, json.loads(path.read_bytes())),
+        "capture.json",
+        json.dumps(CAPTURE).encode(),
+    ),
+}
+SURPRISES = [b"", b"\0", b"\xff\xfe", b"-1", b"99999999999999999999", b"nan", b"1e999", b"[" * 50, b'"', b",", b"\n\n"]
+
+
+def mutated(original: bytes) -> st.SearchStrategy[bytes]:
+    """The original with some places cut, doubled or replaced by something surprising."""
+    place = st.integers(0, len(original))
+    change = st.tuples(place, st.integers(0, 12), st.sampled_from(SURPRISES) | st.binary(max_size=6))
+
+    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
+        content = original
+        for at, length, new in changes:
+            content = content[:at] + new + content[at + length :]
+        return content
+
+    return st.lists(change, min_size=1, max_size=4).map(apply) | st.binary(max_size=200)
+
+
+def refuses_or_reads(read: Callable[[Path], Any], path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    sentence = "none"
+    try:
+        read(path)
+    except REFUSALS as error:
+        sentence = str(error)
+    assert sentence
+    assert time.monotonic() - started < LONGEST_S
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MEMORY_KB
+
+
+@pytest.mark.parametrize("name", sorted(READERS.keys() - {"manifest"}))  # whose videos would have to be there
+def test_what_is_spoilt_below_is_good_at_first(name: str, tmp_path: Path) -> None:
+    read, file, original = READERS[name]
+    (tmp_path / file).write_bytes(original)
+    read(tmp_path / file)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", READERS)
+def test_bad_files_are_refused_by_a_sentence(name: str, tmp_path: Path) -> None:
+    read, file, original = READERS[name]
+
+    @BOUNDED
+    @example(b"")
+    @example(original[: len(original) // 2])
+    @given(mutated(original))
+    def law(content: bytes) -> None:
+        refuses_or_reads(read, tmp_path / file, content)
+
+    law()
+
+
+@pytest.mark.parametrize("file", ["cloud.ply", "image.png", "disparity.pfm"])
+def test_a_header_that_promises_too_much_costs_no_memory(file: str, tmp_path: Path) -> None:
+    huge = {
+        "cloud.ply": (read_cloud, PLY.replace("vertex 3", "vertex 2000000000").encode()),
+        "disparity.pfm": (read_disparity, b"Pf\n100000 100000\n-1.0\n" + bytes(24)),
+        "image.png": (read_image, png()[:16] + (100_000).to_bytes(4, "big") * 2 + png()[24:]),
+    }
+    read, content = huge[file]
+    (tmp_path / file).write_bytes(content)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(REFUSALS):
+        read(tmp_path / file)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MEMORY_KB
