@@ -6,6 +6,7 @@ import asyncio
 import json
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from random import Random
 from uuid import UUID
@@ -40,6 +41,12 @@ class Letter:
 def letters_of(voter: Voter, rng: Random, *, n_switches: int = 4) -> list[Letter]:
     """A voter's votes in order."""
     return [_letter(voter.token, trial, first_shown, rng, n_switches) for trial, first_shown in voter.trials]
+
+
+def send(port: int, bundles: Sequence[Sequence[Letter]], *, repeat: float = 0.0, rng: Random | None = None) -> Tally:
+    """`send_all` in a thread of its own: a browser that other tests drive keeps an event loop running in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(lambda: asyncio.run(send_all(port, bundles, repeat=repeat, rng=rng))).result()
 
 
 async def send_all(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import resource
 import threading
 import time
@@ -17,7 +16,7 @@ from postgresql import PostgresServer
 from seeding import Voter, seed_voters
 from sqlalchemy import select
 from study_server import StudyServer
-from voters import Tally, letters_of, send_all
+from voters import Tally, letters_of, send
 
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
@@ -56,7 +55,7 @@ def votes_under(fault: Callable[[], None], server: StudyServer, voters: list[Vot
     with ThreadPoolExecutor() as pool:
         disturbance = pool.submit(disturb)
         try:
-            tally = asyncio.run(send_all(server.port, bundles, repeat=0.3, rng=rng))
+            tally = send(server.port, bundles, repeat=0.3, rng=rng)
         finally:
             ended.set()
         disturbance.result()
@@ -130,7 +129,7 @@ def lost_to_a_power_cut(folder: Path, *options: str) -> tuple[int, int]:
     rng = Random(1)
     bundles = [letters_of(voter, rng) for voter in voters]
     with StudyServer(folder, "--safe", str(safe), *options) as server:
-        tally = asyncio.run(send_all(server.port, bundles))
+        tally = send(server.port, bundles)
         server.kill_for_good()
     sqlite_disk.cut_power(path, safe)
     database = open_database(f"sqlite:///{path}")
