@@ -16,6 +16,7 @@ from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from sse_starlette.sse import AppStatus
 from uvicorn.supervisors import Multiprocess
 
 from app.media import MediaStore
@@ -197,6 +198,7 @@ class _Server(uvicorn.Server):
         self._app = app
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        AppStatus.should_exit = False  # of the whole process: an earlier server's end would end this one's live pages
         await super().startup(sockets)
         if self.started and self._on_start is not None:
             self._on_start(_address(self.servers[0].sockets[0]))

@@ -67,7 +67,9 @@ def ring_on(page: Page) -> NDArray[np.uint8]:
     screen = picture_of(page)[..., 0]
     screen = screen[: int(ABOVE_DIAL * len(screen))]
     rows, columns = np.nonzero(screen < 255)
-    return screen[rows.min() - MARGIN : rows.max() + MARGIN + 1, columns.min() - MARGIN : columns.max() + MARGIN + 1]
+    top, left = rows.min() - MARGIN, columns.min() - MARGIN
+    size = max(np.ptp(rows), np.ptp(columns)) + 1 + 2 * MARGIN  # a gap may take the outermost column with it
+    return screen[top : top + size, left : left + size]
 
 
 def shows(page: Page, text: str) -> None:

@@ -117,4 +117,4 @@ def test_an_options_file_that_is_not_right_is_named(tmp_path: Path, text: str | 
     if text is not None:
         path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=complaint):
-        operate.read_options(path)
+        operate.read_options(path, {})
