@@ -13,7 +13,7 @@ from app.store.audit import audit_records
 from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_role
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
 from app.web.admin.shell import page, see
-from app.web.gates import ActingOwner, Looking, Now, Owner, Store
+from app.web.gates import ActingOwner, Looking, Owner, Store
 
 ENTRIES_ON_A_PAGE = 50
 LONGEST_TOKEN_DAYS = 3650
@@ -114,7 +114,6 @@ def audit_page(
     request: Request,
     person: Looking,
     database: Store,
-    _now: Now,
     search: Annotated[str, Query(max_length=100)] = "",
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
