@@ -52,10 +52,15 @@ def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Compariso
 def _compare(
     comparison: str, dataset: str, votes: VotesTable, settings: AnalysisSettings, weights: Array | None
 ) -> Comparison:
-    fit = fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
+    fit = fit_by(settings, votes)
     has_sample = weights is not None and fit.status == "ok" and (fit.n_participants or 0) > 1
     bootstrap = bootstrap_scores(fit, votes, weights) if has_sample and weights is not None else None
     return Comparison(comparison, dataset, votes, fit, bootstrap)
+
+
+def fit_by(settings: AnalysisSettings, votes: VotesTable) -> Fit:
+    """Fit the items' scores as the settings say."""
+    return fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
 
 
 def of_dataset(votes: VotesTable, dataset: str) -> VotesTable:

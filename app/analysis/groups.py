@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.bradley_terry import Fit, only_compared
+from app.analysis.comparison import fit_by
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.settings import AnalysisSettings
@@ -65,9 +66,5 @@ def compare_groups(votes: VotesTable, dataset: str, settings: AnalysisSettings) 
         if len(names) < 2:
             continue
         parts = {name: only_compared(votes.where(group == name)) for name in names}
-        fits = {name: Part(part, _fit(part, settings)) for name, part in parts.items()}
-        yield GroupComparison(grouping, dataset, _fit(only_compared(votes.where(group != "")), settings), fits)
-
-
-def _fit(votes: VotesTable, settings: AnalysisSettings) -> Fit:
-    return fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
+        fits = {name: Part(part, fit_by(settings, part)) for name, part in parts.items()}
+        yield GroupComparison(grouping, dataset, fit_by(settings, only_compared(votes.where(group != ""))), fits)
