@@ -444,7 +444,9 @@ def simulate(
     participants: Annotated[int, typer.Option(min=1, help="How many take the whole study.")] = 22,
     abilities: Annotated[
         Path | None,
-        typer.Option(help="JSON object: condition -> ability in natural log-odds; default: drawn by the seed."),
+        typer.Option(
+            help="JSON: condition, or dataset/condition, -> ability in natural log-odds; default: drawn by the seed."
+        ),
     ] = None,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
     seed: Annotated[int, typer.Option(help="Of the abilities and choices.")] = 1,

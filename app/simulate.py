@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import httpx
@@ -27,6 +27,7 @@ Progress = Callable[[int, int, str], None]
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8
 TYPICAL_RESPONSE_MS = 1500.0
+NO_ANSWERS: Mapping[str, Any] = {}
 
 
 def no_progress(done: int, total: int, what: str) -> None:
@@ -39,15 +40,47 @@ class Preference:
 
     Parameters
     ----------
-    abilities : natural log-odds by item
+    abilities : natural log-odds by item, or by "dataset/item" where they are of one dataset only
     tie_rate : probability of no preference between equals (Davidson)
     """
 
     abilities: Mapping[str, float]
     tie_rate: float
 
-    def choose(self, item_a: str, item_b: str, rng: np.random.Generator) -> str:
-        return choose(self.abilities[item_a], self.abilities[item_b], self.tie_rate, rng)
+    def ability(self, dataset: str, item: str) -> float:
+        """What the item is worth in the dataset."""
+        own = f"{dataset}/{item}"
+        return self.abilities[own if own in self.abilities else item]
+
+    def missing(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
+        """What of a study has no ability: an item, or "dataset/item" where other datasets have one."""
+        lacking = [
+            (dataset, item)
+            for item in items
+            for dataset in datasets
+            if item not in self.abilities and f"{dataset}/{item}" not in self.abilities
+        ]
+        nowhere = {item for item in items if sum(one == item for _, one in lacking) == len(datasets)}
+        return sorted({item if item in nowhere else f"{dataset}/{item}" for dataset, item in lacking})
+
+    def choose(self, dataset: str, item_a: str, item_b: str, rng: np.random.Generator) -> str:
+        return choose(self.ability(dataset, item_a), self.ability(dataset, item_b), self.tie_rate, rng)
+
+
+@dataclass(frozen=True)
+class Person:
+    """One artificial participant.
+
+    Parameters
+    ----------
+    abilities : as of `Preference`, of this person's own; None: those of all
+    observer : who takes the screening
+    answers : to the questionnaire by name; what is required besides is answered somehow
+    """
+
+    abilities: Mapping[str, float] | None = None
+    observer: Observer = field(default_factory=Observer)
+    answers: Mapping[str, Any] = field(default_factory=dict)
 
 
 def simulate(
@@ -55,7 +88,7 @@ def simulate(
     slug: str,
     invitation: str,
     token: str,
-    participants: int,
+    participants: int | Sequence[Person],
     abilities: Mapping[str, float] | None = None,
     tie_rate: float = 0.1,
     seed: int = 0,
@@ -69,7 +102,8 @@ def simulate(
     base_url : of the server, for example "http://127.0.0.1:8000"
     slug, invitation : of the study
     token : an analyst's bearer token
-    abilities : natural log-odds by item, for every item of the study; None: drawn by the seed
+    participants : how many, all alike, or each by themselves
+    abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
     tie_rate : probability of no preference between equals
     seed : of all choices; the same seed and slots give the same choices
     progress : told after each vote
@@ -81,6 +115,7 @@ def simulate(
     """
     tie_weight(tie_rate)
     started, n_votes = time.perf_counter(), 0
+    people = [Person()] * participants if isinstance(participants, int) else participants
     with httpx.Client(base_url=base_url, timeout=TIMEOUT_S) as client:
         study = _ask(client, "GET", f"/api/v1/studies/{slug}", token).json()
         items = sorted({row["item"] for row in study["conditions"]})
@@ -88,26 +123,23 @@ def simulate(
             abilities = dict(
                 zip(items, np.random.default_rng(seed).normal(size=len(items)).round(3).tolist(), strict=True)
             )
-        if missing := sorted(set(items) - abilities.keys()):
-            raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
-        preference = Preference(abilities, tie_rate)
-        for number in range(participants):
-            rng = np.random.default_rng([seed, number])
-            session = begin(client, slug, invitation, rng=np.random.default_rng([seed, number, 1]))
-            hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
-            while trial := next_trial(client, session["token"]):
-                compared = hidden[trial["trial"]]
-                choice = preference.choose(compared["item_a"], compared["item_b"], rng)
-                vote(client, session["token"], trial, choice, rng)
+        preferences = [Preference(abilities if one.abilities is None else one.abilities, tie_rate) for one in people]
+        for preference in preferences:
+            if missing := preference.missing(study["datasets"], items):
+                raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
+        for number, (person, preference) in enumerate(zip(people, preferences, strict=True)):
+            rngs = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
+            session = begin(client, slug, invitation, person.observer, rngs[1])
+            total = len(people) * session["progress"]["total"]
+            for _ in _votes(client, slug, session, token, preference, rngs[0]):
                 n_votes += 1
-                progress(
-                    n_votes, participants * session["progress"]["total"], f"participant {number + 1} of {participants}"
-                )
-            pass_stages(client, session | _ask(client, "GET", "/api/v1/session", session["token"]).json())
+                progress(n_votes, total, f"participant {number + 1} of {len(people)}")
+            now = _ask(client, "GET", "/api/v1/session", session["token"]).json()
+            pass_stages(client, session | now, answers=person.answers)
     seconds = time.perf_counter() - started
     return {
         "study": slug,
-        "participants": participants,
+        "participants": len(people),
         "votes": n_votes,
         "seconds": round(seconds, 3),
         "tie_rate": tie_rate,
@@ -116,11 +148,30 @@ def simulate(
     }
 
 
+def _votes(
+    client: httpx.Client,
+    slug: str,
+    session: Mapping[str, Any],
+    token: str,
+    preference: Preference,
+    rng: np.random.Generator,
+) -> Iterator[str]:
+    """Vote in every trial of a session, and yield the choices; none of who was screened out."""
+    if session["stage"] == SCREENED_OUT:
+        return
+    hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
+    while trial := next_trial(client, session["token"]):
+        compared = hidden[trial["trial"]]
+        choice = preference.choose(compared["dataset"], compared["item_a"], compared["item_b"], rng)
+        vote(client, session["token"], trial, choice, rng)
+        yield choice
+
+
 def simulate_study(
     settings: Settings,
     base_url: str,
     slug: str,
-    participants: int,
+    participants: int | Sequence[Person],
     abilities: Mapping[str, float] | None,
     tie_rate: float,
     seed: int,
@@ -165,6 +216,8 @@ def pass_stages(
     session: dict[str, Any],
     observer: Observer = Observer(),
     rng: np.random.Generator | None = None,
+    *,
+    answers: Mapping[str, Any] = NO_ANSWERS,
 ) -> dict[str, Any]:
     """Complete the stages that end by hand, up to the trials or the end."""
     rng = rng or np.random.default_rng()
@@ -172,19 +225,20 @@ def pass_stages(
         asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
         if session["stage"] == SCREENING:
             _take_screening(client, session["token"], observer, rng)
-        data = {"simulated": True, **stage_data(session["stage"], asked)}
+        data = {"simulated": True, **stage_data(session["stage"], asked, answers)}
         path = f"/api/v1/session/stages/{session['stage']}"
         session = session | _ask(client, "PUT", path, session["token"], {"data": data}).json()
     return session
 
 
-def stage_data(stage: str, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """What comes with a stage: consent as it is asked for, answers only where they must be given."""
+def stage_data(stage: str, asked: Mapping[str, Any], answers: Mapping[str, Any] = NO_ANSWERS) -> dict[str, Any]:
+    """What comes with a stage: consent as it is asked for, other answers only where they must be given."""
     if stage == INTRODUCTION:
         consent = {"consent": asked["consent"]} if asked["consent"] else {}
         return consent | ({"comprehension": RIGHT_ANSWER} if asked["comprehension"] else {})
     if stage == INTERVIEW:
-        return {"answers": {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}}
+        needed = {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}
+        return {"answers": needed | dict(answers)}
     if stage == PRACTICE:
         return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in (1, 2)]}
     return {}

@@ -13,7 +13,8 @@ from http_checks import is_problem
 
 from app import operate
 from app.settings import Settings
-from app.simulate import simulate
+from app.simulate import Person, simulate
+from app.study.observer import Observer
 from app.study.options import parse_options
 
 NewStudy = Callable[[], dict[str, Any]]
@@ -59,6 +60,48 @@ def test_the_same_seed_makes_the_same_choices(
 def test_an_item_without_an_ability_is_named(server: str, token: str, study: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"no ability for \['pm_fb'\]"):
         simulate(server, study["slug"], study["invitation"], token, 1, {"id_fa": 0.0, "id_fb": 0.0})
+
+
+def test_a_preference_may_differ_between_datasets(
+    server: str, token: str, analyst: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    own = {"ball/id_fa": 24.0, "box/id_fa": -24.0}
+    rest = {item: ability for item, ability in ABILITIES.items() if item != "id_fa"}
+    simulate(server, study["slug"], study["invitation"], token, 1, own | rest, 0.0)
+    for vote in analyst.get(f"/api/v1/studies/{study['slug']}/votes").json():
+        if "id_fa" in (vote["item_a"], vote["item_b"]):
+            preferred = vote[f"item_{vote['choice']}"]
+            assert (preferred == "id_fa") == (vote["dataset"] == "ball")
+    with pytest.raises(ValueError, match=r"no ability for \['box/id_fa'\]"):
+        simulate(server, study["slug"], study["invitation"], token, 1, {"ball/id_fa": 1.0} | rest)
+
+
+def test_everybody_may_be_somebody_else(
+    server: str, token: str, analyst: httpx.Client, settings: Settings, stimulus_set: Path
+) -> None:
+    content = {
+        "optional_stages": ["screening", "interview"],
+        "screening": {"tests": ["colour"], "colour_axes": ["deutan"], "on_failure": "stop"},
+        "questions": [{"name": "age", "kind": "number", "minimum": 16}],
+    }
+    study = operate.create_study(settings, stimulus_set, "People", exposure_s=0.4, options=parse_options(content))
+    mirrored = {item: -ability for item, ability in ABILITIES.items()}
+    people = [
+        Person(answers={"age": 31}),
+        Person(observer=Observer(lacks="deutan")),
+        Person(mirrored, answers={"age": 59}),
+    ]
+    result = simulate(server, study["slug"], study["invitation"], token, people, ABILITIES, 0.0)
+    assert (result["participants"], result["votes"]) == (3, 12)
+    votes = analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()
+    first, last = ({v["participant"]: 0 for v in votes}).keys()
+    chosen = {(v["participant"], v["dataset"], v["item_a"], v["item_b"]): v[f"item_{v['choice']}"] for v in votes}
+    for (participant, _, item_a, item_b), item in chosen.items():
+        best = max if participant == first else min
+        assert item == best((item_a, item_b), key=lambda one: ABILITIES[one])
+    answers = analyst.get(f"/api/v1/studies/{study['slug']}/questionnaire").json()
+    assert {row["participant"]: row["answer"] for row in answers} == {first: 31, last: 59}
 
 
 def test_a_refusal_is_passed_on_in_the_servers_words(server: str, token: str, study: dict[str, Any]) -> None:
