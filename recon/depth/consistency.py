@@ -28,7 +28,11 @@ def consistent(
     """
     confirmed = np.empty(view.shape, np.bool_)
     _consistency_kernel(
-        view.astype(np.float32), mirrored.astype(np.float32), min_disparity, np.float32(threshold), confirmed
+        view.astype(np.float32, copy=False),
+        mirrored.astype(np.float32, copy=False),
+        min_disparity,
+        np.float32(threshold),
+        confirmed,
     )
     return confirmed
 

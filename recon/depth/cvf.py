@@ -133,25 +133,38 @@ def refined(
     views: tuple[View, View], left: Matches, right: Matches, parameters: DrParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
-    level = views[0].level
-    surface = filled(left.found, left.valid)
-    surface = local_planes(without_specks(surface, 5), left.valid, in_bands)
-    surface = np.clip(surface, 0, level.n_disparities - 1)
+    n_disparities = views[0].level.n_disparities
+    surface = without_specks(filled(left.found, left.valid, in_bands), in_bands)
     surface = aggregate_along_surface(
         views[0].codes,
         views[1].framed_codes,
         views[1].origin,
         views[0].passages,
-        surface,
-        level.n_disparities,
+        local_planes(surface, left.valid, n_disparities, in_bands),
+        n_disparities,
         in_bands,
     )
-    surface = local_planes(without_specks(surface, 3), left.valid, in_bands)
-    surface = np.clip(surface, 0, level.n_disparities - 1)
-    agrees = consistent(surface, right.index, min_disparity=level.min_disparity, threshold=parameters.fill_threshold)
-    inside = lands_inside(surface + np.float32(level.min_disparity))
-    valid = inside & (agrees | (left.valid & (np.abs(surface - left.found) <= SURFACE_STEP)))
+    surface = local_planes(without_specks(surface, in_bands), left.valid, n_disparities, in_bands)
+    valid = _kept(surface, left, right, views[0].level.min_disparity, parameters)
     return surface, valid if views[0].mask is None else valid & views[0].mask
+
+
+def _kept(
+    surface: NDArray[np.float32], left: Matches, right: Matches, min_disparity: int, parameters: DrParameters
+) -> NDArray[np.bool_]:
+    """Where a surface's match is in the other image, and agrees with what either view found."""
+    valid = np.empty(surface.shape, np.bool_)
+
+    def check(first: int, last: int) -> None:
+        rows = slice(first, last)
+        agrees = consistent(
+            surface[rows], right.index[rows], min_disparity=min_disparity, threshold=parameters.fill_threshold
+        )
+        agrees |= left.valid[rows] & (np.abs(surface[rows] - left.found[rows]) <= SURFACE_STEP)
+        valid[rows] = agrees & lands_inside(surface[rows] + np.float32(min_disparity))
+
+    in_bands(len(valid), check)
+    return valid
 
 
 def has_texture(pair: StereoPair) -> bool:

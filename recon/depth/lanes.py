@@ -120,6 +120,17 @@ def spread_lane(_typing: Any, _lanes: Any, _which: Any) -> Any:
 
 
 @intrinsic
+def moved_down(_typing: Any, _lanes: Any) -> Any:
+    """In every lane the number of the next one; the last keeps its own."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        places = ir.Constant(_WORDS, [*_EVERY_LANE[1:], N_LANES - 1])
+        return builder.shuffle_vector(arguments[0], arguments[0], places)
+
+    return _LANES(_LANES), generate
+
+
+@intrinsic
 def hamming(_typing: Any, _code: Any, codes: Any, _index: Any) -> Any:
     """How many bits of a uint32 code differ from each of `codes[index : index + 16]`."""
 

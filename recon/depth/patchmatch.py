@@ -121,7 +121,7 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
         if views[0].mask is not None:
             valid &= views[0].mask
         if valid.any():
-            surface = without_specks(filled(found[0], valid), 3)
+            surface = without_specks(filled(found[0], valid, in_bands), in_bands)
             disparity[pair.foreground()] = np.where(valid & lands_inside(surface), surface, np.nan)
     return disparity
 

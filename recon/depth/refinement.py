@@ -15,89 +15,121 @@ from numpy.typing import NDArray
 
 from recon.depth.bands import Bands
 
-PLANE_RADIUS = 3  # pixels: planes are fitted to 7x7 windows
+PLANE_OFFSETS = (-4, -1, 1, 4)  # pixels: planes are fitted to 16 places of a 9x9 window; all 81 do no better
+PLANE_RADIUS = max(PLANE_OFFSETS)
 SAME_SURFACE = 1.0  # pixels of disparity: what differs more belongs to another surface
 MIN_SUPPORT = 6  # pixels, twice what determines a plane
 RIDGE = 1e-2  # pixels squared, towards fronto-parallel where the support is a line
 
 
-def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
     """Holes filled with the smaller of the nearest valid disparities left and right: what is hidden lies behind.
 
     A row without any takes the row above, the first rows the first that has one. At least one pixel must be valid.
     """
     rows = np.flatnonzero(valid.any(axis=1))
     dense = np.empty(disparity.shape, np.float32)
-    _fill_kernel(disparity, valid, dense)
+    in_bands(len(dense), partial(_fill_kernel, disparity, valid, dense))
+    if len(rows) == len(dense):
+        return dense
     source = rows[np.maximum(np.searchsorted(rows, np.arange(len(dense)), side="right") - 1, 0)]
     return dense[source]
 
 
 @njit(cache=True, nogil=True)
-def _fill_kernel(disparity: NDArray[np.float32], valid: NDArray[np.bool_], dense: NDArray[np.float32]) -> None:
-    height, width = disparity.shape
-    for y in range(height):
-        last = np.float32(np.inf)
+def _fill_kernel(
+    disparity: NDArray[np.float32], valid: NDArray[np.bool_], dense: NDArray[np.float32], first: int, last: int
+) -> None:
+    width = disparity.shape[1]
+    for y in range(first, last):
+        nearest = np.float32(np.inf)
         for x in range(width):
             if valid[y, x]:
-                last = disparity[y, x]
-            dense[y, x] = last
-        last = np.float32(np.inf)
+                nearest = disparity[y, x]
+            dense[y, x] = nearest
+        nearest = np.float32(np.inf)
         for x in range(width - 1, -1, -1):
             if valid[y, x]:
-                last = disparity[y, x]
-            dense[y, x] = min(dense[y, x], last)
+                nearest = disparity[y, x]
+            dense[y, x] = min(dense[y, x], nearest)
 
 
-def without_specks(disparity: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    """The median of size x size pixels; 3 or 5."""
-    return np.asarray(cv2.medianBlur(np.ascontiguousarray(disparity, np.float32), size), dtype=np.float32)
+def without_specks(disparity: NDArray[np.float32], in_bands: Bands) -> NDArray[np.float32]:
+    """The median of 3x3 pixels."""
+    smooth = np.empty(disparity.shape, np.float32)
+
+    def smoothe(first: int, last: int) -> None:
+        begin = max(first - 1, 0)
+        with_rim = np.ascontiguousarray(disparity[begin : last + 1], np.float32)
+        smooth[first:last] = cv2.medianBlur(with_rim, 3)[first - begin : last - begin]
+
+    in_bands(len(smooth), smoothe)
+    return smooth
 
 
-def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
+def local_planes(
+    disparity: NDArray[np.float32], valid: NDArray[np.bool_], n_disparities: int, in_bands: Bands
+) -> NDArray[np.float32]:
     """The disparity of the plane through each pixel's surroundings.
 
     Parameters
     ----------
-    disparity : float32 (H, W), pixels, dense
+    disparity : float32 (H, W), disparity indices, dense
     valid : bool (H, W), the pixels that planes are fitted to
+    n_disparities : planes are cut to 0 and this less one
     in_bands : does the work given for rows first to last, in as many parts as there are threads
 
     Returns
     -------
-    planes : float32 (H, W), pixels; least squares over the valid pixels of a 7x7 window whose disparity is within
-        1 pixel of the centre's, and the disparity itself where there are fewer than six
+    planes : float32 (H, W), disparity indices; least squares over the valid pixels 1 and 4 rows and columns away
+        whose disparity is within 1 pixel of the centre's, and the disparity itself where there are fewer than six
     """
     planes = np.empty(disparity.shape, np.float32)
-    in_bands(len(planes), partial(_plane_kernel, disparity, valid, planes))
+    in_bands(len(planes), partial(_plane_kernel, disparity, valid, np.float32(n_disparities - 1), planes))
     return planes
 
 
 @njit(cache=True, nogil=True)
 def _plane_kernel(
-    disparity: NDArray[np.float32], valid: NDArray[np.bool_], planes: NDArray[np.float32], first: int, last: int
+    disparity: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    highest: np.float32,
+    planes: NDArray[np.float32],
+    first: int,
+    last: int,
 ) -> None:
-    height, width = disparity.shape
-    padded = np.full(width + 2 * PLANE_RADIUS, np.inf, np.float32)  # infinity is within reach of nothing
+    width = disparity.shape[1]
+    n_held = 2 * PLANE_RADIUS + 1
+    held = np.full((n_held, width + 2 * PLANE_RADIUS), np.inf, np.float32)
     sums = np.empty((9, width), np.float32)
+    for y in range(first - PLANE_RADIUS, first + PLANE_RADIUS):
+        _frame_row(disparity, valid, y, held[y % n_held])
     for y in range(first, last):
+        _frame_row(disparity, valid, y + PLANE_RADIUS, held[(y + PLANE_RADIUS) % n_held])
         sums[:] = 0
-        for row in range(max(y - PLANE_RADIUS, 0), min(y + PLANE_RADIUS + 1, height)):
-            for x in range(width):
-                padded[x + PLANE_RADIUS] = disparity[row, x] if valid[row, x] else np.float32(np.inf)
-            _add_row(padded, np.float32(row - y), disparity[y], sums)
-        _heights_at_centre(sums, disparity[y], planes[y])
+        for v in PLANE_OFFSETS:
+            _add_row(held[(y + v) % n_held], np.float32(v), disparity[y], sums)
+        _planes_at_centre(sums, disparity[y], highest, planes[y])
 
 
 @njit(inline="always")
-def _add_row(
-    padded: NDArray[np.float32], v: np.float32, centre: NDArray[np.float32], sums: NDArray[np.float32]
-) -> None:
+def _frame_row(disparity: NDArray[np.float32], valid: NDArray[np.bool_], y: int, row: NDArray[np.float32]) -> None:
+    """Copy a row of the image between the row's ends, with infinity, which is within reach of nothing, for unknown."""
+    width = disparity.shape[1]
+    if 0 <= y < disparity.shape[0]:
+        for x in range(width):
+            row[x + PLANE_RADIUS] = disparity[y, x] if valid[y, x] else np.float32(np.inf)
+    else:
+        row[:] = np.float32(np.inf)
+
+
+@njit(inline="always")
+def _add_row(row: NDArray[np.float32], v: np.float32, centre: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
     """Add the neighbours in one row, v rows below, to the sums of every pixel's normal equations."""
     for x in range(centre.shape[0]):
         n, n_u, n_uu, rises, rises_u = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-        for column in range(2 * PLANE_RADIUS + 1):
-            u, rise = np.float32(column - PLANE_RADIUS), padded[x + column] - centre[x]
+        for offset in PLANE_OFFSETS:
+            u, rise = np.float32(offset), row[x + PLANE_RADIUS + offset] - centre[x]
             is_same = abs(rise) <= np.float32(SAME_SURFACE)
             n += np.float32(1) if is_same else np.float32(0)
             n_u += u if is_same else np.float32(0)
@@ -116,7 +148,9 @@ def _add_row(
 
 
 @njit(inline="always")
-def _heights_at_centre(sums: NDArray[np.float32], centre: NDArray[np.float32], planes: NDArray[np.float32]) -> None:
+def _planes_at_centre(
+    sums: NDArray[np.float32], centre: NDArray[np.float32], highest: np.float32, planes: NDArray[np.float32]
+) -> None:
     """The planes that solve the normal equations, by Cramer's rule on centred moments, at their own pixels."""
     for x in range(centre.shape[0]):
         is_enough = sums[0, x] >= np.float32(MIN_SUPPORT)
@@ -125,4 +159,5 @@ def _heights_at_centre(sums: NDArray[np.float32], centre: NDArray[np.float32], p
         uu, vv = sums[4, x] * share - u * u + np.float32(RIDGE), sums[5, x] * share - v * v + np.float32(RIDGE)
         uv, ur, vr = sums[6, x] * share - u * v, sums[7, x] * share - u * rise, sums[8, x] * share - v * rise
         height = rise - ((ur * vv - vr * uv) * u + (vr * uu - ur * uv) * v) / (uu * vv - uv * uv)
-        planes[x] = centre[x] + (height if is_enough else np.float32(0))
+        plane = centre[x] + (height if is_enough else np.float32(0))
+        planes[x] = min(max(plane, np.float32(0)), highest)

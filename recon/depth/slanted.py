@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 
 from recon.depth.bands import Bands
 from recon.depth.guide import Passages
-from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, load_eight, lowest, store, store_eight, zeros
+from recon.depth.lanes import (
+    N_LANES,
+    add,
+    add_scaled,
+    hamming,
+    load_eight,
+    lowest,
+    moved_down,
+    store,
+    store_eight,
+    zeros,
+)
 from recon.depth.subpixel import vertex
 
 N_KEPT = N_LANES // 2  # lanes that are held: all that a winner and its parabola may need
@@ -21,6 +32,7 @@ CENTRE = 3  # the lane that stands for the surface itself
 REACH = 2  # pixels of disparity by which a surface may move
 SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
 FRAME = N_LANES - CENTRE + 1  # places before the first and after the last disparity that may be looked at
+STRIP = 64  # columns whose flows stay near the processor on their way down and up: 2 MiB at full HD
 
 
 def aggregate_along_surface(
@@ -71,7 +83,7 @@ def _flow_along_rows(
     width = surface.shape[1]
     pitch = facing_codes.shape[2]
     sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
-    costs = np.empty(width * N_LANES, np.float32)
+    costs = np.empty(width * N_KEPT, np.float32)
     open_ = np.zeros(width + 1, np.float32)
     for y in range(first, last):
         for x in range(1, width):
@@ -83,16 +95,15 @@ def _flow_along_rows(
             part = surface[y, x] - np.float32(whole)
             facing = y * pitch + origin + width - 1 - x + whole - CENTRE
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
-            next_cost = add(hamming(codes[0, y, x], sharp, facing + 1), hamming(codes[1, y, x], blurred, facing + 1))
-            cost = add_scaled(add_scaled(cost, part, next_cost), -part, cost)
-            store(costs, x * N_LANES, cost)
+            cost = add_scaled(add_scaled(cost, part, moved_down(cost)), -part, cost)
+            store_eight(costs, x * N_KEPT, cost)
             flow = add_scaled(cost, open_[x], flow)
             store_eight(flows, (y * width + x) * N_KEPT, flow)
         flow = zeros()
         for x in range(width - 1, -1, -1):
             place = (y * width + x) * N_KEPT
             store_eight(flows, place, add_scaled(load_eight(flows, place), open_[x + 1], flow))
-            flow = add_scaled(load(costs, x * N_LANES), open_[x + 1], flow)
+            flow = add_scaled(load_eight(costs, x * N_KEPT), open_[x + 1], flow)
 
 
 @njit(cache=True, nogil=True)
@@ -106,27 +117,61 @@ def _flow_along_columns(
     last: int,
 ) -> None:
     """Aggregate columns first to last, and move each pixel's surface to where its costs are lowest."""
+    height = surface.shape[0]
+    held = np.empty(height * STRIP * N_KEPT, np.float32)
+    for begin in range(first, last, STRIP):
+        end = min(begin + STRIP, last)
+        _flow_down(passages, surface, flows, begin, end, held)
+        _flow_up_and_choose(passages, surface, n_disparities, begin, end, held, refined)
+
+
+@njit(cache=True, nogil=True)
+def _flow_down(
+    passages: Passages,
+    surface: NDArray[np.float32],
+    flows: NDArray[np.float32],
+    first: int,
+    last: int,
+    held: NDArray[np.float32],
+) -> None:
+    """The flows of columns first to last with what comes from above, in `held`: STRIP pixels a row."""
     down, passage = passages.down, passages.passage
     height, width = surface.shape
-    upward = np.zeros((last - first) * N_LANES, np.float32)
-    scratch = np.empty(N_LANES, np.float32)
-    for y in range(1, height):
+    for y in range(height):
         for x in range(first, last):
-            if abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                place = (y * width + x) * N_KEPT
-                above = load_eight(flows, place - width * N_KEPT)
-                store_eight(flows, place, add_scaled(load_eight(flows, place), passage[down[y - 1, x]], above))
+            place = (y * STRIP + x - first) * N_KEPT
+            flow = load_eight(flows, (y * width + x) * N_KEPT)
+            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                flow = add_scaled(flow, passage[down[y - 1, x]], load_eight(held, place - STRIP * N_KEPT))
+            store_eight(held, place, flow)
+
+
+@njit(cache=True, nogil=True)
+def _flow_up_and_choose(
+    passages: Passages,
+    surface: NDArray[np.float32],
+    n_disparities: int,
+    first: int,
+    last: int,
+    held: NDArray[np.float32],
+    refined: NDArray[np.float32],
+) -> None:
+    """Add what flows up in columns first to last, and move each pixel's surface to where its costs are lowest."""
+    down, passage = passages.down, passages.passage
+    height = surface.shape[0]
+    upward = np.zeros(STRIP * N_KEPT, np.float32)
+    scratch = np.empty(N_LANES, np.float32)
     for y in range(height - 1, -1, -1):
         for x in range(first, last):
-            place = (y * width + x) * N_KEPT
-            total = load_eight(flows, place)
+            place = (y * STRIP + x - first) * N_KEPT
+            total = load_eight(held, place)
             if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
-                total = add_scaled(total, passage[down[y, x]], load(upward, (x - first) * N_LANES))
+                total = add_scaled(total, passage[down[y, x]], load_eight(upward, (x - first) * N_KEPT))
             without_above = total
             if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                above = load_eight(flows, place - width * N_KEPT)
+                above = load_eight(held, place - STRIP * N_KEPT)
                 without_above = add_scaled(total, -passage[down[y - 1, x]], above)
-            store(upward, (x - first) * N_LANES, without_above)
+            store_eight(upward, (x - first) * N_KEPT, without_above)
             lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
             store(scratch, 0, total)
             found = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)

@@ -21,18 +21,23 @@ def _arithmetic(numbers, factor, out):  # type: ignore[no-untyped-def]  # lanes 
     lanes.store(out, 80, lanes.zeros())
     lanes.store_eight(out, 96, lanes.add(first, second))
     lanes.store(out, 112, lanes.load_eight(numbers, 20))
+    lanes.store(out, 128, lanes.moved_down(first))
     return lanes.total(first)
 
 
 def test_arithmetic_is_lane_by_lane() -> None:
     numbers = np.random.default_rng(0).normal(size=40).astype(np.float32)
-    out = np.full(128, 7, np.float32)
+    out = np.full(144, 7, np.float32)
     total = _arithmetic(numbers, np.float32(0.7), out)
     first, second = numbers[1:17], numbers[20:36]
     expected = [first + second, first + np.float32(0.7) * second, first * second]
     expected += [np.minimum(np.abs(first - second), np.float32(0.7)), np.full(16, first[5]), np.zeros(16)]
-    expected += [np.append((first + second)[:8], np.full(8, 7)), np.append(second[:8], np.zeros(8))]
-    np.testing.assert_allclose(out.reshape(8, 16), expected, rtol=1e-6, atol=1e-7)
+    expected += [
+        np.append((first + second)[:8], np.full(8, 7)),
+        np.append(second[:8], np.zeros(8)),
+        np.append(first[1:], first[15]),
+    ]
+    np.testing.assert_allclose(out.reshape(9, 16), expected, rtol=1e-6, atol=1e-7)
     assert total == pytest.approx(first.sum(), rel=1e-6)
 
 
