@@ -291,16 +291,22 @@ def study_balance(
 
 @study_app.command("attach")
 def study_attach(
-    reports: Annotated[list[Path], typer.Argument(help="Folders of reports that `reconstudy validate` wrote.")],
+    results: Annotated[
+        list[Path], typer.Argument(help="Folders that `reconstudy validate` and `reconstudy models` wrote.")
+    ],
     study: Annotated[str | None, typer.Option(help="The study's slug; default: the only one there is.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Attach objective measures to a study, to be compared with its scores; again: their values are replaced."""
-    from app.operate import attach_reports
+    """Attach objective measures, reports and models to a study; again: they are replaced."""
+    from app.operate import attach_results
     from app.settings import Settings
 
-    found = attach_reports(Settings(), reports, study)
-    sentences = [f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}"]
+    found = attach_results(Settings(), results, study)
+    sentences = []
+    if found["measures"]:
+        sentences.append(f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}")
+    if found["models"]:
+        sentences.append(f"Attached {found['models']} models to {found['study']}")
     if found["ignored"]:
         sentences.append(f"The study does not compare {', '.join(found['ignored'])}: left out.")
     print_result(found, "\n".join(sentences), as_json=as_json)

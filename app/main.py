@@ -25,7 +25,21 @@ from app.settings import Settings
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, screening, trials
-from app.web.admin import design, edit, interview, invitations, overview, people, server, sets, sign_in, studies, users
+from app.web.admin import (
+    design,
+    edit,
+    interview,
+    invitations,
+    models,
+    objective,
+    overview,
+    people,
+    server,
+    sets,
+    sign_in,
+    studies,
+    users,
+)
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
 from app.web.described import describe
@@ -94,6 +108,8 @@ def create_app(settings: Settings) -> FastAPI:
         design.router,
         invitations.router,
         admin_results.router,
+        objective.router,
+        models.router,
         edit.router,
         pages.router,
     ):

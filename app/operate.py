@@ -12,19 +12,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.attachments import attach
 from app.films import NO_REFERENCES, FilmMaker, prepare_identical, prepare_pairs, prepare_practice, split_reference
 from app.media import MediaStore
-from app.reports import expanded, read_measures
 from app.settings import Settings
 from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
-from app.store.designs import conditions_of, copy_design, datasets_of, insert_design, insert_practice
+from app.store.designs import copy_design, insert_design, insert_practice
 from app.store.engine import Database, open_database
 from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
-from app.store.measurements import replace_measurements
 from app.store.migrate import upgrade, why_not_ready
 from app.store.orders import study_plan, taken_orders
 from app.store.tokens import SCOPES, insert_token
@@ -267,35 +266,22 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
         ]
 
 
-def attach_reports(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:
-    """Attach the measures of validation reports to a study, in place of earlier values of the same.
+def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:
+    """Attach reports of objective evaluation, and models, to a study, in place of earlier ones of the same.
 
     Parameters
     ----------
-    paths : reports' folders, or their report.json
+    paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
     slug : of the study; None: the only one there is
 
     Raises
     ------
     ValueError
-        If a report cannot be read, nothing in them is what the study compares, or it is unclear which study is meant.
+        If one cannot be read, nothing in them is what the study compares, or it is unclear which study is meant.
     """
-    measures = [one for path in paths for one in read_measures(path)]
     with _store(settings) as database:
         study = _study(database, slug) if slug else _only_study(database)
-        with database.reading() as connection:
-            datasets, approaches = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
-        suited, strangers = expanded(measures, datasets, approaches)
-        if not suited:
-            raise ValueError(
-                f"the reports speak of {', '.join(strangers)}; the study {study.slug} compares {', '.join(approaches)} "
-                f"in {', '.join(datasets)}"
-            )
-        with database.writing() as connection:
-            replace_measurements(connection, study.id, suited, utc_now())
-        names = list(dict.fromkeys(one.measure for one in suited))
-        _note(database, "measures attached", study.slug, study.id, measures=names)
-    return {"study": study.slug, "measures": names, "n_values": len(suited), "ignored": strangers}
+        return attach(settings, database, study, paths, by=COMMAND_LINE, now=utc_now())
 
 
 def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,6 +10,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 REPORT = "report.json"
+SUFFIXES = (".svg", ".png", ".pdf", ".csv")  # of tables and figures
+PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,99}")
+MOST_FILES = 400  # of a report
+LARGEST_FILE = 32 * 1024 * 1024  # bytes
 EVERY_DATASET = "all"  # a measure of an approach whatever the scene
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -37,11 +42,12 @@ class Report(BaseModel):
 
     model_config = ConfigDict(extra="ignore", strict=True)
 
+    kind: Annotated[str, Field(pattern=r"^[a-z]{1,20}$")] = "measures"
     measures: Sequence[Measure]
 
 
-def read_measures(path: Path) -> list[Measure]:
-    """The measures of a report.
+def read_report(path: Path) -> Report:
+    """What a report says of which approaches.
 
     Parameters
     ----------
@@ -54,16 +60,38 @@ def read_measures(path: Path) -> list[Measure]:
     """
     file = path / REPORT if path.is_dir() else path
     try:
-        found = list(Report.model_validate_json(file.read_bytes()).measures)
+        found = Report.model_validate_json(file.read_bytes())
     except FileNotFoundError as error:
         raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
     except (OSError, ValidationError) as error:
         raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
-    if not found:
+    if not found.measures:
         raise ValueError(
             f"{file}: lists no measure, because it does not say of which approach it is; evaluate again with "
             "--approach NAME, the approach as the study calls it"
         )
+    return found
+
+
+def report_files(path: Path) -> list[Path]:
+    """The tables and figures of a report, by name; of a report.json by itself there are none.
+
+    Raises
+    ------
+    ValueError
+        If they are more, or one is larger, than a report's are.
+    """
+    if not path.is_dir():
+        return []
+    found = [
+        file
+        for file in sorted(path.iterdir())
+        if file.is_file() and file.suffix in SUFFIXES and PLAIN_NAME.fullmatch(file.name)
+    ]
+    if len(found) > MOST_FILES:
+        raise ValueError(f"{path}: holds {len(found)} tables and figures, expected {MOST_FILES} at most")
+    if large := [file for file in found if file.stat().st_size > LARGEST_FILE]:
+        raise ValueError(f"{large[0]}: has more than {LARGEST_FILE // 2**20} MB, far more than a figure")
     return found
 
 

@@ -145,6 +145,26 @@ def export(
 
 
 @app.command()
+def models(
+    runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the models.")],
+    frame: Annotated[int | None, typer.Option(help="Which frame; default: the middle one.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Meshes and clouds of one frame of every approach, with their errors where the truth is known, to look at.
+
+    `reconstudy study attach OUT` shows them in the dashboard, side by side.
+    """
+    from recon.models import write_models
+
+    progress = ProgressLine()
+    written = write_models(runs, out, frame, progress)
+    progress.close()
+    result = {"out": str(out), "models": [path.relative_to(out).as_posix() for path in written]}
+    print_result(result, f"Wrote {len(written)} models: {out}", as_json=as_json)
+
+
+@app.command()
 def render(
     runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set.")],

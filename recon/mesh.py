@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,8 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     _check_suffix(path, (".ply",))
     if not len(cloud):
         raise ValueError(f"{path}: the cloud is empty, nothing to write")
-    vertices = _vertex_table(cloud.points, cloud.normals, cloud.colours, cloud.sigma)
+    more = {} if cloud.sigma is None else {"sigma": cloud.sigma}
+    vertices = _vertex_table(cloud.points, cloud.normals, cloud.colours, more)
     with whole_file(path) as temporary:
         temporary.write_bytes(_ply_header(vertices) + vertices.tobytes())
     return path
@@ -183,6 +185,25 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     content = _glb(mesh) if path.suffix.lower() == ".glb" else _ply_mesh(mesh)
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
+    return path
+
+
+def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]) -> Path:
+    """Write a mesh or cloud as binary PLY whose points carry their signed error (N,), mm, as the property `error`.
+
+    Raises
+    ------
+    ValueError
+        If there is no point, or the name does not end in .ply.
+    """
+    _check_suffix(path, (".ply",))
+    points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
+    if not len(points):
+        raise ValueError(f"{path}: there is no point, nothing to write")
+    table = _vertex_table(points, model.normals, model.colours, {"error": errors})
+    content = _ply_header(table, None if faces is None else len(faces)) + table.tobytes()
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content if faces is None else content + _face_bytes(faces))
     return path
 
 
@@ -309,16 +330,16 @@ def _vertex_table(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
-    sigma: NDArray[np.float32] | None = None,
+    more: Mapping[str, NDArray[np.floating]] = MappingProxyType({}),
 ) -> NDArray[np.void]:
     fields = [(name, "<f4") for name in ("x", "y", "z", *FLOAT_NORMAL)] + [(name, "|u1") for name in UINT8_COLOUR]
-    table = np.empty(len(points), np.dtype(fields + ([] if sigma is None else [("sigma", "<f4")])))
+    table = np.empty(len(points), np.dtype(fields + [(name, "<f4") for name in more]))
     for axis in range(3):
         table["xyz"[axis]] = points[:, axis]
         table[FLOAT_NORMAL[axis]] = normals[:, axis]
         table[UINT8_COLOUR[axis]] = colours[:, axis]
-    if sigma is not None:
-        table["sigma"] = sigma
+    for name, values in more.items():
+        table[name] = values
     return table
 
 

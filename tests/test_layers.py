@@ -27,7 +27,7 @@ STAGES = [
     {"products"},
     {"flythrough", "preview"},
     {"validation"},
-    {"pipeline"},
+    {"pipeline", "models"},
     {"console", "options", "cli", "capture_cli", "validate_cli"},
 ]
 RANK = {stage: rank for rank, stages in enumerate(STAGES) for stage in stages}

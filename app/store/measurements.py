@@ -14,7 +14,7 @@ from app.store.tables import condition, dataset, measurement
 
 def replace_measurements(connection: Connection, study_id: int, measures: Sequence[Measure], now: datetime) -> None:
     """Store measures of what the study compares, in place of earlier values of the same."""
-    datasets, conditions = (_ids(connection, table, study_id) for table in (dataset, condition))
+    datasets, conditions = (ids_by_name(connection, table, study_id) for table in (dataset, condition))
     for one in measures:
         place = {
             "dataset_id": datasets[one.dataset],
@@ -46,6 +46,7 @@ def measurement_records(connection: Connection, study_id: int) -> list[dict[str,
     return [{**row._mapping, "attached_at": row.attached_at.isoformat()} for row in rows]
 
 
-def _ids(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
+def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
+    """The ids of a study's datasets or conditions."""
     rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
     return {row.name: row.id for row in rows}

@@ -162,6 +162,34 @@ measurement = Table(
     CheckConstraint("direction in ('less is better', 'more is better')", name="direction"),
 )
 
+report = Table(  # its files lie in the data folder, under their digest
+    "report",
+    metadata,
+    _id(),
+    _reference("study", index=False),
+    _required("kind", String(20)),
+    _required("subject", String(500)),
+    _digest("digest"),
+    _required("attached_at", UtcDateTime),
+    UniqueConstraint("study_id", "kind", "subject"),
+)
+
+model = Table(  # the file lies in the data folder, under its digest
+    "model",
+    metadata,
+    _id(),
+    _reference("dataset", index=False),
+    _reference("condition"),
+    _required("kind", String(5)),
+    _digest("sha256"),
+    _required("n_points", Integer),
+    _required("n_faces", Integer),
+    Column("error_limit_mm", Float),  # NULL: the truth is not known
+    _required("attached_at", UtcDateTime),
+    UniqueConstraint("dataset_id", "condition_id", "kind"),
+    CheckConstraint("kind in ('mesh', 'cloud')", name="kind"),
+)
+
 practice_pair = Table(
     "practice_pair",
     metadata,

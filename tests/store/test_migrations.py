@@ -45,6 +45,7 @@ CHECKED = {
     "vote.first_shown": "b",
     "job.state": "done",
     "screening_test.test": "colour",
+    "model.kind": "mesh",
 }
 
 

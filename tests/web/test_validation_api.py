@@ -42,7 +42,7 @@ def test_an_attached_measure_holds_for_every_dataset_and_can_be_fetched(
     analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path
 ) -> None:
     study = new_study()
-    found = operate.attach_reports(settings, [report], study["slug"])
+    found = operate.attach_results(settings, [report], study["slug"])
     assert (found["n_values"], found["ignored"]) == (6, ["statue/dr_fa"])
     path = f"/api/v1/studies/{study['slug']}/validation"
     rows = analyst.get(path).json()
@@ -57,9 +57,9 @@ def test_attaching_again_replaces_the_value(
     analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, tmp_path: Path
 ) -> None:
     study = new_study()
-    operate.attach_reports(settings, [report], study["slug"])
+    operate.attach_results(settings, [report], study["slug"])
     better = write_report(tmp_path / "better", [accuracy("ball", "id_fa", 0.5)])
-    operate.attach_reports(settings, [better / "report.json"], study["slug"])
+    operate.attach_results(settings, [better / "report.json"], study["slug"])
     rows = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
     values = {(row["dataset"], row["approach"]): row["value"] for row in rows}
     assert len(rows) == 6
@@ -76,7 +76,7 @@ def test_measures_stand_beside_the_scores(
 ) -> None:
     study = new_study()
     simulate(server, study["slug"], study["invitation"], token, 4, ABILITIES, 0.1, seed=2)
-    operate.attach_reports(settings, [report], study["slug"])
+    operate.attach_results(settings, [report], study["slug"])
     analysis = analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json()
     overall = next(row for row in analysis["measures"] if row["dataset"] == "all")
     assert (overall["measure"], overall["n"]) == ("accuracy", 6)
@@ -84,7 +84,7 @@ def test_measures_stand_beside_the_scores(
     path = operate.add_experimenter(settings, "measures")["path"]
     with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
         browser.get(path)
-        page = browser.get(f"/admin/studies/{study['slug']}/results").text
+        page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
         assert "Objective measures" in page
         plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")
         assert plot.headers["content-type"] == "image/svg+xml"
@@ -107,11 +107,11 @@ def test_what_cannot_be_attached_is_refused(
 ) -> None:
     (tmp_path / "report.json").write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(ValueError, match=message):
-        operate.attach_reports(settings, [tmp_path], study["slug"])
+        operate.attach_results(settings, [tmp_path], study["slug"])
 
 
 def test_a_missing_report_or_study_is_named(settings: Settings, study: dict[str, Any], report: Path) -> None:
     with pytest.raises(ValueError, match="there is no such report"):
-        operate.attach_reports(settings, [report / "absent"], study["slug"])
+        operate.attach_results(settings, [report / "absent"], study["slug"])
     with pytest.raises(ValueError, match="no study 'nowhere'"):
-        operate.attach_reports(settings, [report], "nowhere")
+        operate.attach_results(settings, [report], "nowhere")

@@ -37,7 +37,7 @@ def results_page(
     context = {
         "everybody": everybody,
         "digest": snapshot.digest,
-        "figures": figures_of(analysis) if analysis else [],
+        "figures": [one for one in figures_of(analysis) if not one[0].startswith("measure_")] if analysis else [],
         "results": results_view(analysis) if analysis else None,
         "n_excluded": analysis["votes"]["excluded"] if analysis else 0,
     }

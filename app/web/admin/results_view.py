@@ -48,17 +48,6 @@ class TriadsLine:
 
 
 @dataclass(frozen=True)
-class MeasureLine:
-    """How well an attached measure goes with the scores."""
-
-    name: str
-    points: int
-    spearman: str
-    pearson: str
-    in_order: str
-
-
-@dataclass(frozen=True)
 class AgreementLine:
     dataset: str
     u: str
@@ -70,19 +59,17 @@ class ResultsView:
     comparisons: Sequence[ComparisonView]
     datasets: Sequence[str]
     triads: Sequence[TriadsLine]
-    measures: Sequence[MeasureLine]
     agreement: Sequence[AgreementLine]
     warnings: Sequence[str]
 
 
 def results_view(analysis: Mapping[str, Any]) -> ResultsView:
     """What the results page shows of analysis.json."""
-    datasets = _unique(row["dataset"] for row in analysis["triads"])
+    datasets = unique(row["dataset"] for row in analysis["triads"])
     return ResultsView(
-        [_comparison(name, analysis["scores"]) for name in _unique(row["comparison"] for row in analysis["scores"])],
+        [_comparison(name, analysis["scores"]) for name in unique(row["comparison"] for row in analysis["scores"])],
         datasets,
         _triads(analysis, datasets),
-        _measures(analysis["measures"]),
         [_agreement(row) for row in analysis["agreement"] if row["u"] is not None],
         analysis["warnings"],
     )
@@ -102,7 +89,7 @@ def p_value(value: float | None) -> str:
 def _comparison(name: str, scores: Iterable[Mapping[str, Any]]) -> ComparisonView:
     own = [row for row in scores if row["comparison"] == name]
     # All datasets together first: it is what most readers look for.
-    datasets = sorted(_unique(row["dataset"] for row in own), key=lambda dataset: dataset != "all")
+    datasets = sorted(unique(row["dataset"] for row in own), key=lambda dataset: dataset != "all")
     groups = [_group(dataset, [row for row in own if row["dataset"] == dataset]) for dataset in datasets]
     return ComparisonView(name, groups)
 
@@ -122,31 +109,12 @@ def _triads(analysis: Mapping[str, Any], datasets: Sequence[str]) -> list[Triads
     circular = {(row["participant"], row["dataset"]): row for row in analysis["triads"]}
     pooled = {row["participant"]: row for row in analysis["triads_pooled"]}
     lines = []
-    for participant in _unique(row["participant"] for row in analysis["triads"]):
+    for participant in unique(row["participant"] for row in analysis["triads"]):
         cells = [_circular(circular.get((participant, dataset))) for dataset in datasets]
         together = pooled.get(participant)
         total, p = (str(together["circular"]), together["p_value"]) if together else (NOTHING, None)
         lines.append(TriadsLine(participant, cells, total, p_value(p)))
     return lines
-
-
-def _measures(rows: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
-    """One line a measure: of all datasets together, or of the only one."""
-    last = {row["measure"]: row for row in rows}
-    return [
-        MeasureLine(
-            name,
-            row["n"],
-            *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")),
-        )
-        for name, row in last.items()
-    ]
-
-
-def _with_interval(row: Mapping[str, Any], key: str) -> str:
-    low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
-    interval = "" if low is None else f" ({decimal(low)} to {decimal(high)})"
-    return f"{decimal(row[key])}{interval}"
 
 
 def _agreement(row: Mapping[str, Any]) -> AgreementLine:
@@ -158,5 +126,5 @@ def _circular(row: Mapping[str, Any] | None) -> str:
     return NOTHING if row is None or row["circular"] is None else str(row["circular"])
 
 
-def _unique(names: Iterable[str]) -> list[str]:
+def unique(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))

@@ -14,6 +14,8 @@ from app.web.gates import database, now
 TABS: tuple[tuple[str, str, Role], ...] = (
     ("", "Overview", "viewer"),
     ("/results", "Results", "viewer"),
+    ("/objective", "Objective", "viewer"),
+    ("/models", "3D", "experimenter"),
     ("/participants", "Participants", "experimenter"),
     ("/votes", "Votes", "experimenter"),
     ("/design", "Design", "viewer"),

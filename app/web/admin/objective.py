@@ -1,0 +1,67 @@
+"""A study's objective results: attached reports with their figures, and their measures against the scores."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import FileResponse, Response
+
+from app.attachments import report_folder
+from app.errors import NotFoundError
+from app.store.measurements import measurement_records
+from app.store.reports import report_records
+from app.web.admin.objective_view import beside_scores, measure_lines, report_view
+from app.web.admin.shell import study_page
+from app.web.gates import AStudy, Person, Store, settings
+from app.web.media import FOREVER
+from app.web.results import FIGURE_TYPES, figures_of, snapshot_of
+
+router = APIRouter(prefix="/admin/studies/{slug}/objective", include_in_schema=False)
+
+
+@router.get("")
+def objective_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
+    with database.reading() as connection:
+        found = report_records(connection, study.id)
+        measures = measurement_records(connection, study.id)
+    reports = [report_view(row, report_folder(settings(request), row["digest"])) for row in found]
+    return study_page(request, "objective", person, study, {"reports": reports, "measures": measures})
+
+
+@router.get("/scores")
+def against_scores_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
+    """Do the objective measures say what people say?"""
+    with database.reading() as connection:
+        measures = measurement_records(connection, study.id)
+    snapshot = snapshot_of(database, study.id)
+    analysis = snapshot.analysis
+    context = {
+        "digest": snapshot.digest,
+        "has_votes": analysis is not None,
+        "lines": measure_lines(analysis["measures"]) if analysis else [],
+        "beside": beside_scores(analysis, measures) if analysis else [],
+        "figures": [one for one in figures_of(analysis) if one[0].startswith("measure_")] if analysis else [],
+    }
+    return study_page(request, "against_scores", person, study, context)
+
+
+@router.get("/{digest}/{name}")
+def report_file(
+    request: Request,
+    _person: Person,
+    study: AStudy,
+    digest: Annotated[str, Path(max_length=64)],
+    name: Annotated[str, Path(max_length=100)],
+    database: Store,
+) -> Response:
+    with database.reading() as connection:
+        is_there = digest in {row["digest"] for row in report_records(connection, study.id)}
+    folder = report_folder(settings(request), digest)
+    if not is_there or name not in {path.name for path in folder.glob("*")}:
+        raise NotFoundError("This study has no such file of a report.")
+    kind = name.rsplit(".", 1)[1]
+    headers = {"Cache-Control": FOREVER}
+    if kind in ("pdf", "csv"):
+        headers["Content-Disposition"] = f'attachment; filename="{study.slug}-{name}"'
+    return FileResponse(folder / name, headers=headers, media_type=FIGURE_TYPES[kind])
