@@ -132,7 +132,9 @@ class View {
   reset() {
     const sphere = (this.object ?? other(this).object)?.geometry.boundingSphere;
     if (!sphere) return;
-    const away = (1.15 * sphere.radius) / Math.sin((FIELD_OF_VIEW * Math.PI) / 360);
+    const { clientWidth, clientHeight } = this.canvas;
+    const half = Math.tan((FIELD_OF_VIEW * Math.PI) / 360) * Math.min(1, clientWidth / clientHeight);
+    const away = sphere.radius / Math.sin(Math.atan(half)); // the whole model is in the picture
     this.camera.near = away / 100;
     this.camera.far = away * 100;
     this.controls.target.copy(sphere.center);

@@ -14,16 +14,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.models import read_models
 from recon.artefacts import file_digest
 from recon.capture.format import Capture
 from recon.capture.images import read_image
+from recon.errors import signed_errors
 from recon.files import read_json
 from recon.flythrough import Film, RenderOptions, make_part, shown_frames
 from recon.mesh import read_mesh
+from recon.models import write_models
 from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.video import probe_video
 from recon.run import read_run
 from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import read_truth_mesh
 from recon.surface import SurfaceParameters
 
 WHOLE_WAY = """
@@ -63,6 +67,19 @@ def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
     assert described.frames == (0, 1)
     assert len(digests(run / "meshes", "*.ply")) == 4
     assert len(digests(run / "clouds", "*.ply")) == 4
+
+
+def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: Capture, tmp_path: Path) -> None:
+    write_models([run], tmp_path, None, lambda *_: None)
+    found = read_models(tmp_path)
+    assert {(one.dataset, one.condition, one.kind) for one in found} == {
+        ("ball", approach, kind) for approach in ("id_fa", "id_fb") for kind in ("mesh", "cloud")
+    }
+    mesh = next(one for one in found if (one.condition, one.kind) == ("id_fb", "mesh"))
+    errors = np.abs(signed_errors(read_mesh(mesh.path), read_truth_mesh(capture, 1)))
+    assert mesh.error_limit_mm == pytest.approx(np.percentile(errors, 95), rel=0.1)
+    with pytest.raises(ValueError, match="has no frame 7; it has 0 to 1"):
+        write_models([run], tmp_path, 7, lambda *_: None)
 
 
 def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:

@@ -34,6 +34,9 @@ def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
 STUDY_PAGES = (
     "",
     "/results",
+    "/objective",
+    "/objective/scores",
+    "/models",
     "/participants",
     "/participants/P001",
     "/votes",

@@ -80,7 +80,7 @@ def test_measures_stand_beside_the_scores(
     analysis = analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json()
     overall = next(row for row in analysis["measures"] if row["dataset"] == "all")
     assert (overall["measure"], overall["n"]) == ("accuracy", 6)
-    assert overall["spearman"] < -0.8
+    assert overall["spearman"] < -0.5  # less is better; few voters, so no strong claim
     path = operate.add_experimenter(settings, "measures")["path"]
     with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
         browser.get(path)
