@@ -187,6 +187,10 @@ def study_create(
     second_codec: Annotated[
         str | None, typer.Option(help="vp9 or av1: make every film in this codec too, for browsers without H.264.")
     ] = None,
+    fallback: Annotated[
+        str | None,
+        typer.Option(help="Where no film of both plays: webcodecs (default), 'two videos' (flagged), or ''."),
+    ] = None,
     break_every: Annotated[
         int | None, typer.Option(min=0, help="Trials after which a break is offered; 0: never; default: 25.")
     ] = None,
@@ -204,6 +208,7 @@ def study_create(
         "free_exposure": free_exposure or None,
         "reference": reference,
         "second_codec": second_codec,
+        "fallback": fallback,
         "break_every": break_every,
     }
     options = read_options(options_file, {name: value for name, value in given.items() if value is not None})

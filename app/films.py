@@ -1,15 +1,12 @@
 """The films that the player shows, made of a checked stimulus set.
 
 A pair video holds the one stimulus above the other, so that both are decoded together and never differ by a frame; a
-reference lies below them. At a seam both edges are repeated over a guard band, so that neither bleeds into the other
-where the player crops. Each film is H.264, and in a second codec for browsers without it where a study asks for one.
+reference lies below them. Each is H.264, and in a second codec for browsers without it where a study asks for one. For
+browsers that play no such film, every stimulus can be a film of its own too.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,42 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.errors import StimuliError
-from app.files import whole_file
-from app.stimuli import (
-    FPS_TOLERANCE,
-    Progress,
-    Stimulus,
-    StimulusSet,
-    VideoFacts,
-    decode,
-    file_digest,
-    in_parallel,
-    no_progress,
-    run_ffmpeg,
-)
+from app.stimuli import Progress, Stimulus, StimulusSet, file_digest, in_parallel, no_progress, run_ffmpeg
+from app.strips import GUARD_ROWS, H264, SINGLE, Strips, film_key, make_film
 
-GUARD_ROWS = 16  # two macroblock halves: what a deblocking filter or a scaler can reach
-GOP = 25
-LEAST_PSNR_DB = 25.0  # of any frame beside its source; these encoders leave above 35, a wrong half or a black frame 15
-BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second a frame, whatever a file's own clock is
 PRACTICE_S = 2  # of the videos made for practice; they are played over and over
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
 PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
 PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # without loss
-STILL_WIDTH = 480  # pixels of a thumbnail
-PAIR_RECIPE = "stacked-1"  # part of every pair's key: change it when a pair would be encoded otherwise
-
-H264 = "h264"
-ENCODERS = {
-    H264: f"-c:v libx264 -preset medium -crf 18 -g {GOP} -keyint_min {GOP} -sc_threshold 0 -threads 1",
-    "vp9": f"-c:v libvpx-vp9 -crf 24 -b:v 0 -deadline good -cpu-used 4 -row-mt 0 -g {GOP} -threads 1",
-    "av1": f"-c:v libsvtav1 -preset 8 -crf 24 -g {GOP} -svtav1-params lp=1",
-}
-CONTAINER = (
-    "-color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709"
-    # No name of a source may travel along in the metadata.
-    " -an -map_metadata -1 -map_chapters -1 -fflags +bitexact -flags:v +bitexact -movflags +faststart"
-)
 
 References = Mapping[str, Stimulus]  # by dataset
 NO_REFERENCES: References = {}
@@ -86,6 +54,7 @@ class PairVideo:
     width, height : of one strip, pixels
     guard_rows : rows between the strips
     second : the same in another codec, for browsers that do not play the first
+    singles : its strips from the top, a film each, for browsers that play neither; empty: none were asked for
     """
 
     top: Stimulus
@@ -98,6 +67,12 @@ class PairVideo:
     fps: float
     n_frames: int
     second: FilmFile | None = None
+    singles: tuple[FilmFile, ...] = ()
+
+    @property
+    def files(self) -> list[str]:
+        """Names of all files."""
+        return [self.file, *(film.file for film in (self.second, *self.singles) if film)]
 
 
 @dataclass(frozen=True)
@@ -108,11 +83,13 @@ class FilmMaker:
     ----------
     media_dir : where the files go, named by what they are made of; what is there is not made again
     second_codec : for browsers that do not play H.264; empty: none
+    has_singles : make a film of every stimulus, too
     progress : told after each film
     """
 
     media_dir: Path
     second_codec: str = ""
+    has_singles: bool = False
     progress: Progress = no_progress
 
     @property
@@ -195,27 +172,35 @@ def _prepare(
 ) -> list[PairVideo]:
     shown = (*stimulus_set.stimuli, *references.values())
     digests = {s.name: file_digest(stimulus_set.source(s)) for s in shown}
-    films: list[tuple[tuple[Stimulus, ...], tuple[Path, ...]]] = []
+    planned: list[_PlannedPair] = []
     for pair in pairs:
         below = filter(None, [references.get(pair[0].dataset)])
         two = sorted(pair, key=lambda s: (digests[s.name], s.name)) if is_sorted else pair
-        strips = (*two, *below)
-        keys = [_film_key(codec, [digests[s.name] for s in strips]) for codec in maker.codecs]
-        films.append((strips, tuple(maker.media_dir / f"{key}.mp4" for key in keys)))
-    missing = {  # each content once
-        path: (strips, codec)
-        for strips, paths in films
-        for path, codec in zip(paths, maker.codecs, strict=True)
-        if not path.is_file()
-    }
-    in_parallel(
-        [
-            (f"pairing {strips[0].name} with {strips[1].name}", partial(_make_film, stimulus_set, strips, codec, path))
-            for path, (strips, codec) in missing.items()
-        ],
-        maker.progress,
-    )
-    return [_pair_video(strips, paths, maker) for strips, paths in films]
+        planned.append(_planned(stimulus_set, (*two, *below), digests, maker))
+    every = {path: film for pair in planned for path, film in (*pair.stacked, *pair.singles)}  # each content once
+    missing = [(path, film) for path, film in every.items() if not path.is_file()]
+    in_parallel([(f"encoding {film.name}", partial(make_film, film, path)) for path, film in missing], maker.progress)
+    files = {path: FilmFile(film.codec, path.name, file_digest(path)) for path, film in every.items()}
+    return [_pair_video(pair, files) for pair in planned]
+
+
+@dataclass(frozen=True)
+class _PlannedPair:
+    """The films of a pair: both in one, in each codec; and each strip alone, from the top."""
+
+    stacked: list[tuple[Path, Strips]]
+    singles: list[tuple[Path, Strips]]
+
+
+def _planned(
+    stimulus_set: StimulusSet, stimuli: tuple[Stimulus, ...], digests: Mapping[str, str], maker: FilmMaker
+) -> _PlannedPair:
+    def film(of: tuple[Stimulus, ...], codec: str) -> tuple[Path, Strips]:
+        key = film_key(codec, [digests[s.name] for s in of])
+        return maker.media_dir / f"{key}.mp4", Strips(of, tuple(stimulus_set.source(s) for s in of), codec)
+
+    singles = [film((one,), SINGLE) for one in stimuli] if maker.has_singles else []
+    return _PlannedPair([film(stimuli, codec) for codec in maker.codecs], singles)
 
 
 def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
@@ -233,92 +218,11 @@ def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
     return replace(stimulus_set, folder=folder, practice=tuple(stimuli))
 
 
-def _make_film(stimulus_set: StimulusSet, strips: Sequence[Stimulus], codec: str, path: Path) -> None:
-    first, name = strips[0], " above ".join(strip.name for strip in strips)
-    sources = [stimulus_set.source(strip) for strip in strips]
-    n_rows = len(strips) * first.height + (len(strips) - 1) * GUARD_ROWS
-    with whole_file(path) as temporary:
-        _stack(sources, codec, temporary)
-        _check_facts(decode(temporary), VideoFacts(first.width, n_rows, first.fps, first.n_frames), name)
-        for number, (strip, source) in enumerate(zip(strips, sources, strict=True)):
-            check_strip(temporary, number, strip, source, name)
-
-
-def _pair_video(strips: Sequence[Stimulus], paths: Sequence[Path], maker: FilmMaker) -> PairVideo:
-    top, bottom = strips[:2]
-    first, *others = [
-        FilmFile(codec, path.name, file_digest(path)) for codec, path in zip(maker.codecs, paths, strict=True)
-    ]
+def _pair_video(planned: _PlannedPair, files: Mapping[Path, FilmFile]) -> PairVideo:
+    top, bottom = planned.stacked[0][1].stimuli[:2]
+    first, *others = [files[path] for path, _ in planned.stacked]
     size = (top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
-    return PairVideo(top, bottom, first.file, first.sha256, *size, second=others[0] if others else None)
-
-
-def _film_key(codec: str, sha256s: Sequence[str]) -> str:
-    recipe = [PAIR_RECIPE, GUARD_ROWS, ENCODERS[codec], CONTAINER, *sha256s]
-    return hashlib.sha256(json.dumps(recipe).encode()).hexdigest()
-
-
-def _stack(sources: Sequence[Path], codec: str, out: Path) -> None:
-    n, half = len(sources), GUARD_ROWS // 2
-    strips = [_padded(number, half * (number > 0), half * (number < n - 1)) for number in range(n)]
-    names = "".join(f"[strip{number}]" for number in range(n))
-    graph = "".join(strips) + f"{names}vstack=inputs={n}:shortest=1,format=yuv420p[pair]"
-    inputs = [part for source in sources for part in ("-i", str(source))]
-    filtering = ["-filter_complex", graph, "-map", "[pair]", "-fps_mode", "passthrough"]
-    encoding = [*ENCODERS[codec].split(), *CONTAINER.split(), "-f", "mp4"]
-    run_ffmpeg(
-        ["-xerror", *inputs, *filtering, *encoding, "-y", str(out)],
-        f"{sources[0]} above {sources[1]}: cannot be encoded as {codec}",
+    singles = tuple(files[path] for path, _ in planned.singles)
+    return PairVideo(
+        top, bottom, first.file, first.sha256, *size, second=others[0] if others else None, singles=singles
     )
-
-
-def _padded(number: int, above: int, below: int) -> str:
-    """A strip padded in full colour resolution; `smear` repeats the outermost row over the padding."""
-    pad = f"pad=iw:ih+{above + below}:0:{above}"
-    smear = f"fillborders=top={above}:bottom={below}:mode=smear"
-    return f"[{number}:v]format=yuv444p,{pad},{smear}[strip{number}];"
-
-
-def _check_facts(found: VideoFacts, expected: VideoFacts, name: str) -> None:
-    same_fps = abs(found.fps - expected.fps) <= FPS_TOLERANCE * expected.fps
-    if not same_fps or replace(found, fps=expected.fps) != expected:
-        raise StimuliError(f"{name}: was encoded as {found}, expected {expected}")
-
-
-def check_strip(film: Path, number: int, strip: Stimulus, source: Path, name: str) -> None:
-    """Compare a film's strip, counted from the top, with its source, frame by frame.
-
-    Raises
-    ------
-    StimuliError
-        If a frame differs by more than encoding does.
-    """
-    row = number * (strip.height + GUARD_ROWS)
-    graph = (
-        f"[0:v]crop={strip.width}:{strip.height}:0:{row},{BY_NUMBER},format=yuv420p[strip];"
-        f"[1:v]{BY_NUMBER},format=yuv420p[source];[strip][source]psnr=stats_file=-"
-    )
-    command = ["-i", str(film), "-i", str(source), "-filter_complex", graph, "-f", "null", "-"]
-    text = run_ffmpeg(command, f"{name}: cannot be compared with {source}")
-    found = [float(value) for value in re.findall(r"psnr_avg:(\S+)", text)]
-    if len(found) != strip.n_frames:
-        raise StimuliError(f"{name}: {len(found)} frames were compared with {source}, expected {strip.n_frames}")
-    if min(found) < LEAST_PSNR_DB:
-        raise StimuliError(
-            f"{name}: frame {found.index(min(found))} differs from {source} (PSNR {min(found):.1f} dB, expected at"
-            f" least {LEAST_PSNR_DB:g})"
-        )
-
-
-def write_still(film: Path, out: Path, *, row: int, width: int, height: int) -> None:
-    """Write one picture of a pair's half, the first, as JPEG.
-
-    Parameters
-    ----------
-    row : where the half begins in the film
-    width, height : of the half, pixels
-    """
-    crop = f"crop={width}:{height}:0:{row},scale='min({STILL_WIDTH},iw)':-2"
-    with whole_file(out) as temporary:
-        arguments = ["-i", str(film), "-vf", crop, "-frames:v", "1", "-q:v", "4", "-y", str(temporary)]
-        run_ffmpeg(arguments, f"{film}: has no picture")

@@ -109,14 +109,14 @@ def create_study(
         )
         if options.adaptive_pairs:
             check_adaptive(options.adaptive_pairs, len(compared.conditions))
-        maker = FilmMaker(settings.media_dir, options.second_codec, progress)
+        maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
         pairs = prepare_pairs(compared, maker, references)
         if options.identical_pairs:
             pairs += prepare_identical(compared, maker, references)
         practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
         if settings.media_url:
-            films = [film for video in [*pairs, *practice] for film in (video, video.second) if film]
-            MediaStore(settings.media_url).upload(settings.media_dir / film.file for film in films)
+            files = [file for video in [*pairs, *practice] for file in video.files]
+            MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
         created_at = utc_now()
         row = {
             "slug": slug,

@@ -6,15 +6,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from sqlalchemy import Connection, Table, insert, select
+from sqlalchemy import ColumnElement, Connection, Table, exists, insert, or_, select
 
-from app.films import H264, FilmFile, PairVideo
+from app.films import FilmFile, PairVideo
 from app.stimuli import StimulusSet
 from app.store.keys import new_opaque_id
-from app.store.tables import condition, dataset, pair, practice_pair, second_film, stimulus
+from app.store.tables import (
+    assignment,
+    condition,
+    dataset,
+    pair,
+    practice_pair,
+    second_film,
+    single_film,
+    stimulus,
+    trial,
+)
+from app.strips import H264, SINGLE
 from app.study.trial import PlannedPair
 
 FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}
+STRIPS = ("top", "bottom", "reference")  # of a film, from the top
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
 
 
@@ -31,9 +43,15 @@ class PracticePair:
     n_frames: int
     second_media: str | None
     second_codec: str | None
+    has_singles: bool
 
 
 SECOND = (second_film.c.media.label("second_media"), second_film.c.codec.label("second_codec"))
+
+
+def has_singles(media: ColumnElement[str]) -> ColumnElement[bool]:
+    """Whether a pair's strips are there as films of their own."""
+    return exists().where(single_film.c.of_media == media)
 
 
 def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs: Sequence[PairVideo]) -> None:
@@ -78,7 +96,7 @@ def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
     """The pairs that participants practise with, in order."""
     own = [practice_pair.c[one.name] for one in fields(PracticePair) if one.name in practice_pair.c]
     rows = (
-        select(*own, *SECOND)
+        select(*own, *SECOND, has_singles(practice_pair.c.media).label("has_singles"))
         .select_from(practice_pair.outerjoin(second_film, second_film.c.of_media == practice_pair.c.media))
         .where(practice_pair.c.study_id == study_id)
         .order_by(practice_pair.c.position)
@@ -118,8 +136,11 @@ def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str
     return {key: (of_dataset, of_condition) for key, of_dataset, of_condition in rows}
 
 
-def pair_file(connection: Connection, media: str) -> FilmFile | None:
-    """The file in the media folder that has this opaque name."""
+def film_file(connection: Connection, media: str) -> FilmFile | None:
+    """The file in the media folder that has this opaque name; one strip's alone for `<trial>.<strip>`."""
+    name, _, strip = media.partition(".")
+    if strip:
+        return _single_file(connection, name, strip)
     for table in (pair, practice_pair):
         row = connection.execute(select(table.c.file, table.c.sha256).where(table.c.media == media)).one_or_none()
         if row:
@@ -129,20 +150,42 @@ def pair_file(connection: Connection, media: str) -> FilmFile | None:
     return FilmFile(second.codec, second.file, second.sha256) if second else None
 
 
+def _single_file(connection: Connection, name: str, strip: str) -> FilmFile | None:
+    """By the trial that shows it, which no two sessions share, or by the pair to practise with."""
+    of_trial = select(pair.c.media).select_from(trial.join(assignment).join(pair)).where(trial.c.public_id == name)
+    of_practice = select(practice_pair.c.media).where(practice_pair.c.media == name)
+    row = connection.execute(
+        select(single_film.c.file, single_film.c.sha256).where(
+            single_film.c.strip == strip,
+            or_(single_film.c.of_media.in_(of_trial), single_film.c.of_media.in_(of_practice)),
+        )
+    ).one_or_none()
+    return FilmFile(SINGLE, row.file, row.sha256) if row else None
+
+
+def has_single_films(connection: Connection, study_id: int) -> bool:
+    """Whether a study was made with films of each stimulus alone."""
+    own = select(pair.c.id).join(dataset).where(dataset.c.study_id == study_id, has_singles(pair.c.media))
+    return connection.execute(own.limit(1)).first() is not None
+
+
 def film_files(connection: Connection) -> dict[str, str]:
     """The SHA-256 of every film's file by its name in the media folder."""
-    tables = (pair, practice_pair, second_film)
+    tables = (pair, practice_pair, second_film, single_film)
     return {
         row.file: row.sha256 for table in tables for row in connection.execute(select(table.c.file, table.c.sha256))
     }
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
-    """The columns of a pair that say which film it is; the film in the second codec gets its own row."""
+    """The columns of a pair that say which film it is; the same in other files gets its own rows."""
     media = new_opaque_id()
     if video.second:
         values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
         _insert(connection, second_film, values)
+    for strip, film in zip(STRIPS, video.singles, strict=False):  # not every pair has a reference
+        values = {"of_media": media, "strip": strip, "file": film.file, "sha256": film.sha256}
+        _insert(connection, single_film, values)
     return {"media": media, **{name: value for name, value in asdict(video).items() if name in FILM_FACTS}}
 
 
@@ -223,8 +266,9 @@ def copy_design(connection: Connection, source_id: int, target_id: int) -> None:
 
 
 def _copy_film(connection: Connection, media: str) -> str:
-    """A new opaque name for a film, and for the same film in the second codec where there is one."""
+    """A new opaque name for a film, and for the same in other files where there are any."""
     new = new_opaque_id()
+    _copy_rows(connection, single_film, single_film.c.of_media == media, {"of_media": new})
     for row in connection.execute(select(second_film).where(second_film.c.of_media == media)).all():
         values = {key: value for key, value in row._mapping.items() if key != "id"}
         _insert(connection, second_film, {**values, "media": new_opaque_id(), "of_media": new})

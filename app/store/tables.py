@@ -218,6 +218,18 @@ second_film = Table(  # a pair's film once more, for browsers that do not play t
     _digest("sha256"),
 )
 
+single_film = Table(  # a strip of a pair's film alone, for browsers that play no film of both
+    "single_film",
+    metadata,
+    _id(),
+    _required("of_media", String(32)),  # of the pair, to compare or to practise with
+    _required("strip", String(9)),
+    _required("file", String(80)),
+    _digest("sha256"),
+    UniqueConstraint("of_media", "strip"),
+    CheckConstraint("strip in ('top', 'bottom', 'reference')", name="strip"),
+)
+
 invitation = Table(
     "invitation",
     metadata,

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, Select, exists, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
-from app.store.designs import SECOND
+from app.store.designs import SECOND, has_singles
 from app.store.engine import Database
 from app.store.keys import new_opaque_id
 from app.store.tables import (
@@ -26,6 +26,7 @@ from app.store.tables import (
     trial,
     vote,
 )
+from app.study.technique import is_frame_locked
 from app.study.trial import reveal
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
@@ -50,6 +51,7 @@ class NextTrial:
     n_frames: int
     second_media: str | None
     second_codec: str | None
+    has_singles: bool
 
 
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
@@ -73,6 +75,7 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
             pair.c.fps,
             pair.c.n_frames,
             *SECOND,
+            has_singles(pair.c.media).label("has_singles"),
         )
         .select_from(trial.join(assignment).join(pair).outerjoin(second_film, second_film.c.of_media == pair.c.media))
         .where(
@@ -146,6 +149,8 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
         query = query.where(session.c.public_id == session_id)
     for row in connection.execute(query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)):
         items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
+        viewing = row.viewing if row.voided_at is None else row.void_viewing
+        technique = (viewing or {}).get("technique")
         yield {
             "trial": row.public_id,
             "session": row.session,
@@ -165,7 +170,10 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
             "shown_ms": row.shown_ms,
             "response_ms": row.response_ms,
             "n_switches": row.n_switches,
-            "viewing": row.viewing if row.voided_at is None else row.void_viewing,
+            "technique": technique,
+            "frame_locked": is_frame_locked(technique),
+            "n_mismatches": (viewing or {}).get("n_mismatches"),
+            "viewing": viewing,
             "withdrawn": row.withdrawn_at is not None,
             "exclusion": row.exclusion,
         }

@@ -88,6 +88,8 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "excluded": record["withdrawn"] or record["exclusion"] is not None,
                 "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
                 "role": record["role"],
+                "technique": record["technique"],
+                "frame_locked": record["frame_locked"],
             }
 
 

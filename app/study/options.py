@@ -18,12 +18,14 @@ from app.study.questionnaire import (
 )
 from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
+from app.study.technique import TWO_VIDEOS, WEBCODECS
 
 LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
+FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
 ABANDONED_AFTER_H = 24.0  # without an answer; whoever comes back the next day still finds their slot
 
 
@@ -46,6 +48,8 @@ class StudyOptions:
     free_exposure : the participant ends the exposure; the films go on until then
     reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
     second_codec : in which films are there too, for browsers without H.264; empty: in none, and those are turned away
+    fallback : how a pair is shown where a browser plays no film of both: decoded picture by picture from a film of
+        each (webcodecs); failing that, by two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
     abandoned_after_h : hours without an answer after which a slot that was not finished is given to somebody else
     """
@@ -65,6 +69,7 @@ class StudyOptions:
     free_exposure: bool = False
     reference: str = ""
     second_codec: str = ""
+    fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
     abandoned_after_h: float = ABANDONED_AFTER_H
 
@@ -126,6 +131,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         free_exposure=_flag(content, "free_exposure"),
         reference=_text(content, "reference"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
+        fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
     )
@@ -138,8 +144,8 @@ def _flag(content: Mapping[str, Any], name: str) -> bool:
     return value
 
 
-def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str]) -> str:
-    value = content.get(name, known[0])
+def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str], default: str = "") -> str:
+    value = content.get(name, default)
     if value not in known:
         raise ValueError(f"{name} is {value!r}, expected one of {', '.join(filter(None, known))}, or nothing")
     return str(value)

@@ -6,6 +6,8 @@ Columns = dict[str, str]
 
 PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset, that is a scene"
+TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not tell"
+FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
     "participant": PARTICIPANT,
@@ -20,6 +22,8 @@ VOTES: Columns = {
     "excluded": "true if the vote does not count",
     "reason": "why it does not",
     "role": "main, or what the trial checks about the participant",
+    "technique": TECHNIQUE,
+    "frame_locked": FRAME_LOCKED,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
@@ -40,6 +44,9 @@ TRIALS: Columns = {
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
+    "technique": TECHNIQUE,
+    "frame_locked": FRAME_LOCKED,
+    "n_mismatches": "display refreshes at which A and B were seen to be different frames",
     "viewing": "the whole viewing record, as JSON",
 }
 PARTICIPANTS: Columns = {

@@ -14,6 +14,7 @@ from limits import RateLimitItemPerMinute
 from app.errors import ForbiddenError, NoSessionError, NotFoundError, UnauthorisedError
 from app.settings import Settings
 from app.store.audit import Actor, Entry, record_alone
+from app.store.designs import has_single_films
 from app.store.engine import Database
 from app.store.experimenters import Experimenter, Role, open_session
 from app.store.invitations import Invitation, invitation_by_code
@@ -42,6 +43,7 @@ class Entrance:
     state: Literal["open", "mine", "used", "paused", "closed"]
     is_shared: bool  # another participant may begin with it now
     options: StudyOptions
+    fallback: str  # of the options, where the study has the films for it
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,7 @@ def entrance(request: Request, code: str) -> Entrance | None:
         study = study_by_id(connection, invitation.study_id) if invitation else None
         token = request.cookies.get(PARTICIPANT_COOKIE)
         session = session_by_token(connection, token) if token else None
+        has_singles = study is not None and has_single_films(connection, study.id)
     if invitation is None or study is None:
         return None
     state: Literal["open", "mine", "used", "paused", "closed"] = "used" if invitation.is_used else "open"
@@ -238,7 +241,8 @@ def entrance(request: Request, code: str) -> Entrance | None:
     elif study.standing != "open":
         state = "paused" if study.standing == "paused" else "closed"
     is_shared = study.standing == "open" and not invitation.is_used
-    return Entrance(study.slug, study.name, state, is_shared, parse_options(study.options))
+    options = parse_options(study.options)
+    return Entrance(study.slug, study.name, state, is_shared, options, options.fallback if has_singles else "")
 
 
 def _bearer(request: Request) -> str | None:

@@ -1,15 +1,18 @@
-"""Pair videos under opaque names: ranges, conditional requests, and caching for good."""
+"""Films under opaque names: ranges, conditional requests, and caching for good."""
 
 from __future__ import annotations
 
+import hashlib
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app.errors import NotFoundError
+from app.films import FilmFile
 from app.media import SIGNED_FOR_S, MediaStore
-from app.store.designs import pair_file
+from app.store.designs import film_file
+from app.strips import SINGLE
 from app.web.gates import Store, settings
 
 # A name never gets other content; shared caches must not serve a study's material to others.
@@ -22,11 +25,12 @@ router = APIRouter()
 @router.api_route("/media/{media}", methods=["GET", "HEAD"], response_class=FileResponse, include_in_schema=False)
 def media(media: Annotated[str, Path(max_length=32)], request: Request, database: Store) -> Response:
     with database.reading() as connection:
-        found = pair_file(connection, media)
+        found = film_file(connection, media)
     if found is None:
         raise NotFoundError("There is no such video.")
-    headers = {"ETag": f'"{found.sha256}"', "Cache-Control": FOREVER}
-    if is_known(request.headers.get("if-none-match", ""), found.sha256):
+    tag = entity_tag(media, found)
+    headers = {"ETag": f'"{tag}"', "Cache-Control": FOREVER}
+    if is_known(request.headers.get("if-none-match", ""), tag):
         return Response(status_code=304, headers=headers)
     store: MediaStore | None = request.app.state.media_store
     if store is not None:
@@ -37,7 +41,12 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
     return FileResponse(settings(request).media_dir / found.file, headers=headers, media_type="video/mp4")
 
 
-def is_known(if_none_match: str, sha256: str) -> bool:
+def entity_tag(media: str, film: FilmFile) -> str:
+    """The content's digest; with the name in it for a single stimulus, which would be known again in other trials."""
+    return hashlib.sha256(f"{media} {film.sha256}".encode()).hexdigest() if film.codec == SINGLE else film.sha256
+
+
+def is_known(if_none_match: str, tag: str) -> bool:
     """Whether a client already has the content, by RFC 9110's weak comparison."""
-    tags = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
-    return "*" in tags or f'"{sha256}"' in tags
+    tags = {one.strip().removeprefix("W/") for one in if_none_match.split(",")}
+    return "*" in tags or f'"{tag}"' in tags

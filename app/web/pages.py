@@ -20,7 +20,7 @@ from app.store.sessions import resume_session
 from app.web.gates import Store, address, entrance, throttle
 from app.web.participant import remember
 from app.web.throttle import WRONG_CODES
-from app.web.trials import FILM_TYPES
+from app.web.trial_views import FILM_TYPES
 
 TEXTS = Path(__file__).parents[2] / "templates" / "participant" / "texts"
 DEFAULT_LANGUAGE = "en"

@@ -1,6 +1,5 @@
-/** What the browser says of the display and of what it can play. */
+/** What the browser says of the display. */
 
-const H264 = 'video/mp4; codecs="avc1.640032"'; // high profile, level 5.0: two stimuli of 1920x1080, one above the other
 const N_REFRESHES = 40;
 
 /** @type {number | null} */
@@ -9,20 +8,8 @@ let refresh_hz = null;
 const waiting = [];
 measureRefresh();
 
-/** Where the film is that this browser plays. @param {import("./session.js").Media} media @returns {string} */
-export function playable({ url, second }) {
-  return second && !plays(H264) ? second.url : url;
-}
-
-/** @param {string} type */
-function plays(type) {
-  return document.createElement("video").canPlayType(type) !== "";
-}
-
-/** @param {string} [secondType] of the films that the study has besides H.264 */
-export function display(secondType) {
+export function display() {
   return {
-    canPlay: plays(H264) || Boolean(secondType && plays(secondType)),
     window_width: window.innerWidth,
     window_height: window.innerHeight,
     screen_width: window.screen.width,

@@ -2,7 +2,7 @@
 
 import { Unreachable, patiently, request } from "./connection.js";
 
-/** @typedef {{received: number, size: number, whole: Promise<Blob>}} Film bytes so far, of so many (0: unknown), and the file */
+/** @typedef {{received: number, size: number, whole: Promise<Blob[]>}} Film bytes so far, of so many (0: unknown), and its files */
 
 export class Films {
   constructor() {
@@ -10,38 +10,60 @@ export class Films {
     this.films = new Map();
   }
 
-  /** @param {string} url @returns {Film} under way or here */
-  get(url) {
-    const known = this.films.get(url);
+  /** @param {string[]} urls of all that a trial shows @returns {Film} under way or here */
+  get(urls) {
+    const key = urls.join(" ");
+    const known = this.films.get(key);
     if (known) return known;
-    const film = { received: 0, size: 0, whole: Promise.resolve(new Blob()) };
-    film.whole = patiently(() => download(url, film));
-    film.whole.catch(() => this.films.delete(url)); // whoever shows the film hears of it
-    this.films.set(url, film);
+    const parts = urls.map((url) => new Part(url));
+    const film = {
+      get received() {
+        return parts.reduce((sum, part) => sum + part.received, 0);
+      },
+      get size() {
+        return parts.some((part) => part.size === 0) ? 0 : parts.reduce((sum, part) => sum + part.size, 0);
+      },
+      whole: Promise.all(parts.map((part) => patiently(() => part.download()))),
+    };
+    film.whole.catch(() => this.films.delete(key)); // whoever shows the film hears of it
+    this.films.set(key, film);
     return film;
   }
 
-  /** Forgets all films but these. @param {(string | null)[]} urls */
-  keepOnly(urls) {
-    for (const url of this.films.keys()) if (!urls.includes(url)) this.films.delete(url);
+  /** Forgets all films but these. @param {string[][]} kept */
+  keepOnly(kept) {
+    const keys = kept.map((urls) => urls.join(" "));
+    for (const key of this.films.keys()) if (!keys.includes(key)) this.films.delete(key);
   }
 }
 
-/** @param {string} url @param {Film} film @returns {Promise<Blob>} */
-async function download(url, film) {
-  const response = await request(url);
-  film.received = 0;
-  film.size = Number(response.headers.get("Content-Length") ?? 0);
-  const reader = /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ (response.body).getReader();
-  const parts = [];
-  for (;;) {
-    const { done, value } = await reader.read().catch((cause) => {
-      throw new Unreachable(`${url} broke off`, { cause });
-    });
-    if (done) break;
-    parts.push(value);
-    film.received += value.length;
+/** One file on its way. */
+class Part {
+  /** @param {string} url */
+  constructor(url) {
+    this.url = url;
+    this.received = 0;
+    this.size = 0;
   }
-  if (film.size && film.received !== film.size) throw new Unreachable(`${url} has ${film.received} of ${film.size} bytes`);
-  return new Blob(parts, { type: response.headers.get("Content-Type") ?? "video/mp4" });
+
+  /** @returns {Promise<Blob>} */
+  async download() {
+    const response = await request(this.url);
+    this.received = 0;
+    this.size = Number(response.headers.get("Content-Length") ?? 0);
+    const reader = /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ (response.body).getReader();
+    const pieces = [];
+    for (;;) {
+      const { done, value } = await reader.read().catch((cause) => {
+        throw new Unreachable(`${this.url} broke off`, { cause });
+      });
+      if (done) break;
+      pieces.push(value);
+      this.received += value.length;
+    }
+    if (this.size && this.received !== this.size) {
+      throw new Unreachable(`${this.url} has ${this.received} of ${this.size} bytes`);
+    }
+    return new Blob(pieces, { type: response.headers.get("Content-Type") ?? "video/mp4" });
+  }
 }

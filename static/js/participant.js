@@ -5,11 +5,12 @@ import { Films } from "./films.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { checkBrowser } from "./browser-check.js";
-import { display, playable } from "./display.js";
+import { display } from "./display.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
+import { bestTechnique, filmsOf } from "./technique.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
 
 /**
@@ -29,6 +30,7 @@ const code = page.dataset.code ?? "";
 const beginKey = `begin ${code}`;
 const shelf = await openShelf();
 const films = new Films();
+const technique = await bestTechnique(byId("browser-check").dataset);
 /** @type {Outbox} */
 let outbox; // of the session, once there is one
 /** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
@@ -61,10 +63,9 @@ onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hi
 document.addEventListener("keydown", pressPrimary);
 document.addEventListener("keydown", switchTryByKey);
 byId("begin").addEventListener("click", begin);
-checkBrowser(byId("browser-check"), (canTakePart) => {
-  byId("no-codec").hidden = canTakePart;
-  byId("begin").hidden = !canTakePart;
-});
+checkBrowser(byId("browser-check"), technique);
+byId("no-codec").hidden = technique !== null;
+byId("begin").hidden = technique === null;
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
@@ -179,7 +180,6 @@ function checkComprehension(event) {
 /** @param {object} [more] that came of it */
 async function endIntroduction(more = {}) {
   enterFullScreen();
-  const { canPlay, ...facts } = display();
   const form = document.getElementById("consent");
   if (!hasAgreed()) {
     show("consent");
@@ -188,7 +188,8 @@ async function endIntroduction(more = {}) {
   const given = form && { version: form.dataset.version, sha256: form.dataset.sha256 };
   await completed("introduction", {
     language: document.documentElement.lang,
-    ...facts,
+    technique,
+    ...display(),
     ...(given && { consent: given }),
     ...more,
   });
@@ -217,9 +218,7 @@ async function practise() {
   while (practised.length < pairs.length) {
     const description = pairs[practised.length];
     show("trial");
-    trial = new Trial(byId("trial"), description, films.get(playable(description.media)));
-    const { vote } = await trial.run();
-    trial = null;
+    const { vote } = await shown(description);
     if (!vote) throw new Error("practice is not interrupted");
     if (vote.viewing.switches.length === 0) {
       show("practice-again");
@@ -286,22 +285,43 @@ async function upToDate() {
 
 /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
 async function withoutServer(following) {
-  await Promise.all([films.get(playable(following.media)).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+  await Promise.all([filmOf(following).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
   return following;
 }
 
 /** @param {TrialDescription} description @returns {Promise<boolean>} false when it was interrupted */
 async function runTrial(description) {
-  const { media, following } = description;
-  films.keepOnly([playable(media), following ? playable(following.media) : null]);
-  const film = films.get(playable(media));
-  if (following) film.whole.then(() => films.get(playable(following.media))).catch(() => {});
-  trial = new Trial(byId("trial"), description, film);
-  const { vote, interruption } = await trial.run();
-  trial = null;
+  const { following } = description;
+  films.keepOnly([description, following].flatMap((one) => (one ? [addresses(one)] : [])));
+  if (following) filmOf(description).whole.then(() => filmOf(following)).catch(() => {});
+  const { vote, interruption } = await shown(description);
   if (vote) await outbox.putVote(description.trial, vote);
   if (interruption) await outbox.putInterruption(description.trial, interruption);
   return !interruption;
+}
+
+/** @param {TrialDescription} description */
+async function shown(description) {
+  trial = new Trial(byId("trial"), description, filmOf(description), canShow());
+  const outcome = await trial.run();
+  trial = null;
+  return outcome;
+}
+
+/** @param {TrialDescription} description @returns {import("./films.js").Film} under way or here */
+function filmOf(description) {
+  return films.get(addresses(description));
+}
+
+/** @param {TrialDescription} description of a trial @returns {string[]} of its films */
+function addresses({ media }) {
+  return filmsOf(canShow(), media);
+}
+
+/** @returns {import("./session.js").Technique} */
+function canShow() {
+  if (!technique) throw new Error("this browser cannot show the films");
+  return technique;
 }
 
 /** @param {TrialDescription} description of the trial that comes */

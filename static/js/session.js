@@ -18,6 +18,7 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {object} Media one film that holds both stimuli, one above the other
  * @property {string} url
  * @property {{url: string, type: string} | null} second the same film, for browsers that do not play the first
+ * @property {string[] | null} singles each strip alone, from the top, for browsers that play neither; null where the study has none
  * @property {"stacked"} layout
  * @property {"top" | "bottom"} a
  * @property {number} width of one half, pixels
@@ -39,17 +40,21 @@ import { Unreachable, request } from "./connection.js";
  * @property {string | null} [next_media]
  * @property {TrialDescription | null} [following] the next trial, for as long as the connection is gone
  *
+ * @typedef {"stacked" | "webcodecs" | "two videos"} Technique how A and B are kept in step
+ *
  * @typedef {"full screen" | "hidden"} Reason why an attempt was interrupted
  *
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown
+ * @property {Technique} technique
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
- * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number}[]} switches
+ * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number, frame_ms?: number}[]} switches press, frame of the film, and the animation frame that showed it
  * @property {{a: number, b: number, reference?: number}} [dwell_ms] how long each was on screen
  * @property {number} [n_changes] of the choice, before Next
  * @property {number} [n_frames] decoded
  * @property {number} [n_dropped]
+ * @property {number} [n_mismatches] refreshes of the display at which A and B were different frames
  * @property {number} [n_stalls]
  * @property {Reason} [interruption] of a repetition
  * @property {{window_width: number, window_height: number, device_pixel_ratio: number, full_screen: boolean}} [display]

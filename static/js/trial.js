@@ -4,7 +4,7 @@
  */
 
 import { randomId } from "./outbox.js";
-import { StackedPlayer } from "./player.js";
+import { newPlayer } from "./technique.js";
 
 /**
  * @typedef {import("./session.js").TrialDescription} TrialDescription
@@ -46,14 +46,15 @@ export class Trial {
    * @param {HTMLElement} screen
    * @param {TrialDescription} description
    * @param {import("./films.js").Film} film
+   * @param {import("./session.js").Technique} technique
    */
-  constructor(screen, description, film) {
+  constructor(screen, description, film, technique) {
     this.screen = screen;
     this.description = description;
     this.film = film;
-    this.player = new StackedPlayer(find(screen, ".film"), /** @type {HTMLVideoElement} */ (find(screen, "video")));
+    this.player = newPlayer(technique, find(screen, ".film"));
     /** @type {Vote["viewing"]} */
-    this.viewing = { first_shown: description.first_shown, shown_ms: 0, response_ms: 0, switches: [] };
+    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [] };
     this.firstShownAt = NaN; // performance.now() of the first frame on screen
     this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
@@ -112,7 +113,7 @@ export class Trial {
     const { media, first_shown } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blob) => this.player.load(blob, media, first_shown, signal))
+      .then((blobs) => this.player.load(blobs, media, first_shown, signal))
       .then(() => this.#go("fixation"), (error) => this.#go("failed", error));
   }
 
@@ -209,7 +210,10 @@ export class Trial {
     // A mouse and a keyboard may each date their presses a little differently; the order is what happened.
     const at_ms = Math.max(this.#since(at), switches.at(-1)?.at_ms ?? 0);
     const media_time_s = this.player.mediaTime;
-    switches.push({ to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) });
+    /** @type {Vote["viewing"]["switches"][number]} */
+    const record = { to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) };
+    switches.push(record);
+    requestAnimationFrame((now) => (record.frame_ms = this.#since(now)));
   }
 
   /** @param {Shown} which */

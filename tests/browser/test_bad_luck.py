@@ -14,7 +14,7 @@ from app.study.options import parse_options
 
 pytestmark = pytest.mark.browser
 
-NO_CODEC = "HTMLMediaElement.prototype.canPlayType = () => '';"
+NO_CODEC = "HTMLMediaElement.prototype.canPlayType = () => ''; delete window.VideoDecoder;"
 NO_H264 = """const canPlay = HTMLMediaElement.prototype.canPlayType;
 HTMLMediaElement.prototype.canPlayType = function (type) {
     return type.includes("avc1") ? "" : canPlay.call(this, type);

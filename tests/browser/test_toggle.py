@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
 from numpy.typing import NDArray
-from playwright.sync_api import Page
-from visitor import MakeFilms, NewStudy, Visitor
+from playwright.sync_api import Page, expect
+from techniques import leave_only
+from visitor import MakeFilms, NewStudy, Study, Visitor
+
+from app.study.options import parse_options
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -18,10 +23,13 @@ NO_SHIFT = 4  # grey levels: what compression leaves between the halves; a shift
 BADGE = np.s_[:90, :160]  # it tells A from B and so differs
 
 
+@pytest.mark.parametrize("technique", ["stacked", "webcodecs"])
 def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
-    new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
+    technique: str, new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
 ) -> None:
-    visitor.begin(new_study(films(FPS, N_FRAMES, squares), N_FRAMES / FPS))
+    leave_only(page, technique)
+    study = new_study(films(FPS, N_FRAMES, squares), N_FRAMES / FPS)
+    visitor.begin(study)
     visitor.is_in("exposure")
     moments = []
     while True:
@@ -38,6 +46,60 @@ def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
     for (one_condition, one_frame), (other_condition, other_frame) in moments:
         assert one_frame == other_frame
         assert one_condition != other_condition
+    viewing = visitor.finishes_first_trial(study)
+    assert viewing["technique"] == technique
+    assert viewing.get("n_mismatches", 0) == 0
+    shown = [(switch["to"], switch["frame"]) for switch in viewing["switches"]]
+    assert {frame for _, frame in shown} >= {frame for (_, frame), _ in moments}
+
+
+def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
+    new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
+) -> None:
+    leave_only(page, "two videos")
+    study = new_study(films(5.0, 60, squares), 12.0, parse_options({"fallback": "two videos"}))
+    page.goto(study.address)
+    expect(page.locator("[data-check=codec]")).to_contain_text("perhaps not quite in step")
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.evaluate("document.querySelectorAll('video.twin')[1].currentTime += 4")
+    page.wait_for_timeout(1000)  # the film seeks
+    (one_condition, one_frame), (other_condition, other_frame) = visitor.reads_both()
+    assert one_condition != other_condition
+    assert abs(one_frame - other_frame) > 10
+    viewing = visitor.finishes_first_trial(study)
+    assert viewing["technique"] == "two videos"
+    assert viewing["n_mismatches"] > 20
+    (vote,) = study.read("votes")
+    assert vote["technique"] == "two videos"
+    assert vote["frame_locked"] is False
+
+
+def test_a_browser_with_two_videos_only_is_turned_away_where_the_study_does_not_allow_them(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    leave_only(page, "two videos")
+    page.goto(study.address)
+    visitor.sees("welcome")
+    expect(page.get_by_text("cannot play the study")).to_be_visible()
+    expect(page.locator("#begin")).to_be_hidden()
+
+
+def test_films_that_begin_again_stay_in_step_when_decoded(
+    new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
+) -> None:
+    leave_only(page, "webcodecs")
+    study = new_study(films(5.0, 10, squares), 6.0)
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    frames = []
+    while page.locator("#trial").get_attribute("data-state") == "exposure":
+        frames.append(visitor.reads_screen()[1])
+        page.keyboard.press("Space")
+    viewing = visitor.finishes_first_trial(study)
+    assert viewing["n_mismatches"] == 0
+    assert viewing["n_frames"] == 30
+    assert sum(after < before for before, after in pairwise(frames)) == 2
 
 
 @pytest.mark.parametrize("size", [(1366, 768), (1201, 800), (700, 900)])

@@ -77,6 +77,19 @@ class Visitor:
         picture = cv2.imdecode(np.frombuffer(self.page.screenshot(), np.uint8), cv2.IMREAD_GRAYSCALE)
         return np.asarray(picture, dtype=np.uint8)
 
+    def reads_both(self) -> tuple[tuple[str, int], tuple[str, int]]:
+        """What is on the screen before and after a switch."""
+        before = self.reads_screen()
+        self.page.keyboard.press("Space")
+        return before, self.reads_screen()
+
+    def finishes_first_trial(self, study: Study) -> dict[str, Any]:
+        """Votes on the trial that is over soon; its viewing record."""
+        self.votes("2")
+        self.page.locator("#trial:not([data-state=voting]):not([data-state=done])").wait_for()
+        (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
+        return dict(viewing)
+
     def reads_screen(self) -> tuple[str, int]:
         """The condition and the frame number that are on the screen."""
         return decode_squares(self.looks())

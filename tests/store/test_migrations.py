@@ -46,6 +46,7 @@ CHECKED = {
     "job.state": "done",
     "screening_test.test": "colour",
     "model.kind": "mesh",
+    "single_film.strip": "reference",
 }
 
 

@@ -38,7 +38,8 @@ def test_no_answer_names_a_dataset_or_a_condition(
     client.put("/api/v1/session/stages/introduction", json={"data": {}})
     while (answer := client.get("/api/v1/session/trials/next")).status_code == 200:
         trial = answer.json()
-        client.get(trial["media"]["url"])
+        for url in (trial["media"]["url"], *trial["media"]["singles"]):
+            assert client.get(url).status_code == 200
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json={"id": "wrong"})
         viewing = {"first_shown": trial["first_shown"], "shown_ms": 1, "response_ms": 1, "switches": []}
         body = {"id": str(uuid4()), "choice": "b", "viewing": viewing}

@@ -17,8 +17,9 @@ import pytest
 from numpy.typing import NDArray
 
 from app.errors import StimuliError
-from app.films import GUARD_ROWS, FilmMaker, check_strip, prepare_pairs
+from app.films import FilmMaker, prepare_pairs
 from app.stimuli import StimulusSet, decode, read_stimulus_set
+from app.strips import GUARD_ROWS, check_strip
 
 Spoil = Callable[[Path, list[dict[str, Any]]], None]
 
@@ -211,11 +212,11 @@ def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: Stim
 
 
 def test_a_pair_is_encoded_once_for_its_content(checked: StimulusSet, media_dir: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in media_dir.iterdir()}
+    before = {path: path.stat().st_ino for path in media_dir.iterdir()}
     told: list[int] = []
     prepare_pairs(checked, FilmMaker(media_dir, progress=lambda _, total, __: told.append(total)))
     assert told == [0]
-    assert {path: path.stat().st_mtime_ns for path in media_dir.iterdir()} == before
+    assert {path: path.stat().st_ino for path in media_dir.iterdir()} == before
     assert len(before) == 6
 
 

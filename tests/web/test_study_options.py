@@ -13,12 +13,14 @@ import httpx
 import numpy as np
 import pytest
 from http_checks import is_problem
+from numpy.typing import NDArray
 
 from app import operate
-from app.films import GUARD_ROWS, FilmMaker, prepare_pairs, split_reference
+from app.films import FilmMaker, prepare_pairs, split_reference
 from app.settings import Settings
 from app.simulate import begin, simulate
 from app.stimuli import decode, read_stimulus_set
+from app.strips import GUARD_ROWS
 from app.study.options import parse_options
 
 Create = Callable[..., dict[str, Any]]
@@ -113,6 +115,67 @@ def test_free_exposure_is_told_to_every_client(client: httpx.Client, create: Cre
     study = create(free_exposure=True)
     begin(client, study["slug"], study["invitation"])
     assert client.get("/api/v1/session/trials/next").json()["free_exposure"] is True
+
+
+def decoded(client: httpx.Client, url: str, folder: Path) -> NDArray[np.uint8]:
+    from test_stimuli import frames
+
+    (folder / "film.mp4").write_bytes(client.get(url).content)
+    return frames(folder / "film.mp4")
+
+
+def test_each_strip_alone_is_served_under_names_that_tell_nothing(
+    client: httpx.Client, create: Create, tmp_path: Path
+) -> None:
+    study = create(optional_stages=["practice"], reference="pm_fb")
+    names: list[str] = []
+    tags: list[str] = []
+    for _ in range(2):
+        begin(client, study["slug"], study["invitation"])
+        trial = client.get("/api/v1/session/trials/next").json()
+        names += trial["media"]["singles"]
+        answers = [client.get(url) for url in trial["media"]["singles"]]
+        assert [answer.status_code for answer in answers] == [200] * 3
+        tags += [answer.headers["etag"] for answer in answers]
+        assert {answer.headers["last-modified"] for answer in answers} == {"Sat, 01 Jan 2000 00:00:00 GMT"}
+        film, *strips = (decoded(client, url, tmp_path) for url in [trial["media"]["url"], *trial["media"]["singles"]])
+        for strip, found in enumerate(strips):
+            start = strip * (clips.HEIGHT + GUARD_ROWS)
+            assert np.abs(film[:, start : start + clips.HEIGHT].astype(int) - found).max() <= 4
+    assert len(set(names)) == len(set(tags)) == 6
+    practice = client.get("/api/v1/session/practice").json()
+    assert all(client.get(url).status_code == 200 for one in practice for url in one["media"]["singles"])
+    assert len(practice[0]["media"]["singles"]) == 2
+    for wrong in ("left", "reference", ""):
+        assert is_problem(client.get(f"/media/{names[0].split('/')[-1].split('.')[0]}x.{wrong}"), 404)
+
+
+def test_a_study_without_a_fallback_has_no_single_films(client: httpx.Client, create: Create) -> None:
+    study = create(fallback="")
+    assert 'data-fallback=""' in client.get(f"/s/{study['invitation']}").text
+    begin(client, study["slug"], study["invitation"])
+    trial = client.get("/api/v1/session/trials/next").json()
+    assert trial["media"]["singles"] is None
+    assert is_problem(client.get(f"/media/{trial['trial']}.top"), 404)
+
+
+def test_a_vote_tells_analysts_how_the_pair_was_shown(
+    analyst: httpx.Client, client: httpx.Client, create: Create, vote_body: Callable[..., dict[str, Any]]
+) -> None:
+    study = create(fallback="two videos")
+    begin(client, study["slug"], study["invitation"])
+    for technique in ("stacked", "webcodecs", "two videos", None):
+        trial = client.get("/api/v1/session/trials/next").json()
+        body = vote_body(trial)
+        body["viewing"] |= {"technique": technique, "n_mismatches": 3} if technique else {}
+        assert client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=body).status_code == 201
+    path = f"/api/v1/studies/{study['slug']}"
+    found = [(vote["technique"], vote["frame_locked"]) for vote in analyst.get(f"{path}/votes").json()]
+    assert found == [("stacked", True), ("webcodecs", True), ("two videos", False), (None, None)]
+    table = analyst.get(f"{path}/votes?format=csv").text.splitlines()
+    assert table[0].endswith("technique,frame_locked")
+    assert table[3].endswith("two videos,false")
+    assert [trial["n_mismatches"] for trial in analyst.get(f"{path}/trials").json()][:4] == [3, 3, 3, None]
 
 
 def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, create: Create) -> None:

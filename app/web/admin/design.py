@@ -10,10 +10,10 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.films import write_still
 from app.stimuli import file_digest
 from app.store.designs import conditions_of, pair_records, stimulus_records
 from app.store.orders import study_plan, taken_orders
+from app.strips import write_still
 from app.study.balance import balance_report
 from app.study.design import participant_order
 from app.web.admin.shell import study_page

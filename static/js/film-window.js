@@ -1,0 +1,50 @@
+/** The window in which a film is seen: as large as the screen allows, in whole pixels. */
+
+/** @typedef {import("./session.js").Media} Media */
+
+const FLOAT_ERROR = 1e-6; // pixels; 1095.9999999 of them are 1096
+
+/** The strips of a film from the top, under the labels of a trial. @param {Media} media @returns {Record<import("./session.js").Shown, number>} */
+export function stripsOf(media) {
+  return media.a === "top" ? { a: 0, b: 1, reference: 2 } : { a: 1, b: 0, reference: 2 };
+}
+
+/**
+ * Keeps the film as large as the page allows, less a fraction of a pixel: the step from the one half to the other is a
+ * whole number of the display's pixels. Browsers round it to that, and B would be moved against A by the rest.
+ * @param {HTMLElement} film @param {Media} media @param {AbortSignal} signal
+ */
+export function fitToPage(film, media, signal) {
+  const fit = () => fitOnce(film, media);
+  fit();
+  window.addEventListener("resize", fit, { signal });
+}
+
+/** @param {HTMLElement} film @param {Media} media */
+function fitOnce(film, media) {
+  const { width, height, guard_rows } = media;
+  const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (film.parentElement);
+  const largest = Math.min(clientWidth / width, clientHeight / height);
+  const scale = wholePixels(largest * (height + guard_rows), Math.floor) / (height + guard_rows);
+  const measures = {
+    "--scale": scale,
+    "--width": `${width}px`,
+    "--height": `${height}px`,
+    "--guard-rows": `${guard_rows}px`,
+    "--film-height": `${stackedHeight(media)}px`,
+    "--left": `${wholePixels((clientWidth - scale * width) / 2, Math.round)}px`,
+    "--top": `${wholePixels((clientHeight - scale * height) / 2, Math.round)}px`,
+  };
+  for (const [name, value] of Object.entries(measures)) film.style.setProperty(name, String(value));
+}
+
+/** Of a film that holds all strips. @param {Media} media @returns {number} pixels */
+export function stackedHeight({ height, guard_rows, reference }) {
+  const n_strips = reference ? 3 : 2;
+  return n_strips * height + (n_strips - 1) * guard_rows;
+}
+
+/** @param {number} length CSS pixels @param {(x: number) => number} round @returns {number} CSS pixels */
+function wholePixels(length, round) {
+  return round(length * devicePixelRatio + FLOAT_ERROR) / devicePixelRatio;
+}

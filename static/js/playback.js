@@ -1,0 +1,160 @@
+/** Playing video elements for an exposure: their clock, standing still, and what the browser counts. */
+
+const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
+
+/**
+ * Plays elements together, over and over if they are shorter than the exposure; the first one's clock is the exposure's.
+ * @param {HTMLVideoElement[]} videos
+ * @param {number} exposure_s of film; Infinity: until the signal comes
+ * @param {AbortSignal} signal
+ * @param {() => void} [onRefresh] told at every refresh of the display
+ * @returns {Promise<void>} when that much was shown; rejects when the film stands still
+ */
+export function playFor(videos, exposure_s, signal, onRefresh = () => {}) {
+  const [lead] = videos;
+  const clock = new FilmClock(lead.duration, exposure_s);
+  return new Promise((resolve, reject) => {
+    const stillness = new Stillness();
+    const repeat = () => videos.forEach((video) => (video.loop = clock.comesAgain));
+    const tick = (/** @type {number} */ now) => {
+      if (signal.aborted) return;
+      clock.advance(lead.currentTime);
+      repeat();
+      onRefresh();
+      if (clock.isOver) resolve();
+      else if (stillness.lasts(now, lead.currentTime)) reject(new Error("the film stands still"));
+      else requestAnimationFrame(tick);
+    };
+    repeat();
+    lead.addEventListener("ended", () => resolve(), { signal });
+    for (const video of videos) {
+      video.addEventListener("error", () => reject(video.error), { signal });
+      video.addEventListener("pause", () => video.ended || signal.aborted || video.play().catch(reject), { signal }); // a media key
+      video.play().catch(reject);
+    }
+    requestAnimationFrame(tick);
+  });
+}
+
+/** Counts the film that was shown, in seconds, over any number of passes. */
+export class FilmClock {
+  /** @param {number} duration_s of one pass @param {number} exposure_s to be shown in all */
+  constructor(duration_s, exposure_s) {
+    this.duration_s = duration_s;
+    this.exposure_s = exposure_s;
+    this.passes = 0;
+    this.position_s = 0;
+  }
+
+  /** @param {number} position_s of the film now; smaller than before when a new pass has begun */
+  advance(position_s) {
+    if (position_s < this.position_s) this.passes += 1;
+    this.position_s = position_s;
+  }
+
+  get isOver() {
+    return this.passes * this.duration_s + this.position_s >= this.exposure_s;
+  }
+
+  /** Whether another pass follows the present one. */
+  get comesAgain() {
+    return this.exposure_s - (this.passes + 1) * this.duration_s > SHORTEST_LOOP_S;
+  }
+}
+
+/** Notices a film that does not move although the screen does. Time in a hidden tab, where nothing is painted, does not count. */
+export class Stillness {
+  static LONGEST_MS = 5000;
+  static LONGEST_STEP_MS = 100;
+  still_ms = 0;
+  last_ms = NaN;
+  position_s = NaN;
+
+  /** @param {number} now_ms @param {number} position_s */
+  lasts(now_ms, position_s) {
+    const step_ms = Math.min(now_ms - this.last_ms, Stillness.LONGEST_STEP_MS) || 0;
+    this.still_ms = position_s === this.position_s ? this.still_ms + step_ms : 0;
+    this.last_ms = now_ms;
+    this.position_s = position_s;
+    return this.still_ms > Stillness.LONGEST_MS;
+  }
+}
+
+/** What the browser counts belongs to an element, so it is counted from where the exposure began. */
+export class PlaybackCount {
+  /** @param {HTMLVideoElement[]} videos @param {AbortSignal} signal the end of the exposure */
+  constructor(videos, signal) {
+    this.videos = videos;
+    this.before = this.#now();
+    this.n_stalls = 0;
+    for (const video of videos) this.#countStalls(video, signal);
+  }
+
+  /** @param {HTMLVideoElement} video @param {AbortSignal} signal */
+  #countStalls(video, signal) {
+    let isStalled = false;
+    const resumes = () => (isStalled = false);
+    video.addEventListener("waiting", () => {
+      if (video.seeking || isStalled) return; // the film begins again, which is no wait for data
+      isStalled = true;
+      this.n_stalls += 1;
+    }, { signal });
+    for (const name of ["playing", "timeupdate"]) video.addEventListener(name, resumes, { signal });
+  }
+
+  #now() {
+    const counts = this.videos.map((video) => video.getVideoPlaybackQuality());
+    return {
+      frames: counts.reduce((sum, one) => sum + one.totalVideoFrames, 0),
+      dropped: counts.reduce((sum, one) => sum + one.droppedVideoFrames, 0),
+    };
+  }
+
+  /** Frames decoded, frames not shown, and waits for data since then. */
+  get quality() {
+    const { frames, dropped } = this.#now();
+    return {
+      n_frames: Math.max(0, frames - this.before.frames),
+      n_dropped: Math.max(0, dropped - this.before.dropped),
+      n_stalls: this.n_stalls,
+    };
+  }
+}
+
+/** Resolves when an element can play through. @param {HTMLVideoElement} video @param {AbortSignal} signal */
+export function readiness(video, signal) {
+  return new Promise((resolve, reject) => {
+    video.addEventListener("canplaythrough", resolve, { once: true, signal });
+    video.addEventListener("error", () => reject(video.error), { once: true, signal });
+  });
+}
+
+/** Tells of every frame that an element gives to the screen, in seconds of its film. @param {HTMLVideoElement} video @param {AbortSignal} signal @param {(time_s: number) => void} tell */
+export function followFrames(video, signal, tell) {
+  const follow = (/** @type {number} */ _now, /** @type {VideoFrameCallbackMetadata} */ frame) => {
+    tell(frame.mediaTime);
+    if (!signal.aborted) video.requestVideoFrameCallback(follow);
+  };
+  video.requestVideoFrameCallback?.(follow);
+}
+
+/** @param {HTMLVideoElement} video @param {number} width @param {number} height */
+export function checkSize(video, width, height) {
+  if (video.videoWidth !== width || video.videoHeight !== height) {
+    throw new Error(`the film is ${video.videoWidth}x${video.videoHeight}, expected ${width}x${height}`);
+  }
+}
+
+/** Shows a file that is in memory. @param {HTMLVideoElement} video @param {Blob} blob */
+export function open(video, blob) {
+  video.src = URL.createObjectURL(blob);
+}
+
+/** Forgets it again. @param {HTMLVideoElement} video */
+export function close(video) {
+  const address = video.src;
+  video.pause();
+  video.removeAttribute("src");
+  video.load();
+  if (address) URL.revokeObjectURL(address);
+}

@@ -1,0 +1,51 @@
+/** How this browser shows A and B in step: the best way that it has and the study allows, decided before the study. */
+
+import { DecodedPlayer } from "./decoded-player.js";
+import { StackedPlayer } from "./player.js";
+import { TwinPlayer } from "./twin-player.js";
+
+/**
+ * @typedef {import("./session.js").Technique} Technique
+ * @typedef {StackedPlayer | DecodedPlayer | TwinPlayer} Player
+ */
+
+const H264 = 'video/mp4; codecs="avc1.640032"'; // high profile, level 5.0: two stimuli of 1920x1080, one above the other
+const SINGLE_CODEC = "avc1.640028"; // level 4.0: one of them
+const SINGLE_H264 = `video/mp4; codecs="${SINGLE_CODEC}"`;
+
+/** @type {Record<Technique, new (film: HTMLElement) => Player>} */
+const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer, "two videos": TwinPlayer };
+
+/**
+ * @param {{second?: string, fallback?: string}} offered type of the films besides H.264, and what the study allows where neither plays
+ * @returns {Promise<Technique | null>} null: this browser cannot show the study
+ */
+export async function bestTechnique({ second, fallback }) {
+  if (plays(H264) || (second && plays(second))) return "stacked";
+  if (fallback && (await decodes())) return "webcodecs";
+  return fallback === "two videos" && plays(SINGLE_H264) ? "two videos" : null;
+}
+
+/** What is to be fetched for a trial. @param {Technique} technique @param {import("./session.js").Media} media @returns {string[]} addresses */
+export function filmsOf(technique, { url, second, singles }) {
+  if (technique === "stacked") return [second && !plays(H264) ? second.url : url];
+  if (!singles) throw new Error("the study has no film of each stimulus");
+  return singles;
+}
+
+/** @param {Technique} technique @param {HTMLElement} film the window @returns {Player} */
+export function newPlayer(technique, film) {
+  return new PLAYERS[technique](film);
+}
+
+/** @param {string} type */
+function plays(type) {
+  return document.createElement("video").canPlayType(type) !== "";
+}
+
+/** Browsers decode picture by picture on https and on this computer only. */
+async function decodes() {
+  if (!("VideoDecoder" in window)) return false;
+  const { supported } = await VideoDecoder.isConfigSupported({ codec: SINGLE_CODEC });
+  return supported === true;
+}

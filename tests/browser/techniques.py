@@ -1,0 +1,18 @@
+"""Scripts that leave a browser one way of showing a pair."""
+
+from __future__ import annotations
+
+from playwright.sync_api import Page
+
+NO_STACKED = """{
+const canPlay = HTMLMediaElement.prototype.canPlayType;
+HTMLMediaElement.prototype.canPlayType = function (type) {
+    return type.includes("avc1.640032") ? "" : canPlay.call(this, type);
+}; }"""
+NO_DECODER = "delete window.VideoDecoder;"
+MISSING = {"stacked": "", "webcodecs": NO_STACKED, "two videos": NO_STACKED + NO_DECODER}
+
+
+def leave_only(page: Page, technique: str) -> None:
+    """Take away what the page would rather use."""
+    page.add_init_script(MISSING[technique])
