@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 CHOICES = ("a", "b", "none")
@@ -126,26 +125,4 @@ def votes_from_indices(
         excluded=np.zeros(n, bool),
         reason=np.full(n, "", object),
         role=np.zeros(n, np.int8),
-    )
-
-
-def frame_from_votes(votes: VotesTable) -> pd.DataFrame:
-    """Return the table with names instead of indices, in the columns of the exchange format."""
-    names = np.array(votes.items, object)
-    first = np.where(votes.first_shown == 1, names[votes.item_b], names[votes.item_a])
-    return pd.DataFrame(
-        {
-            "participant": np.array(votes.participants, object)[votes.participant],
-            "dataset": np.array(votes.datasets, object)[votes.dataset],
-            "item_a": names[votes.item_a],
-            "item_b": names[votes.item_b],
-            "choice": np.array(CHOICES, object)[votes.choice],
-            "first_shown": np.where(votes.first_shown < 0, "", first),
-            "response_ms": votes.response_ms,
-            "practice": votes.practice,
-            "excluded": votes.excluded,
-            "reason": votes.reason,
-            "count": votes.count,
-            "role": np.array(ROLES, object)[votes.role],
-        }
     )

@@ -7,8 +7,9 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_, select, update
 
 from app.store.designs import planned_pairs, stimulus_names
+from app.store.exclusions import is_excluded
 from app.store.studies import Study
-from app.store.tables import assignment, exclusion, participant, session, stage_record, trial, vote
+from app.store.tables import assignment, participant, session, stage_record, trial, vote
 from app.study.adaptive import adaptive_pairs
 from app.study.balance import StudyPlan, TakenOrder
 from app.study.options import parse_options
@@ -66,7 +67,7 @@ def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, i
             participant.c.study_id == study_id,
             participant.c.is_preview.is_(False),
             session.c.withdrawn_at.is_(None),
-            ~_is_excluded(),
+            ~is_excluded(),
             assignment.c.role == MAIN,
         )
         .group_by(assignment.c.pair_id, assignment.c.a_half, vote.c.choice)
@@ -102,7 +103,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
         planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
         trials.setdefault(row.participant_id, []).append(planned)
     state = case(
-        (_is_excluded(), "excluded"),
+        (is_excluded(), "excluded"),
         (session.c.stage.in_(ALL_VOTED), "finished"),
         (session.c.stage == WITHDRAWN, "withdrawn"),
         (_is_given_up(of, now), "abandoned"),
@@ -129,8 +130,4 @@ def _is_given_up(of: Study, now: datetime) -> ColumnElement[bool]:
     is_abandoned = and_(
         session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
     )
-    return or_(session.c.stage == WITHDRAWN, is_abandoned, _is_excluded())
-
-
-def _is_excluded() -> ColumnElement[bool]:
-    return exists().where(exclusion.c.participant_id == participant.c.id, exclusion.c.undone_at.is_(None))
+    return or_(session.c.stage == WITHDRAWN, is_abandoned, is_excluded())

@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Table, delete, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.exclusions import in_force
 from app.store.keys import digest, new_secret
 from app.store.tables import exclusion, metadata, participant, session, spoken_answer, stage_record, trial, vote
 from app.study.stages import INTERVIEW, WITHDRAWN
@@ -73,7 +74,7 @@ def participant_records(connection: Connection, study_id: int) -> list[dict[str,
             *(query.scalar_subquery().label(name) for name, query in facts.items()),
         )
         .select_from(participant.join(session))
-        .outerjoin(exclusion, (exclusion.c.participant_id == participant.c.id) & exclusion.c.undone_at.is_(None))
+        .outerjoin(exclusion, in_force(participant.c.id))
         .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
         .order_by(participant.c.slot)
     )
@@ -94,8 +95,7 @@ def exclude(connection: Connection, person: Person, reason: str, by: str, now: d
     ConflictError
         If they are left out already.
     """
-    open_one = (exclusion.c.participant_id == person.id) & exclusion.c.undone_at.is_(None)
-    if connection.execute(select(exclusion.c.id).where(open_one)).first():
+    if connection.execute(select(exclusion.c.id).where(in_force(person.id))).first():
         raise ConflictError(f"{person.label} is excluded already.")
     values = {"participant_id": person.id, "reason": reason, "excluded_by": by, "excluded_at": now}
     connection.execute(insert(exclusion).values(**values))
@@ -109,11 +109,7 @@ def undo_exclusion(connection: Connection, person: Person, by: str, now: datetim
     ConflictError
         If they are not left out.
     """
-    changed = connection.execute(
-        update(exclusion)
-        .where(exclusion.c.participant_id == person.id, exclusion.c.undone_at.is_(None))
-        .values(undone_by=by, undone_at=now)
-    )
+    changed = connection.execute(update(exclusion).where(in_force(person.id)).values(undone_by=by, undone_at=now))
     if not changed.rowcount:
         raise ConflictError(f"{person.label} is not excluded.")
 

@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Row, Select, exists, insert, select, update
 from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND, has_singles
 from app.store.engine import Database
+from app.store.exclusions import in_force
 from app.store.keys import new_opaque_id
 from app.store.tables import (
     assignment,
@@ -219,7 +220,7 @@ def _records() -> Select[Any]:
         .join(top_condition, top.c.condition_id == top_condition.c.id)
         .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
         .outerjoin(vote, vote.c.trial_id == trial.c.id)
-        .outerjoin(exclusion, (exclusion.c.participant_id == participant.c.id) & exclusion.c.undone_at.is_(None))
+        .outerjoin(exclusion, in_force(participant.c.id))
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frames import frame_from_votes
 from scipy.stats import friedmanchisquare
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
@@ -15,7 +16,7 @@ from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.reading import read_participants
-from app.analysis.votes import VotesTable, frame_from_votes
+from app.analysis.votes import VotesTable
 
 ABILITIES = np.array([-0.6, -0.2, 0.2, 0.6])
 TWENTY = {str(who): "old" if who < 10 else "young" for who in range(20)}

@@ -247,7 +247,7 @@ def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path)
 
 
 def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
-    from app.analysis.votes import frame_from_votes
+    from frames import frame_from_votes
 
     frame_from_votes(study(n_participants=4)).to_csv(tmp_path / "votes.csv", index=False)
     items = [

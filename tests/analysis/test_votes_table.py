@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from frames import frame_from_votes
 
 from app.analysis.reading import read_items, read_votes, votes_from_rows
-from app.analysis.votes import VotesError, frame_from_votes
+from app.analysis.votes import VotesError
 
 HEADER = "participant,dataset,item_a,item_b,choice"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lookers import simulate_test
 
 from app.study.acuity import (
     GUESSING,
@@ -21,7 +22,6 @@ from app.study.acuity import (
     next_size,
     posterior,
     probability_right,
-    simulate_test,
     smallest_size,
 )
 

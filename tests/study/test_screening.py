@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lookers import simulate_test
 
 from app.study.acuity import (
     AcuityTest,
@@ -16,7 +17,6 @@ from app.study.acuity import (
     gap_arcmin,
     gap_mm,
     judge,
-    simulate_test,
     smallest_size,
 )
 from app.study.options import StudyOptions, parse_options
