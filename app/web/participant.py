@@ -129,6 +129,13 @@ def begin(
     return _opened(request, response, database, admitted.token, now)
 
 
+@router.post("/studies/{slug}/turned-away", status_code=204)
+def turn_away(slug: Slug, admission: Admission, request: Request) -> None:
+    """Say that a browser cannot show a study's films, for the log; its invitation stays unused."""
+    invitation_to(request, slug, admission.invitation)
+    log.warning("study %s: turned away, cannot show the films: %r", slug, request.headers.get("user-agent", "")[:200])
+
+
 @router.post("/session/resume")
 def resume(
     resumption: Resumption, request: Request, response: Response, database: Store, now: Now

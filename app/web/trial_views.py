@@ -98,6 +98,9 @@ class ViewingBody(Strict):
     shown_ms: Milliseconds
     response_ms: Milliseconds
     switches: Annotated[list[SwitchBody], Field(max_length=MOST_SWITCHES)]
+    wait_ms: Milliseconds | None = Field(
+        default=None, description="from when the participant was ready to the fixation"
+    )
     dwell_ms: DwellBody | None = Field(default=None, description="how long each was on screen")
     n_changes: Count | None = Field(default=None, description="how often the choice was changed before Next")
     n_frames: Count | None = Field(default=None, description="frames that the browser decoded")
@@ -113,6 +116,10 @@ class VoidBody(Strict):
 
     reason: Reason
     viewing: ViewingBody
+
+
+class TroubleBody(Strict):
+    why: Annotated[str, Field(max_length=300, description="what the browser says")]
 
 
 class VoteBody(Strict):

@@ -18,7 +18,7 @@ from app.store.votes import Ballot
 from app.study.stages import SCREENED_OUT, TRIAL, is_past
 from app.study.votes import Vote
 from app.web.gates import Now, Participant, ParticipantToken, Store, Votes
-from app.web.trial_views import OneTrialView, TrialView, VoidBody, VoteBody, practice_view, trial_view
+from app.web.trial_views import OneTrialView, TrialView, TroubleBody, VoidBody, VoteBody, practice_view, trial_view
 
 log = logging.getLogger(__name__)
 
@@ -100,3 +100,9 @@ def void(
     viewing = body.viewing.model_dump(exclude_none=True)
     if void_trial(database, signed_in.session.id, trial, body.reason, viewing, now):
         log.info("session %s: trial %s interrupted (%s)", signed_in.session.public_id, trial, body.reason)
+
+
+@router.put("/trials/{trial}/trouble", status_code=204)
+def note_trouble(trial: Annotated[str, Path(max_length=32)], body: TroubleBody, signed_in: Participant) -> None:
+    """Say that a trial's film could not be shown, for the log; nothing changes, and the trial comes again."""
+    log.warning("session %s: the film of trial %r was not shown: %r", signed_in.session.public_id, trial, body.why)

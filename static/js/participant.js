@@ -8,7 +8,7 @@ import { checkBrowser } from "./browser-check.js";
 import { display } from "./display.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
-import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, withdraw } from "./session.js";
+import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, tellTrouble, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique, filmsOf } from "./technique.js";
 import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
@@ -66,6 +66,7 @@ byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
 byId("no-codec").hidden = technique !== null;
 byId("begin").hidden = technique === null;
+if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code).catch(() => {}); // it is for the log only
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
@@ -218,7 +219,7 @@ async function practise() {
   while (practised.length < pairs.length) {
     const description = pairs[practised.length];
     show("trial");
-    const { vote } = await shown(description);
+    const { vote } = await shown(description, performance.now());
     if (!vote) throw new Error("practice is not interrupted");
     if (vote.viewing.switches.length === 0) {
       show("practice-again");
@@ -255,6 +256,7 @@ function goOnWithTrials() {
 async function runTrials() {
   show("trial");
   for (;;) {
+    const askedAt = performance.now();
     const description = await nextTrial();
     if (!description) break;
     if (isTimeForBreak(description)) {
@@ -262,7 +264,7 @@ async function runTrials() {
       return;
     }
     ahead = description.following ?? null;
-    if (!(await runTrial(description))) {
+    if (!(await runTrial(description, askedAt))) {
       show("interrupted");
       return;
     }
@@ -289,23 +291,28 @@ async function withoutServer(following) {
   return following;
 }
 
-/** @param {TrialDescription} description @returns {Promise<boolean>} false when it was interrupted */
-async function runTrial(description) {
+/** @param {TrialDescription} description @param {number} askedAt @returns {Promise<boolean>} false when it was interrupted */
+async function runTrial(description, askedAt) {
   const { following } = description;
   films.keepOnly([description, following].flatMap((one) => (one ? [addresses(one)] : [])));
   if (following) filmOf(description).whole.then(() => filmOf(following)).catch(() => {});
-  const { vote, interruption } = await shown(description);
+  const { vote, interruption } = await shown(description, askedAt);
   if (vote) await outbox.putVote(description.trial, vote);
   if (interruption) await outbox.putInterruption(description.trial, interruption);
   return !interruption;
 }
 
-/** @param {TrialDescription} description */
-async function shown(description) {
+/** @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
+async function shown(description, askedAt) {
   trial = new Trial(byId("trial"), description, filmOf(description), canShow());
-  const outcome = await trial.run();
-  trial = null;
-  return outcome;
+  try {
+    return await trial.run(askedAt);
+  } catch (error) {
+    tellTrouble(description.trial, String(error)).catch(() => {}); // it is for the log only
+    throw error;
+  } finally {
+    trial = null;
+  }
 }
 
 /** @param {TrialDescription} description @returns {import("./films.js").Film} under way or here */

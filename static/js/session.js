@@ -47,6 +47,7 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown
  * @property {Technique} technique
+ * @property {number} [wait_ms] from when the participant was ready to the fixation
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
  * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number, frame_ms?: number}[]} switches press, frame of the film, and the animation frame that showed it
@@ -86,6 +87,7 @@ import { Unreachable, request } from "./connection.js";
  */
 
 const API = "/api/v1";
+const LONGEST_REASON = 300; // characters
 const LARGEST_KEPT_ALIVE = 32_768; // characters; browsers refuse more than 64 KiB under way at once
 
 /** @param {string} slug @param {string} invitation @param {string} key the same again for the same session @returns {Promise<Session>} */
@@ -161,6 +163,16 @@ export function sendVote(trial, vote) {
 /** @param {string} trial @param {{reason: Reason, viewing: Viewing}} record */
 export function sendVoid(trial, record) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/void`, record);
+}
+
+/** For the server's log: a film could not be shown. @param {string} trial @param {string} why */
+export function tellTrouble(trial, why) {
+  return call("PUT", `/session/trials/${encodeURIComponent(trial)}/trouble`, { why: why.slice(0, LONGEST_REASON) });
+}
+
+/** For the server's log: this browser cannot show the study. @param {string} slug @param {string} invitation */
+export function tellTurnedAway(slug, invitation) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation });
 }
 
 /** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */

@@ -55,6 +55,7 @@ export class Trial {
     this.player = newPlayer(technique, find(screen, ".film"));
     /** @type {Vote["viewing"]} */
     this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [] };
+    this.askedAt = NaN; // performance.now() when the participant was ready for it
     this.firstShownAt = NaN; // performance.now() of the first frame on screen
     this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
@@ -64,8 +65,9 @@ export class Trial {
     this.reject = (/** @type {unknown} */ _reason) => {};
   }
 
-  /** @returns {Promise<Outcome>} rejects when the film cannot be shown */
-  run() {
+  /** @param {number} askedAt performance.now() when the participant was ready for it @returns {Promise<Outcome>} rejects when the film cannot be shown */
+  run(askedAt) {
+    this.askedAt = askedAt;
     labelTrial(this.screen, this.description);
     const outcome = new Promise((resolve, reject) => {
       this.resolve = resolve;
@@ -119,6 +121,7 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #fixate(signal) {
+    this.viewing.wait_ms = tenths(performance.now() - this.askedAt);
     this.screen.focus({ preventScroll: true });
     this.#show(this.description.first_shown);
     after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));

@@ -158,13 +158,6 @@ def test_the_page_does_not_know_the_right_answer(full_study: Study) -> None:
         assert not [answer for answer in answers if f'"{answer}"' in text]
 
 
-def test_a_browser_that_cannot_play_the_films_is_told_before_the_study(study: Study, page: Page) -> None:
-    page.add_init_script("HTMLMediaElement.prototype.canPlayType = () => ''")
-    page.goto(study.address)
-    expect(page.get_by_text("This browser cannot play the study’s films")).to_be_visible()
-    expect(page.get_by_role("button", name="Begin")).to_be_hidden()
-
-
 def test_the_window_is_judged_again_when_it_changes(study: Study, page: Page) -> None:
     page.set_viewport_size({"width": 800, "height": 500})
     page.goto(study.address)
