@@ -69,6 +69,11 @@ class Board:
         corners = np.stack([column, row, np.zeros_like(row)], axis=-1).reshape(-1, 3)
         return np.asarray(corners * self.square_mm, dtype=np.float64)
 
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it looks the same turned by half a circle, so that nobody can tell its first corner from its last."""
+        return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
+
     def find(self, grey: NDArray[np.uint8]) -> Corners:
         """The board's corners in a picture, uint8 (H, W).
 
@@ -111,7 +116,18 @@ class Board:
         found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
         if not found:
             raise CaptureError("the board is not found; all of it has to be in the picture")
-        return Corners(np.arange(self.columns * self.rows), np.reshape(pixels, (-1, 2)).astype(np.float64))
+        corners = np.reshape(pixels, (-1, 2)).astype(np.float64)
+        is_turned = not self.is_symmetric and self._is_turned_round(grey, corners)
+        return Corners(np.arange(len(corners)), corners[::-1] if is_turned else corners)
+
+    def _is_turned_round(self, grey: NDArray[np.uint8], corners: NDArray[np.float64]) -> bool:
+        """Whether a chessboard's corners (N, 2) begin at its last one: the square after the first corner is black."""
+        grid = corners.reshape(self.rows, self.columns, 2)
+        middles = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+        columns, rows = np.moveaxis(np.round(middles).astype(int), -1, 0)
+        levels = grey[rows.clip(0, grey.shape[0] - 1), columns.clip(0, grey.shape[1] - 1)].astype(np.float64)
+        is_black = np.indices(levels.shape).sum(axis=0) % 2 == 0
+        return bool(levels[is_black].mean() > levels[~is_black].mean())
 
 
 def parse_board(text: str) -> Board:

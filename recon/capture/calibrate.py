@@ -6,16 +6,17 @@ right, y up), as in `recon.capture.opencv`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from recon.capture.board import Board, Corners
+from recon.capture.bundle import Sighting, adjusted
 from recon.capture.images import CaptureError
 from recon.capture.opencv import CAMERA_FROM_WORLD
 from recon.rig import Camera, Rig, Sensor, rigid
@@ -186,8 +187,13 @@ def calibrate_rig(board: Board, pairs: Sequence[PairCalibration], views: Mapping
     Raises
     ------
     CaptureError
-        If a sensor shares no instant with those that are placed already.
+        If a sensor shares no instant with those that are placed already, or the board has no first corner.
     """
+    if len(pairs) > 1 and board.is_symmetric:
+        raise CaptureError(
+            f"the board of {board.columns}x{board.rows} corners looks the same turned by half a circle, so sensors "
+            "cannot be joined by it; take one with one more or one fewer corner along one side, or a ChArUco board"
+        )
     from_world = {pairs[0].sensor.id: CAMERA_FROM_WORLD}
     boards = {name: np.linalg.inv(CAMERA_FROM_WORLD) @ pose for name, pose in pairs[0].boards.items()}
     left = list(pairs[1:])
@@ -205,7 +211,9 @@ def calibrate_rig(board: Board, pairs: Sequence[PairCalibration], views: Mapping
             boards.setdefault(name, np.linalg.inv(pose) @ board_pose)
         left.remove(best)
     if len(pairs) > 1:
-        from_world = _refined(board, pairs, views, from_world, boards)
+        sightings = _sightings(board, pairs, views)
+        shared_boards = {name: boards[name] for name in {sighting.board: 0 for sighting in sightings}}
+        from_world, _ = adjusted(sightings, from_world, shared_boards, fixed=pairs[0].sensor.id)
     return Rig(tuple(_placed(pair.sensor, from_world[pair.sensor.id]) for pair in pairs))
 
 
@@ -227,56 +235,16 @@ def _placed(sensor: Sensor, left_from_world: NDArray[np.float64]) -> Sensor:
     return Sensor(sensor.id, left, right)
 
 
-def _refined(
-    board: Board,
-    pairs: Sequence[PairCalibration],
-    views: Mapping[str, tuple[Views, Views]],
-    from_world: Mapping[str, NDArray[np.float64]],
-    boards: Mapping[str, NDArray[np.float64]],
-) -> dict[str, NDArray[np.float64]]:
-    """Poses of all sensors but the first, and of all boards that several see, nearest to the corners found.
-
-    Source
-    ------
-    Bundle adjustment: Triggs et al., "Bundle adjustment - a modern synthesis", 1999, with intrinsics held.
-    """
-    names = [name for name in boards if sum(name in pair.boards for pair in pairs) > 1]
-    start = [*(from_world[pair.sensor.id] for pair in pairs[1:]), *(boards[name] for name in names)]
-    seen = [
-        (number, names.index(name), camera, views[pair.sensor.id][side][name])
-        for number, pair in enumerate(pairs)
-        for side, camera in enumerate((pair.sensor.left, pair.sensor.right))
-        for name in pair.boards
-        if name in names
-    ]
-    sparsity = np.zeros((2 * sum(len(corners) for *_, corners in seen), 6 * len(start)), dtype=np.int8)
-    row = 0
-    for number, place, _, corners in seen:
-        rows = slice(row, row + 2 * len(corners))
-        for block in ([number - 1] if number else []) + [len(pairs) - 1 + place]:
-            sparsity[rows, 6 * block : 6 * block + 6] = 1
-        row = rows.stop
-
-    def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-        poses = [_moved(step, pose) for step, pose in zip(unknown.reshape(-1, 6), start, strict=True)]
-        found = []
-        for number, place, camera, corners in seen:
-            sensor_pose = poses[number - 1] if number else from_world[pairs[0].sensor.id]
-            pose = camera.cam_from_world @ sensor_pose @ poses[len(pairs) - 1 + place]
-            found.append(_project(camera, pose, board.points[corners.ids]) - corners.pixels)
-        return np.concatenate(found).ravel()
-
-    scale = np.tile([1e-3] * 3 + [1.0] * 3, len(start))
-    solved = least_squares(errors, np.zeros(6 * len(start)), jac_sparsity=sparsity, x_scale=scale, loss="soft_l1")
-    steps = solved.x.reshape(-1, 6)[: len(pairs) - 1]
-    moved = {pair.sensor.id: _moved(step, pose) for pair, step, pose in zip(pairs[1:], steps, start, strict=False)}
-    return {**from_world, **moved}
-
-
-def _moved(step: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(rigid(cv2.Rodrigues(step[:3])[0] @ pose[:3, :3], pose[:3, 3] + step[3:]))
-
-
-def _project(camera: Camera, cam_from_board: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    turn = cv2.Rodrigues(cam_from_board[:3, :3])[0]
-    return np.asarray(cv2.projectPoints(points, turn, cam_from_board[:3, 3], camera.K, camera.dist)[0][:, 0])
+def _sightings(
+    board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
+) -> list[Sighting]:
+    """What all cameras saw at the instants that more than one sensor saw."""
+    counts = Counter(name for pair in pairs for name in pair.boards)
+    found = []
+    for pair in pairs:
+        for camera, seen in zip((pair.sensor.left, pair.sensor.right), views[pair.sensor.id], strict=True):
+            for name in pair.boards:
+                if counts[name] > 1:
+                    points = board.points[seen[name].ids]
+                    found.append(Sighting(pair.sensor.id, name, camera, points, seen[name].pixels))
+    return found

@@ -247,8 +247,9 @@ def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera])
             for x, y in corners.pixels:
                 cv2.circle(picture, (round(x), round(y)), DOT_PX, GREEN, 1, cv2.LINE_AA)
             _write(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
-    first = next(iter(pair.errors))
-    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, [_bgr(c.shots[first]) for c in cameras]))
+    fullest = max(pair.errors, key=lambda name: len(cameras[0].views[name]))
+    pictures = [_bgr(camera.shots[fullest]) for camera in cameras]
+    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, pictures))
 
 
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:

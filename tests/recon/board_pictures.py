@@ -72,35 +72,54 @@ def corners_seen(
     return seen
 
 
-@lru_cache(maxsize=16)
-def fine_slopes(camera: Camera) -> NDArray[np.float64]:
-    """Slopes x/z, y/z of the rays through the parts of all pixels, (N, 2); cameras are told apart by identity."""
-    width, height = camera.size
-    steps = (np.arange(max(camera.size) * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5
-    columns, rows = np.meshgrid(steps[: width * SUPERSAMPLING], steps[: height * SUPERSAMPLING])
-    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
-    return np.asarray(cv2.undistortPoints(pixels, camera.K, camera.dist)[:, 0])
-
-
 def board_picture(
     board: Board, camera: Camera, world_from_board: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """What a camera sees of a board: every pixel's ray meets its plane; lens blur, shading and sensor noise on top."""
-    texture = board.picture(PIXELS_PER_MM).astype(np.float32)
-    slopes = fine_slopes(camera)
+    width, height = camera.size
+    picture = np.full((height, width), BACKGROUND, dtype=np.float32)
     board_from_camera = np.linalg.inv(camera.cam_from_world @ world_from_board)
-    rays = np.column_stack([slopes, np.ones(len(slopes))]) @ board_from_camera[:3, :3].T
-    origin = board_from_camera[:3, 3]
-    on_board = origin[:2] - rays[:, :2] * (origin[2] / rays[:, 2:])
-    # the picture has a margin of one square; a chessboard's first corner is the first inner one
-    first = board.square_mm * (1 if board.kind == "charuco" else 2)
-    texels = (
-        ((on_board + first) * PIXELS_PER_MM - 0.5).astype(np.float32).reshape(SUPERSAMPLING * camera.size[1], -1, 2)
+    (left, top), (right, bottom) = _around(board, camera, world_from_board)
+    if left < right and top < bottom:
+        slopes = _fine_slopes(camera, slice(left, right), slice(top, bottom))
+        rays = np.column_stack([slopes, np.ones(len(slopes))]) @ board_from_camera[:3, :3].T
+        origin = board_from_camera[:3, 3]
+        on_board = origin[:2] - rays[:, :2] * (origin[2] / rays[:, 2:])
+        # the picture has a margin of one square; a chessboard's first corner is the first inner one
+        first = board.square_mm * (1 if board.kind == "charuco" else 2)
+        texels = ((on_board + first) * PIXELS_PER_MM - 0.5).astype(np.float32)
+        columns, rows = texels.reshape(SUPERSAMPLING * (bottom - top), -1, 2).transpose(2, 0, 1)
+        fine = cv2.remap(_printed(board), columns, rows, cv2.INTER_LINEAR, borderValue=BACKGROUND)
+        size = (right - left, bottom - top)
+        picture[top:bottom, left:right] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+    lit = 20.0 + cv2.GaussianBlur(picture, (0, 0), 0.7) * np.linspace(0.65, 0.85, width, dtype=np.float32)
+    noisy = lit + 2.0 * rng.standard_normal(lit.shape, dtype=np.float32)
+    return np.asarray(noisy.round().clip(0, 255), dtype=np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _printed(board: Board) -> NDArray[np.float32]:
+    return board.picture(PIXELS_PER_MM).astype(np.float32)
+
+
+def _around(board: Board, camera: Camera, world_from_board: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The first and the end (column, row) of the part of a picture that shows the board and its margin, (2, 2)."""
+    low, high = board.points.min(axis=0), board.points.max(axis=0)
+    margin = 2 * board.square_mm
+    corners = [(x, y, 0.0) for x in (low[0] - margin, high[0] + margin) for y in (low[1] - margin, high[1] + margin)]
+    pixels = project(camera, np.array(corners) @ world_from_board[:3, :3].T + world_from_board[:3, 3])
+    limits = np.stack([np.floor(pixels.min(axis=0)) - 4, np.ceil(pixels.max(axis=0)) + 5])
+    return np.asarray(limits.clip(0, camera.size), dtype=np.int64)
+
+
+def _fine_slopes(camera: Camera, columns: slice, rows: slice) -> NDArray[np.float64]:
+    """Slopes x/z, y/z of the rays through the parts of a window's pixels, (N, 2)."""
+    across, down = (
+        np.arange(part.start + 0.5 / SUPERSAMPLING - 0.5, part.stop - 0.5, 1 / SUPERSAMPLING)
+        for part in (columns, rows)
     )
-    fine = cv2.remap(texture, texels[..., 0], texels[..., 1], cv2.INTER_LINEAR, borderValue=BACKGROUND)
-    picture = cv2.GaussianBlur(cv2.resize(fine, camera.size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
-    lit = 20.0 + picture * np.linspace(0.65, 0.85, camera.size[0], dtype=np.float32)
-    return np.asarray((lit + rng.normal(0, 2.0, lit.shape)).round().clip(0, 255), dtype=np.uint8)
+    pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 1, 2)
+    return np.asarray(cv2.undistortPoints(pixels, camera.K, camera.dist)[:, 0])
 
 
 def photograph_board(folder: Path, board: Board, rig: Rig, n_views: int, seed: int) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -102,16 +103,38 @@ def test_a_board_that_cannot_be_is_refused(text: str) -> None:
         parse_board(text)
 
 
-@pytest.mark.parametrize("text", ["charuco:8x6:90:66", "chessboard:7x5:90"])
-def test_a_printed_board_is_found_where_it_is(text: str) -> None:
+@pytest.mark.parametrize("text", ["charuco:8x6:90:66", "chessboard:7x6:90"])
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_a_printed_board_is_found_where_it_is_also_turned_round(text: str, is_turned: bool) -> None:
     board = parse_board(text)
     scale = 0.5
-    found = board.find(board.picture(scale))
+    picture = board.picture(scale)
+    found = board.find(np.ascontiguousarray(picture[::-1, ::-1]) if is_turned else picture)
     first = board.square_mm * (1 if board.kind == "charuco" else 2)
     expected = (board.points[found.ids, :2] + first) * scale - 0.5
-    if board.kind == "chessboard" and np.abs(found.pixels - expected).max() > 1:  # it looks the same turned round
-        expected = expected[::-1]
+    if is_turned:
+        expected = np.array(picture.shape[::-1]) - 1 - expected
     np.testing.assert_allclose(found.pixels, expected, atol=0.3)
+
+
+def test_corners_on_one_line_are_not_enough() -> None:
+    picture = BOARD.picture(1.0)
+    strip = picture[: round(3.05 * BOARD.square_mm)]  # the margin and two rows of squares: one row of corners
+    with pytest.raises(CaptureError, match="on one line"):
+        BOARD.find(np.ascontiguousarray(np.pad(strip, ((0, 100), (0, 0)), constant_values=255)))
+
+
+def test_a_board_that_is_hidden_but_for_a_corner_is_refused() -> None:
+    picture = BOARD.picture(1.0)
+    with pytest.raises(CaptureError, match="only 4 corners of the board are found, expected at least 12"):
+        BOARD.find(np.ascontiguousarray(np.pad(picture[:200, :200], 100, constant_values=255)))
+
+
+def test_a_chessboard_that_looks_the_same_turned_round_cannot_join_sensors() -> None:
+    rig = studio_rig(n_sensors=2)
+    seen = corners_seen(COARSE, rig, n_views=24, noise_px=0.1, seed=6)
+    with pytest.raises(CaptureError, match=r"looks the same turned by half a circle.*one more or one fewer corner"):
+        calibrated(replace(COARSE, kind="chessboard", columns=7, rows=5), rig, seen)
 
 
 @pytest.fixture(scope="module")
