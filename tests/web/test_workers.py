@@ -10,17 +10,19 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from random import Random
 
 import httpx
 import pytest
+from dashboard import signed_in
 from postgresql import PostgresServer
 from seeding import Voter, seed_voters
 from sqlalchemy import func, select
 from voters import letters_of, send
 
+from app import operate
 from app.main import serve
 from app.settings import Settings
 from app.store.engine import open_database
@@ -29,6 +31,7 @@ from app.store.tables import vote
 
 ROOT = Path(__file__).parents[2]
 SERVER = """
+from app import operate
 from app.main import serve
 from app.settings import Settings
 serve(Settings(), port=0, workers=2, on_start=lambda base_url: print(base_url, flush=True))
@@ -36,6 +39,8 @@ serve(Settings(), port=0, workers=2, on_start=lambda base_url: print(base_url, f
 N_VOTERS, N_APPROACHES = 8, 6
 N_VOTES = 15 * N_VOTERS
 START_TIMEOUT_S = 60
+GRACEFUL_S = 3.0
+N_PAGES = 6
 
 
 @pytest.fixture
@@ -56,7 +61,8 @@ def two_workers(url: str, folder: Path) -> Iterator[tuple[httpx.Client, subproce
             with httpx.Client(base_url=base_url, timeout=START_TIMEOUT_S) as client:
                 yield client, process
         finally:
-            process.send_signal(signal.SIGTERM)
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
             process.communicate(timeout=START_TIMEOUT_S)
 
 
@@ -122,6 +128,23 @@ def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp
     assert [line["status"] for line in ended if line["request_id"] == "abcdef123456"] == [404]
     assert "invented-code" not in text + metrics
     assert not [voter for voter in voters if voter.token in text or voter.trials[0][0] in text]
+
+
+@pytest.mark.slow
+def test_live_pages_end_at_once_when_the_workers_do(url: str, tmp_path: Path) -> None:
+    seeded(url)
+    settings = Settings(data_dir=tmp_path, database_url=url)
+    with two_workers(url, tmp_path) as (client, supervisor), ExitStack() as stack:
+        dashboard = stack.enter_context(signed_in(str(client.base_url), settings, "ada"))
+        live = f"/admin/studies/{operate.list_studies(settings)[0]['slug']}/live"
+        pages = [stack.enter_context(dashboard.stream("GET", live)).iter_lines() for _ in range(N_PAGES)]
+        assert [next(page) for page in pages] == ["event: monitor"] * N_PAGES
+        started = time.monotonic()
+        supervisor.send_signal(signal.SIGTERM)
+        for page in pages:
+            assert not [line for line in page if line.startswith("event")]  # and ends as a whole answer does
+        assert supervisor.wait(START_TIMEOUT_S) == 0
+        assert time.monotonic() - started < GRACEFUL_S
 
 
 def test_more_than_one_process_is_refused_on_sqlite(tmp_path: Path) -> None:

@@ -62,18 +62,22 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
 @router.get("/live")
 async def live(request: Request, person: Person, study: AStudy) -> Response:  # noqa: ARG001 (the gate)
     """The monitor again whenever it changes, by server-sent events."""
-    return EventSourceResponse(_changes(request, study))
+    stopped = anyio.Event()
+    changes = _changes(request, study, stopped)
+    return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=LOOKS_EVERY_S)
 
 
-async def _changes(request: Request, study: Study) -> AsyncIterator[ServerSentEvent]:
+async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
+    """The monitor whenever it changes, until the page is left or the server stops, by a signal or in its thread."""
     last = ""
     with anyio.move_on_after(STREAM_LASTS_S):
-        while not request.app.state.is_stopping and not await request.is_disconnected():
+        while not (stopped.is_set() or request.app.state.is_stopping or await request.is_disconnected()):
             shown = await run_in_threadpool(_rendered, request, study)
             if shown != last:
                 last = shown
                 yield ServerSentEvent(shown, event="monitor")
-            await anyio.sleep(LOOKS_EVERY_S)
+            with anyio.move_on_after(LOOKS_EVERY_S):
+                await stopped.wait()
 
 
 def _rendered(request: Request, study: Study) -> str:
