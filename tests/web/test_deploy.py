@@ -1,0 +1,31 @@
+"""What deploy/ describes is what systemd understands; nginx's part is tested with the videos that it sends."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+UNIT = Path(__file__).parents[2] / "deploy" / "reconstudy.service"
+PROGRAM = "/opt/reconstudy/.venv/bin/reconstudy"
+
+
+def verified(folder: Path, text: str) -> str:
+    """What systemd says against a unit, whose program need not be installed here."""
+    program = shutil.which("systemd-analyze")
+    if program is None:
+        pytest.skip("systemd is not installed here")
+    unit = folder / UNIT.name
+    unit.write_text(text.replace(PROGRAM, "/bin/true"), encoding="utf-8")
+    done = subprocess.run([program, "verify", str(unit)], capture_output=True, text=True, check=False)
+    return done.stdout + done.stderr
+
+
+def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
+    assert verified(tmp_path, UNIT.read_text(encoding="utf-8")) == ""
+
+
+def test_systemd_would_find_a_wrong_key(tmp_path: Path) -> None:
+    assert "Restrat" in verified(tmp_path, UNIT.read_text(encoding="utf-8").replace("Restart=", "Restrat="))
