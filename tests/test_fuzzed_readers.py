@@ -5,8 +5,11 @@ from __future__ import annotations
 import io
 import json
 import resource
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +17,15 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
 from app.analysis.reading import read_items, read_votes
 from app.operate import read_options
-from app.stimuli import read_stimulus_set
-from recon.capture.images import read_image
-from recon.capture.schema import parse_capture
+from app.stimuli import decode, read_stimulus_set
+from app.study.study_file import parse_study_file
+from recon.capture.format import read_draft
+from recon.capture.images import read_image, read_video_frame, video_times
 from recon.depth.disparity_io import read_disparity
 from recon.mesh import read_cloud, read_mesh
 
@@ -33,6 +38,7 @@ BOUNDED = settings(
 
 VOTES = "participant,dataset,item_a,item_b,choice,first_shown,response_ms\nP1,ball,x,y,a,x,120\nP2,ball,y,x,none,y,80\n"
 OPTIONS = 'optional_stages = ["practice", "interview"]\n[[questions]]\nname = "age"\nkind = "number"\ntext = "Age?"\n'
+STUDY = 'name = "Models"\nstimuli = "set"\nexposure_s = 15.0\nseed = 4\n[options]\nbreak_every = 10\n'
 PLY = "\n".join(
     [
         "ply",
@@ -71,26 +77,36 @@ SENSOR = {
 CAPTURE = {"schema_version": 1, "name": "c", "kind": "scene", "fps": 5, "n_frames": 1, "sensors": [SENSOR]}
 
 
+@cache
 def png() -> bytes:
     file = io.BytesIO()
     Image.fromarray(np.zeros((6, 8, 3), np.uint8)).save(file, "png")
     return file.getvalue()
 
 
-READERS: dict[str, tuple[Callable[[Path], Any], str, bytes]] = {
-    "votes": (read_votes, "votes.csv", VOTES.encode()),
-    "items": (read_items, "items.csv", b"item,depth\nx,id\ny,pm\n"),
-    "options": (lambda path: read_options(path, {}), "options.toml", OPTIONS.encode()),
-    "manifest": (read_stimulus_set, "manifest.json", json.dumps(MANIFEST).encode()),
-    "cloud": (read_cloud, "cloud.ply", PLY.encode()),
-    "mesh": (read_mesh, "mesh.ply", PLY.encode()),
-    "disparity": (read_disparity, "disparity.pfm", PFM),
-    "image": (read_image, "image.png", png()),
-    "capture": (
-        lambda path: parse_capture(path, json.loads(path.read_bytes())),
-        "capture.json",
-        json.dumps(CAPTURE).encode(),
-    ),
+@cache
+def film() -> bytes:
+    """Ten frames of H.264 in MP4."""
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["-v", "error", "-f", "lavfi", "-i", "testsrc=size=64x48:rate=25", "-frames:v", "10"]
+        subprocess.run([get_ffmpeg_exe(), *options, "-pix_fmt", "yuv420p", f"{folder}/film.mp4"], check=True)
+        return (Path(folder) / "film.mp4").read_bytes()
+
+
+READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
+    "votes": (read_votes, "votes.csv", VOTES.encode),
+    "items": (read_items, "items.csv", lambda: b"item,depth\nx,id\ny,pm\n"),
+    "options": (lambda path: read_options(path, {}), "options.toml", OPTIONS.encode),
+    "study": (lambda path: parse_study_file(path.read_text(encoding="utf-8")), "study.toml", STUDY.encode),
+    "manifest": (read_stimulus_set, "manifest.json", json.dumps(MANIFEST).encode),
+    "cloud": (read_cloud, "cloud.ply", PLY.encode),
+    "mesh": (read_mesh, "mesh.ply", PLY.encode),
+    "disparity": (read_disparity, "disparity.pfm", lambda: PFM),
+    "image": (read_image, "image.png", png),
+    "capture": (lambda path: read_draft(path.parent), "capture.json", json.dumps(CAPTURE).encode),
+    "stimulus": (decode, "film.mp4", film),
+    "recorded video": (lambda path: read_video_frame(path, 9), "film.mp4", film),
+    "times of a video": (video_times, "film.mp4", film),
 }
 SURPRISES = [b"", b"\0", b"\xff\xfe", b"-1", b"99999999999999999999", b"nan", b"1e999", b"[" * 50, b'"', b",", b"\n\n"]
 
@@ -109,9 +125,14 @@ def mutated(original: bytes) -> st.SearchStrategy[bytes]:
     return st.lists(change, min_size=1, max_size=4).map(apply) | st.binary(max_size=200)
 
 
+def memory_kb() -> int:
+    """The most that this process, or one that it waited for, has ever taken."""
+    return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
 def refuses_or_reads(read: Callable[[Path], Any], path: Path, content: bytes) -> None:
     path.write_bytes(content)
-    started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started, before = time.monotonic(), memory_kb()
     sentence = "none"
     try:
         read(path)
@@ -119,20 +140,21 @@ def refuses_or_reads(read: Callable[[Path], Any], path: Path, content: bytes) ->
         sentence = str(error)
     assert sentence
     assert time.monotonic() - started < LONGEST_S
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MEMORY_KB
+    assert memory_kb() - before < MOST_MEMORY_KB
 
 
 @pytest.mark.parametrize("name", sorted(READERS.keys() - {"manifest"}))  # whose videos would have to be there
 def test_what_is_spoilt_below_is_good_at_first(name: str, tmp_path: Path) -> None:
     read, file, original = READERS[name]
-    (tmp_path / file).write_bytes(original)
+    (tmp_path / file).write_bytes(original())
     read(tmp_path / file)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_bad_files_are_refused_by_a_sentence(name: str, tmp_path: Path) -> None:
-    read, file, original = READERS[name]
+    read, file, good = READERS[name]
+    original = good()
 
     @BOUNDED
     @example(b"")
@@ -153,7 +175,7 @@ def test_a_header_that_promises_too_much_costs_no_memory(file: str, tmp_path: Pa
     }
     read, content = huge[file]
     (tmp_path / file).write_bytes(content)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = memory_kb()
     with pytest.raises(REFUSALS):
         read(tmp_path / file)
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MEMORY_KB
+    assert memory_kb() - before < MOST_MEMORY_KB
