@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from recon.files import read_json, write_json
+from recon.remote import fetched, is_copy, is_there, remove, stored
 
 PACKAGE = Path(__file__).parent
 
@@ -65,12 +66,13 @@ class Artefacts:
         if all(self._is_whole(name, wanted) for name in names):
             return False
         for name in names:
-            self._note(name).unlink(missing_ok=True)
+            remove(self._note(name))
         paths = [self.folder / name for name in names]
         warnings = write(paths)
         for name, path in zip(names, paths, strict=True):
-            note = {"key": wanted, "sha256": file_digest(path)}
+            note = {"key": wanted, "sha256": file_digest(stored(path))}
             write_json(self._note(name), note | ({"warnings": list(warnings)} if warnings else {}))
+            stored(self._note(name))
         return True
 
     def has(self, name: str, key: Mapping[str, Any]) -> bool:
@@ -79,7 +81,7 @@ class Artefacts:
 
     def digest(self, name: str) -> str:
         """SHA-256 of a finished artefact."""
-        return str(read_json(self._note(name))["sha256"])
+        return str(self._written(name)["sha256"])
 
     def digests(self, names: Iterable[str]) -> list[str]:
         """SHA-256 of several finished artefacts, in their order."""
@@ -87,20 +89,25 @@ class Artefacts:
 
     def warnings(self, names: Iterable[str]) -> list[str]:
         """What was warned of when finished artefacts were made, in their order."""
-        return [warning for name in names for warning in read_json(self._note(name)).get("warnings", ())]
+        return [warning for name in names for warning in self._written(name).get("warnings", ())]
 
     def remove(self, names: Iterable[str]) -> None:
         """Remove artefacts that are not needed any more, with their notes."""
         for name in names:
-            self._note(name).unlink(missing_ok=True)
-            (self.folder / name).unlink(missing_ok=True)
+            remove(self._note(name))
+            remove(self.folder / name)
 
     def _note(self, name: str) -> Path:
         return self.folder / ".finished" / f"{name}.json"
 
+    def _written(self, name: str) -> dict[str, Any]:
+        return read_json(fetched(self._note(name)))
+
     def _is_whole(self, name: str, wanted: str) -> bool:
-        path, note = self.folder / name, self._note(name)
-        if not (path.is_file() and note.is_file()):
+        path = self.folder / name
+        if not (is_there(path) and is_there(self._note(name))):
             return False
-        written = read_json(note)
-        return written.get("key") == wanted and written.get("sha256") == file_digest(path)
+        written = self._written(name)
+        if written.get("key") != wanted:
+            return False
+        return is_copy(path) or written.get("sha256") == file_digest(path)  # an object store keeps its own digests

@@ -12,14 +12,16 @@ import typer
 
 from recon.capture_cli import app as capture_app
 from recon.console import JsonOption, ProgressLine, print_result
-from recon.options import parse_frames, parse_names, parse_size
+from recon.options import parse_frames, parse_names, parse_place, parse_size
+from recon.remote import address_of
 from recon.validate_cli import app as validate_app
 
 WorkersOption = Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")]
 ClusterOption = Annotated[
     str | None,
-    typer.Option(help="A Dask scheduler, tcp://HOST:8786, whose workers see the same folders: they do the work."),
+    typer.Option(help="A Dask scheduler, tcp://HOST:8786, whose workers, which see the same folders or URLs, work."),
 ]
+OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 
 app = typer.Typer(no_args_is_help=True)
 app.add_typer(capture_app, name="capture")
@@ -46,8 +48,13 @@ def match(
 
 @app.command()
 def reconstruct(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; starting again resumes it.")],
+    capture: Annotated[Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Its folder, {OR_URL}.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the run, {OR_URL}; resumed if begun."
+        ),
+    ],
     depth: Annotated[str | None, typer.Option(help="Depth methods, comma between; default: all there are.")] = None,
     fusion: Annotated[str, typer.Option(help="Fusions, comma between.")] = "fa,fb",
     frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
@@ -89,7 +96,7 @@ def reconstruct(
         progress.say(f"warning: {warning}")
     progress.close()
     made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
-    print_result(result, f"Reconstructed {result['dataset']} ({made}): {out}", as_json=as_json)
+    print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(out)}", as_json=as_json)
 
 
 @app.command()
@@ -166,8 +173,14 @@ def models(
 
 @app.command()
 def render(
-    runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(parser=parse_place, metavar="RUN", help=f"Runs, one per scene, each a folder {OR_URL}."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the stimulus set, {OR_URL}."),
+    ],
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT, pixels.")] = "1920x1080",
     fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
     seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
@@ -202,5 +215,6 @@ def render(
     progress.close()
     stimuli = read_json(manifest)["stimuli"]
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
-    sentences = [f"Rendered {len(stimuli)} videos: {manifest}", *(f"below the bar for encoding: {f}" for f in faults)]
-    print_result({"manifest": str(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)
+    below = [f"below the bar for encoding: {fault}" for fault in faults]
+    sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
+    print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

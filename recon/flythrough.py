@@ -16,6 +16,7 @@ from recon.files import read_json, write_json
 from recon.manifest import Stimulus
 from recon.mesh import Mesh, read_mesh
 from recon.products import camera_key
+from recon.remote import fetched
 from recon.render.camera_path import camera_path
 from recon.render.checked import holds_checked_frames, write_checked_video
 from recon.render.frames import describe_renderer, render_frames
@@ -153,7 +154,7 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
         scene = scene_around(film.run.capture.bounds, cameras, film.options.background)
-        models = (_mesh_once(film.run.folder / film.meshes[film.shown[frame]]) for frame in part)
+        models = (_mesh_once(fetched(film.run.folder / film.meshes[film.shown[frame]])) for frame in part)
         frames = render_frames(
             models, cameras[part.start : part.stop], scene, renderer=film.options.renderer, threads=threads
         )
@@ -171,7 +172,7 @@ def make_film(film: Film, out: Path) -> Stimulus:
     artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, out))
     artefacts.remove(name for part in film.parts for name in film.names(part))
     video, quality, *master = film.names()
-    facts = probe_video(out / video)
+    facts = probe_video(fetched(out / video))
     return Stimulus(
         dataset=film.run.dataset,
         approach=film.approach,
@@ -186,15 +187,15 @@ def make_film(film: Film, out: Path) -> Stimulus:
         renderer=describe_renderer(film.options.renderer),
         model_frames=len(film.meshes),
         loop=film.loop,
-        quality=read_json(out / quality),
+        quality=read_json(fetched(out / quality)),
     )
 
 
 def _join_parts(film: Film, out: Path, paths: list[Path]) -> None:
     names = [film.names(part) for part in film.parts]
     for number in range(0, len(paths), 2):  # the video and its master, not the quality between them
-        join_videos(paths[number], [out / part[number] for part in names])
-    checks = [read_json(out / part[1]) for part in names]
+        join_videos(paths[number], [fetched(out / part[number]) for part in names])
+    checks = [read_json(fetched(out / part[1])) for part in names]
     check = VideoCheck(
         *(tuple(value for one in checks for value in one[name]) for name in ("psnr_db", "ssim", "crc32"))
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 from recon.artefacts import file_digest
 from recon.files import write_json
+from recon.remote import fetched, stored
 
 SCHEMA_VERSION = 1
 
@@ -65,12 +66,12 @@ def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provena
             "provenance": provenance,
         },
     )
-    return path
+    return stored(path)
 
 
 def _entry(folder: Path, stimulus: Stimulus) -> dict[str, Any]:
     fields = {name: value for name, value in vars(stimulus).items() if value is not None}
-    return {**fields, "sha256": file_digest(folder / stimulus.video)}
+    return {**fields, "sha256": file_digest(fetched(folder / stimulus.video))}
 
 
 def _factors(stimuli: Sequence[Stimulus]) -> dict[str, list[str]]:

@@ -6,6 +6,7 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -158,6 +159,11 @@ def write_no_cloud(path: Path) -> Path:
     with whole_file(path) as temporary:
         temporary.write_bytes(_no_cloud())
     return path
+
+
+def no_cloud_digest() -> str:
+    """SHA-256 of what `write_no_cloud` writes, hexadecimal."""
+    return sha256(_no_cloud()).hexdigest()
 
 
 def holds_points(path: Path) -> bool:

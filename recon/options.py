@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import typer
+
+from recon.remote import place
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -37,6 +40,14 @@ def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:
     if not all(found):
         raise typer.BadParameter(f"{text!r} are not pairs of views; expected for example 13-14,20-21")
     return tuple((int(pair[1]), int(pair[2])) for pair in found if pair)
+
+
+def parse_place(address: str) -> Path:
+    """The folder of a path or an fsspec URL."""
+    try:
+        return place(address)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from shutil import rmtree
 from typing import Any
 
 import numpy as np
@@ -36,8 +35,9 @@ from recon.products import (
     make_mesh,
     match_frame,
 )
+from recon.remote import remove
 from recon.render.frames import choose_renderer
-from recon.run import Run, cloud_name, log, mesh_name, read_run, versions, write_run
+from recon.run import Run, cloud_name, continue_log, keep_log, log, mesh_name, read_run, versions, write_run
 from recon.surface import SurfaceParameters
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
@@ -123,6 +123,7 @@ def reconstruct(
     with open_pool(options.workers, options.cluster) as pool:
         run.mkdir(parents=True, exist_ok=True)
         remove_leftovers(run)
+        continue_log(run)
 
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
             timings[stage] = _run_stage(stage, tasks, run, pool, progress)
@@ -177,7 +178,7 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
         _run_parts(parts, pool, progress)
         stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
         remove_leftovers(out)  # of workers that were lost
-    rmtree(out / PARTS, ignore_errors=True)
+    remove(out / PARTS)
     provenance = {
         "runs": [{"dataset": run.dataset, "versions": run.versions} for run in read],
         "render": {name: value for name, value in asdict(options).items() if name not in WHERE},
@@ -242,6 +243,7 @@ def _run_stage(stage: str, tasks: Sequence[partial[list[str]]], run: Path, pool:
             warnings = artefacts.warnings([name])
             log(run, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
         progress(stage, done, len(tasks))
+    keep_log(run)
     return time.perf_counter() - started
 
 

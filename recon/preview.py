@@ -14,6 +14,7 @@ from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.files import whole_file
 from recon.mesh import Cloud, read_mesh
+from recon.remote import fetched
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
@@ -66,9 +67,10 @@ def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
     for approach in run.approaches:
         method = parse_approach(approach).depth
         clouds = read_clouds(run.folder, [cloud_name(method, sensor, frame) for sensor in sensors])
-        mesh = read_mesh(run.folder / mesh_name(approach, frame))
+        mesh = read_mesh(fetched(run.folder / mesh_name(approach, frame)))
+        disparity = read_disparity(fetched(run.folder / depth_name(method, middle, frame)))
         pictures += [
-            _fitted(colour_preview(read_disparity(run.folder / depth_name(method, middle, frame)))),
+            _fitted(colour_preview(disparity)),
             draw_cloud(merge_clouds(clouds), camera),
             *(next(render_frames([mesh], [camera], scene, renderer="software")) for scene in scenes),
         ]

@@ -25,7 +25,8 @@ from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.files import read_json, write_json
 from recon.fusion import fused
-from recon.mesh import holds_points, write_cloud, write_mesh, write_no_cloud
+from recon.mesh import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.remote import fetched
 from recon.rig import Camera
 from recon.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name, read_clouds
 from recon.surface import NoSurfaceError, SurfaceParameters
@@ -100,7 +101,7 @@ def make_cloud(
         rectification = _rectification(capture, sensor_id)
         left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
         try:
-            cloud = cloud_from_disparity(read_disparity(run / depth), left, rectification, parameters)
+            cloud = cloud_from_disparity(read_disparity(fetched(run / depth)), left, rectification, parameters)
             write_cloud(path, crop_cloud(cloud, capture.bounds))
         except NothingSeenError as error:
             write_no_cloud(path)
@@ -115,11 +116,12 @@ def make_cloud(
 
 def frames_without_points(capture: Capture, run: Path, method: str, frames: Sequence[int]) -> list[int]:
     """The frames of which no sensor has a cloud."""
-    return [
-        frame
-        for frame in frames
-        if not any(holds_points(run / cloud_name(method, stream.id, frame)) for stream in capture.sensors)
-    ]
+
+    def has_none(frame: int) -> bool:
+        clouds = [cloud_name(method, stream.id, frame) for stream in capture.sensors]
+        return set(Artefacts(run).digests(clouds)) == {no_cloud_digest()}
+
+    return [frame for frame in frames if has_none(frame)]
 
 
 def compare_colours(capture: Capture, run: Path, method: str, frame: int, place_mm: float) -> list[str]:
@@ -178,7 +180,7 @@ def _filtered(
     rectification = _rectification(capture, sensor_id)
 
     def matched(frame: int) -> NDArray[np.float32]:
-        return read_disparity(run / matched_name(method, sensor_id, frame))
+        return read_disparity(fetched(run / matched_name(method, sensor_id, frame)))
 
     for sees, group in groupby(frames, key=lambda frame: bool(np.isfinite(matched(frame)).any())):
         stretch = list(group)
@@ -198,7 +200,7 @@ def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> N
 
 
 def _colours(run: Path) -> SensorColours:
-    content = read_json(run / COLOURS_NAME)
+    content = read_json(fetched(run / COLOURS_NAME))
     return SensorColours(np.array(content["gain"]), np.array(content["offset"]))
 
 
@@ -222,7 +224,7 @@ def _picture_key(capture: Capture, sensor_id: str, frame: int) -> dict[str, Any]
     patterns = (stream.left.image, stream.right.image, *(stream.mask or ()))
     cameras = (stream.left.camera, stream.right.camera)
     return {
-        "files": [_digest_once(image_path(capture.folder, pattern, frame)) for pattern in patterns],
+        "files": [_digest_once(fetched(image_path(capture.folder, pattern, frame))) for pattern in patterns],
         "frame": frame,
         "cameras": [camera_key(camera) for camera in cameras],
         "bounds": capture.bounds.tolist(),

@@ -22,9 +22,11 @@ from recon.artefacts import Artefacts
 from recon.capture.format import Capture, CaptureError, read_draft, write_capture
 from recon.files import read_json, write_json
 from recon.mesh import Cloud, holds_points, read_cloud
+from recon.remote import address_of, fetched, is_copy, is_there, place, stored
 
 SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
+LOG_FILE = "log.jsonl"
 COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 
 
@@ -52,7 +54,8 @@ def read_clouds(folder: Path, names: Iterable[str]) -> list[Cloud]:
     """Clouds of a run, in their order; one without points where a sensor saw nothing."""
     points = np.empty((0, 3), np.float32)
     nothing = Cloud(points, points, points.astype(np.uint8), points[:, 0])
-    return [read_cloud(folder / name) if holds_points(folder / name) else nothing for name in names]
+    paths = [fetched(folder / name) for name in names]
+    return [read_cloud(path) if holds_points(path) else nothing for path in paths]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +92,11 @@ def read_run(folder: Path) -> Run:
         If the folder is not a finished run.
     """
     path = folder / RUN_FILE
-    if not path.is_file():
+    if not is_there(path):
         raise ValueError(
-            f"{folder}: is not a finished run, it has no {RUN_FILE}; make one with `reconstudy reconstruct`"
+            f"{address_of(folder)}: is not a finished run, it has no {RUN_FILE}; make one with `reconstudy reconstruct`"
         )
-    content = read_json(path)
+    content = read_json(fetched(path))
     if content.get("schema_version") != SCHEMA_VERSION:
         raise ValueError(
             f"{path}: schema_version is {content.get('schema_version')!r}, this program reads {SCHEMA_VERSION}"
@@ -121,10 +124,10 @@ def recorded_in(run: Run) -> Path:
     ValueError
         If the run does not say.
     """
-    recording = read_json(run.folder / RUN_FILE).get("recording")
+    recording = read_json(fetched(run.folder / RUN_FILE)).get("recording")
     if not isinstance(recording, str):
         raise ValueError(f"{run.folder / RUN_FILE}: does not say where its recording is; reconstruct again")
-    return run.folder / recording
+    return run.folder / place(recording)
 
 
 def write_run(
@@ -136,7 +139,7 @@ def write_run(
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": run.dataset,
-        "recording": Path(os.path.relpath(run.capture.folder, run.folder)).as_posix(),
+        "recording": _recording(run),
         "approaches": list(run.approaches),
         "frames": list(run.frames),
         "options": dict(options),
@@ -146,12 +149,31 @@ def write_run(
         "meshes": dict(zip(names, Artefacts(run.folder).digests(names), strict=True)),
     }
     write_json(run.folder / RUN_FILE, content)
+    stored(run.folder / RUN_FILE)
     return content
+
+
+def _recording(run: Run) -> str:
+    """Where the recording is: its URL, or its path from the run."""
+    folder = run.capture.folder
+    return address_of(folder) if is_copy(folder) else Path(os.path.relpath(folder, run.folder)).as_posix()
+
+
+def continue_log(folder: Path) -> None:
+    """Go on with the log of an earlier start."""
+    if is_there(folder / LOG_FILE):
+        fetched(folder / LOG_FILE)
+
+
+def keep_log(folder: Path) -> None:
+    """Put the log where the run is; nothing can be appended to a file behind a URL."""
+    if (folder / LOG_FILE).is_file():
+        stored(folder / LOG_FILE)
 
 
 def log(folder: Path, event: Mapping[str, Any]) -> None:
     """Append one event to the run's ``log.jsonl``: a whole line or nothing."""
-    path = folder / "log.jsonl"
+    path = folder / LOG_FILE
     before = path.stat().st_size if path.exists() else 0
     try:
         with path.open("a", encoding="utf-8") as file:

@@ -13,6 +13,7 @@ from recon.capture.images import CaptureError, is_video, read_image, read_video_
 from recon.capture.recording import CameraStream, Capture, HeldOut, SensorStream, image_path
 from recon.capture.schema import Draft, capture_json, parse_capture
 from recon.files import read_json, write_json
+from recon.remote import fetched, missing, stored
 from recon.rig import Camera
 
 __all__ = [
@@ -62,7 +63,7 @@ def read_capture(folder: Path) -> Capture:
     """
     draft = read_draft(folder)
     paths = dict.fromkeys(picture.path for picture in expected_pictures(folder, draft))
-    problems = draft.problems or tuple(f"{path}: there is no such file" for path in paths if not path.is_file())
+    problems = draft.problems or tuple(f"{path}: there is no such file" for path in missing(paths))
     if problems or draft.capture is None:
         more = f" (and {len(problems) - 1} more: see `capture check`)" if len(problems) > 1 else ""
         raise CaptureError(problems[0] + more)
@@ -73,7 +74,7 @@ def read_draft(folder: Path) -> Draft:
     """Read `capture.json` without its images, and collect everything that is wrong with it."""
     path = folder / CAPTURE_FILE
     try:
-        content = read_json(path)
+        content = read_json(fetched(path))
     except ValueError as error:
         return Draft(problems=(str(error),))
     return parse_capture(path, content)
@@ -83,7 +84,7 @@ def write_capture(capture: Capture) -> Path:
     """Write `capture.json` into the capture's folder, whole or not at all, and return its path."""
     path = capture.folder / CAPTURE_FILE
     write_json(path, capture_json(capture))
-    return path
+    return stored(path)
 
 
 def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -180,7 +181,7 @@ def read_picture(picture: Picture) -> NDArray[np.uint8]:
     CaptureError
         If the file is missing, unreadable, or not of the camera's size.
     """
-    path = picture.path
+    path = fetched(picture.path)
     pixels = read_video_frame(path, picture.frame) if is_video(path) else read_image(path)
     height, width = pixels.shape[:2]
     if (width, height) != picture.camera.size:

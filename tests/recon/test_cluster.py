@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -13,9 +14,15 @@ from pathlib import Path
 import pytest
 from command_line import Command
 from distributed import LocalCluster
+from object_store import BUCKET, object_store
+from s3fs import S3FileSystem
 
 from recon.artefacts import file_digest
 from recon.execute import RETRIES, open_pool
+from recon.flythrough import RenderOptions
+from recon.pipeline import ReconstructOptions, reconstruct, render
+from recon.remote import place
+from recon.run import LOG_FILE
 from recon.studio import SynthParameters, synthesise
 
 pytestmark = [
@@ -27,9 +34,12 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
-    ) as cluster:
+    with (
+        object_store(),  # before the workers, so that they get its keys
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+    ):
         yield cluster
 
 
@@ -76,23 +86,58 @@ def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed
     command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path
 ) -> None:
     film = ("--size", "96x64", "--seconds", 5, "--renderer", "software")
-    for where, place in (("here", ()), ("there", ("--cluster", cluster.scheduler_address))):
+    for where, at in (("here", ()), ("there", ("--cluster", cluster.scheduler_address))):
         killed: list[int] = []
         watcher = threading.Thread(target=kill_a_worker_during, args=(tmp_path / where, cluster, killed))
-        if place:
+        if at:
             watcher.start()
-        told = command("reconstruct", capture, "-o", tmp_path / where, "--depth", "id", *place)
+        told = command("reconstruct", capture, "-o", tmp_path / where, "--depth", "id", *at)
         assert told.code == 0, told.err
-        if place:
+        if at:
             watcher.join()
             assert killed
-        told = command("render", tmp_path / where, "-o", tmp_path / where / "set", *film, *place)
+        told = command("render", tmp_path / where, "-o", tmp_path / where / "set", *film, *at)
         assert told.code == 0, told.err
         assert "video frames: 250/250" in told.err
     here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
     assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 3 + 1  # maps and clouds, meshes, videos, preview
     assert there == here
     assert not list(tmp_path.rglob(".*.part*"))
+
+
+def test_a_cluster_that_shares_a_bucket_and_no_folder_makes_the_same_files(
+    command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = ("--size", "96x64", "--seconds", 3, "--renderer", "software")
+    one = ("--depth", "id", "--frames", "0:2")
+    assert command("reconstruct", capture, "-o", tmp_path / "here", *one).code == 0
+    assert command("render", tmp_path / "here", "-o", tmp_path / "here" / "set", *film).code == 0
+
+    bucket, copies = f"s3://{BUCKET}", tmp_path / "copies"
+    S3FileSystem().put(f"{capture}/", f"{bucket}/ball/", recursive=True)
+    copies.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(copies))
+    forget, address = partial(forget_copies, copies), cluster.scheduler_address
+    options = ReconstructOptions(depths=("id",), frames=range(2), cluster=address)
+    reconstruct(place(f"{bucket}/ball"), place(f"{bucket}/run"), options, forget)
+    shown = RenderOptions(size=(96, 64), seconds=3, renderer="software", cluster=address)
+    render([place(f"{bucket}/run")], place(f"{bucket}/run/set"), shown, forget)
+    told = command("reconstruct", f"{bucket}/ball", "-o", f"{bucket}/run", *one, "--cluster", address)
+    assert told.out.strip().endswith(f"): {bucket}/run"), told.err
+
+    S3FileSystem().get(f"{bucket}/run/", str(tmp_path / "there") + "/", recursive=True)
+    here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
+    assert there == here
+    made = [json.loads(line)["made"] for line in (tmp_path / "there/log.jsonl").read_text().splitlines()]
+    assert sorted(made) == sorted(name for name in here if not name.startswith(("set/", "previews/")))  # once each
+    assert not (tmp_path / "there/set/.parts").exists()
+
+
+def forget_copies(copies: Path, _what: str, done: int, _total: int) -> None:
+    """Before each stage, remove the copies of what was made: what a task needs, it has to fetch."""
+    for path in copies.rglob("*"):
+        if done == 0 and path.is_file() and path.name != LOG_FILE:
+            path.unlink()
 
 
 def test_a_task_that_fails_is_tried_again_unless_its_input_is_wrong(cluster: LocalCluster, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import httpx
 import pytest
-from moto.server import ThreadedMotoServer
+from object_store import BUCKET, object_store
 from study_server import free_port
 
 from app import operate
@@ -25,7 +25,6 @@ from app.simulate import begin
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 START_TIMEOUT_S = 20
-BUCKET = "study"
 
 
 def media_of_first_trial(client: httpx.Client, study: dict[str, Any]) -> str:
@@ -103,25 +102,9 @@ def test_nginx_sends_the_videos_and_keeps_the_inner_addresses_inside(stimulus_se
 
 
 @pytest.fixture
-def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An empty private bucket of an S3 server of our own."""
-    import boto3
-    import fsspec
-
-    server = ThreadedMotoServer(port=0, verbose=False)
-    server.start()
-    _, port = server.get_host_and_port()
-    endpoint = f"http://127.0.0.1:{port}"
-    for name, value in {
-        "AWS_ACCESS_KEY_ID": "key",
-        "AWS_SECRET_ACCESS_KEY": "secret",
-        "AWS_DEFAULT_REGION": "us-east-1",
-    }.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setitem(fsspec.config.conf, "s3", {"endpoint_url": endpoint})
-    boto3.client("s3", endpoint_url=endpoint).create_bucket(Bucket=BUCKET)
-    yield endpoint
-    server.stop()
+def bucket() -> Iterator[str]:
+    with object_store() as endpoint:
+        yield endpoint
 
 
 def test_browsers_are_sent_to_a_signed_address_of_the_object_store(
