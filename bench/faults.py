@@ -1,11 +1,12 @@
 """Whether acknowledged votes are kept while servers, databases and the power fail under load.
 
-    python bench/faults.py [--votes 10000] [--kills 50] [--power-cuts 20] [--json]
+    python bench/faults.py [--votes 10000] [--kills 50] [--power-cuts 20] [--only WORDS] [--json]
 
 Participants vote all at once; a quarter of the votes is sent again later, out of order. Meanwhile the server, or all of
-PostgreSQL, is killed by SIGKILL at random moments. For the power cuts SQLite's write-ahead log is cut back to its last
-sync (tests/sqlite_disk.py). Prints how many votes were acknowledged, stored, lost, doubled (stored more than once) and
-wrong (stored as another choice).
+PostgreSQL, is killed by SIGKILL at random moments; the disk is full; another program holds the database, or it is away
+for a second; the clock jumps. For the power cuts SQLite's write-ahead log is cut back to its last sync
+(tests/sqlite_disk.py). At the end of each other row everything is sent once more, and every answer must be the old one.
+Prints how many votes were acknowledged, stored, lost, doubled (stored more than once) and wrong (as another choice).
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import resource
+import sqlite3
+import subprocess
 import sys
 import tempfile
 import threading
@@ -20,6 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, count
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -39,6 +44,10 @@ from app.store.tables import trial, vote
 
 N_VOTERS = 20
 LONGEST_S = 900
+AWAY_S = 1.0
+FULL_BYTES = 60_000  # less than the log of a few votes
+
+Rows = Iterator[tuple[str, Callable[[], dict[str, Any]]]]
 
 
 def prepare(url: str, n_votes: int, rng: Random) -> list[list[Letter]]:
@@ -52,7 +61,7 @@ def prepare(url: str, n_votes: int, rng: Random) -> list[list[Letter]]:
 
 
 def run_under(
-    fault: Callable[[], None], n_faults: int, port: int, bundles: list[list[Letter]], rng: Random
+    fault: Callable[[], None], n_faults: int, port: int, bundles: list[list[Letter]], rng: Random, repeat: float
 ) -> list[tuple[str, str, str]]:
     """Send everything while faults happen, each after a random number of votes; what was acknowledged."""
     tally, has_ended = Tally(), threading.Event()
@@ -67,7 +76,7 @@ def run_under(
     with ThreadPoolExecutor() as pool:
         disturbance = pool.submit(disturb)
         try:
-            sending = send_all(port, bundles, repeat=0.25, rng=rng, timeout_s=LONGEST_S, tally=tally)
+            sending = send_all(port, bundles, repeat=repeat, rng=rng, timeout_s=LONGEST_S, tally=tally)
             asyncio.run(sending)
         finally:
             has_ended.set()
@@ -92,14 +101,49 @@ def compare(url: str, acknowledged: list[tuple[str, str, str]]) -> dict[str, int
     }
 
 
-def kills(url: str, n_votes: int, n_kills: int, fault: Callable[[StudyServer], None], rng: Random) -> dict[str, Any]:
-    """Kills under load; at last everything is sent once more, and every answer must be the old one."""
+Fault = Callable[[StudyServer], None]
+
+
+def under(
+    fault: Fault, n_faults: int, url: str, n_votes: int, rng: Random, *options: str, repeat: float = 0.25
+) -> dict[str, Any]:
+    """Faults under load; at last everything is sent once more, and every answer must be the old one."""
     bundles, started = prepare(url, n_votes, rng), time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder, StudyServer(Path(folder), database_url=url) as server:
-        acknowledged = run_under(lambda: fault(server), n_kills, server.port, bundles, rng)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        StudyServer(Path(folder), *options, database_url=url, log=subprocess.DEVNULL) as server,
+    ):
+        acknowledged = run_under(lambda: fault(server), n_faults, server.port, bundles, rng, repeat)
         again = asyncio.run(send_all(server.port, bundles, timeout_s=LONGEST_S))
     assert again.statuses.keys() == {200}, f"votes were taken twice: {again.statuses}"
-    return {"kills": n_kills, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
+    return {"faults": n_faults, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
+
+
+def kill_server(server: StudyServer) -> None:
+    server.kill()
+    server.wait_until_it_answers()
+
+
+def fill_disk(server: StudyServer) -> None:
+    """Let no file of the server grow for a moment: what it writes fails as on a full disk."""
+    resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (FULL_BYTES, resource.RLIM_INFINITY))
+    time.sleep(0.5 * AWAY_S)
+    resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+
+def hold_database(path: Path) -> None:
+    """Be another program that writes to SQLite's file and is slow."""
+    connection = sqlite3.connect(path, isolation_level=None, timeout=60)
+    connection.execute("BEGIN IMMEDIATE")
+    time.sleep(AWAY_S)
+    connection.execute("ROLLBACK")
+    connection.close()
+
+
+def restart(postgres: PostgresServer, away_s: float) -> None:
+    postgres.kill()
+    time.sleep(away_s)
+    postgres.start_again()
 
 
 def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> dict[str, Any]:
@@ -115,32 +159,54 @@ def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> d
                 server.kill_for_good()
             sqlite_disk.cut_power(folder / "study.sqlite", safe)
             total.update(compare(url, tally.acknowledged))
-    return {"power cuts": n_cuts, **total}
+    return {"faults": n_cuts, **total}
+
+
+def sqlite_rows(folder: Path, arguments: argparse.Namespace, rng: Random) -> Rows:
+    """What each row is called, and what makes it."""
+    n_votes, n_few = arguments.votes, max(arguments.kills // 5, 1)
+    paths = (folder / f"{number}.sqlite" for number in count())
+
+    def row(fault: Callable[[Path], Fault], n_faults: int, *options: str, **kept: Any) -> dict[str, Any]:
+        path = next(paths)
+        return under(fault(path), n_faults, f"sqlite:///{path}", n_votes, rng, *options, **kept)
+
+    yield "SQLite, server killed", lambda: row(lambda _: kill_server, arguments.kills)
+    yield "SQLite, disk full", lambda: row(lambda _: fill_disk, n_few)
+    yield "SQLite, database held", lambda: row(lambda path: lambda _: hold_database(path), n_few)
+    yield "SQLite, clock jumps a day", lambda: row(lambda _: nothing, 0, "--clock-jumps-s", "86400")
+    yield "SQLite, all sent twice", lambda: row(lambda _: nothing, 0, repeat=1.0)
+    if sqlite_disk.is_possible():
+        yield "SQLite FULL, power cut", lambda: power_cuts(arguments.power_cuts, 500, "FULL", rng)
+        yield "SQLite NORMAL, power cut", lambda: power_cuts(2, 500, "NORMAL", rng)
+
+
+def postgresql_rows(postgres: PostgresServer, arguments: argparse.Namespace, rng: Random) -> Rows:
+    """As `sqlite_rows`."""
+    n_votes, n_few, numbers = arguments.votes, max(arguments.kills // 5, 1), count()
+
+    def row(fault: Fault, n_faults: int, *options: str, **kept: Any) -> dict[str, Any]:
+        url = postgres.new_database(f"faults_{next(numbers)}")
+        return under(fault, n_faults, url, n_votes, rng, *options, **kept)
+
+    yield "PostgreSQL, server killed", lambda: row(kill_server, arguments.kills)
+    yield "PostgreSQL killed", lambda: row(lambda _: restart(postgres, 0.0), arguments.kills)
+    yield "PostgreSQL away for 1 s", lambda: row(lambda _: restart(postgres, AWAY_S), n_few)
+    yield "PostgreSQL, clock jumps", lambda: row(nothing, 0, "--clock-jumps-s", "86400")
+    yield "PostgreSQL, all sent twice", lambda: row(nothing, 0, repeat=1.0)
+
+
+def nothing(_server: StudyServer) -> None:
+    """The fault is in the clock or in the client."""
 
 
 def measure(arguments: argparse.Namespace) -> Iterator[tuple[str, dict[str, Any]]]:
     rng = Random(7)
-
-    def kill_server(server: StudyServer) -> None:
-        server.kill()
-        server.wait_until_it_answers()
-
     with tempfile.TemporaryDirectory() as folder, PostgresServer() as postgres:
-
-        def kill_postgres(_server: StudyServer) -> None:
-            postgres.kill()
-            postgres.start_again()
-
-        n_votes, n_kills = arguments.votes, arguments.kills
-        sqlite_url = f"sqlite:///{folder}/study.sqlite"
-        yield "SQLite, server killed", kills(sqlite_url, n_votes, n_kills, kill_server, rng)
-        if sqlite_disk.is_possible():
-            yield "SQLite FULL, power cut", power_cuts(arguments.power_cuts, 500, "FULL", rng)
-            yield "SQLite NORMAL, power cut", power_cuts(2, 500, "NORMAL", rng)
-        url = postgres.new_database("server_killed")
-        yield "PostgreSQL, server killed", kills(url, n_votes, n_kills, kill_server, rng)
-        url = postgres.new_database("postgresql_killed")
-        yield "PostgreSQL killed", kills(url, n_votes, n_kills, kill_postgres, rng)
+        rows = chain(sqlite_rows(Path(folder), arguments, rng), postgresql_rows(postgres, arguments, rng))
+        for name, make in rows:
+            if all(word in name for word in arguments.only):
+                yield name, make()
 
 
 def main() -> None:
@@ -148,6 +214,7 @@ def main() -> None:
     parser.add_argument("--votes", type=int, default=10_000)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--power-cuts", type=int, default=20)
+    parser.add_argument("--only", nargs="+", default=[], metavar="WORD", help="the rows whose names hold these")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     results = {}

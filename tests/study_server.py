@@ -15,9 +15,11 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 60
@@ -31,9 +33,15 @@ def free_port() -> int:
 
 
 class StudyServer:
-    """A server that restarts itself whenever it is killed; `pid` is that of the one that answers now."""
+    """A server that restarts itself whenever it is killed; `pid` is that of the one that answers now.
 
-    def __init__(self, data_dir: Path, *options: str, database_url: str | None = None) -> None:
+    Its log goes to standard error, or to the file `log`, open or subprocess.DEVNULL.
+    """
+
+    def __init__(
+        self, data_dir: Path, *options: str, database_url: str | None = None, log: IO[str] | int | None = None
+    ) -> None:
+        self._log = log
         self.port = free_port()
         self.base_url = f"http://127.0.0.1:{self.port}"
         self._command = [sys.executable, __file__, str(data_dir), str(self.port), *options]
@@ -43,7 +51,7 @@ class StudyServer:
         self._pid_file.unlink(missing_ok=True)
 
     def __enter__(self) -> StudyServer:
-        self._process = subprocess.Popen(self._command, env=self._environment)
+        self._process = subprocess.Popen(self._command, env=self._environment, stderr=self._log)
         self.wait_until_it_answers()
         return self
 
@@ -89,10 +97,16 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
+def _jumping_clock(jump_s: float) -> Callable[[], datetime]:
+    """A clock that is set wrong, right, and wrong again ten times a second."""
+    offsets_s = (0.0, jump_s, -jump_s)
+    return lambda: datetime.now(UTC) + timedelta(seconds=offsets_s[int(10 * time.monotonic()) % len(offsets_s)])
+
+
 def _serve(arguments: argparse.Namespace) -> None:
     from sqlalchemy import Pool, event
 
-    from app.main import serve
+    import app.main
     from app.settings import Settings
     from app.store import vote_writer
     from app.store.votes import KeptVote
@@ -109,13 +123,15 @@ def _serve(arguments: argparse.Namespace) -> None:
             return [KeptVote(ballot.sent, 1, ballot.received_at, is_new=True) for ballot in ballots]
 
         vote_writer.keep_votes = nowhere
+    if arguments.clock_jumps_s:
+        app.main.utc_now = _jumping_clock(arguments.clock_jumps_s)
     if arguments.synchronous:
 
         def lower(connection: Any, *_: Any) -> None:
             connection.execute(f"PRAGMA synchronous={arguments.synchronous}").close()
 
         event.listen(Pool, "checkout", lower)
-    serve(Settings(data_dir=arguments.data_dir), port=arguments.port)
+    app.main.serve(Settings(data_dir=arguments.data_dir), port=arguments.port)
 
 
 def main() -> None:
@@ -126,6 +142,7 @@ def main() -> None:
     parser.add_argument("--sync-ms", type=float, default=0.0, help="how much longer SQLite's syncs take")
     parser.add_argument("--synchronous", help="SQLite's setting, instead of FULL")
     parser.add_argument("--batch", type=int, default=0, help="most votes in a transaction")
+    parser.add_argument("--clock-jumps-s", type=float, default=0.0, help="how far the clock goes forth and back")
     parser.add_argument("--no-database", action="store_true", help="acknowledge votes without keeping them")
     arguments = parser.parse_args()
     _die_with_parent()
