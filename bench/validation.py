@@ -10,8 +10,10 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import random
+import shutil
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,10 @@ from recon.pipeline import ReconstructOptions, reconstruct
 from recon.run import cloud_name
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
+from recon.surface import SurfaceParameters
 from recon.validation.caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap
 from recon.validation.cuboid import fit_cuboid
-from recon.validation.exclusion import Parts, examine_parts, exclusion_reasons
+from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
 from recon.validation.ground_truth import Shape, compare_points, sample_evenly
 from recon.validation.measured import FitError, named_clouds
 from recon.validation.sphere import SphereFit, fit_sphere
@@ -39,6 +42,7 @@ AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))
 FIRST_SEED = 5000
 PEER_TRIALS = 200
 SENSORS = ("S1", "S2", "S3")
+UNUSED_VOXEL_MM = 12.0  # of meshes that nobody looks at
 STUDIO_MIDDLE = np.array([0.0, 1100.0, 0.0])  # mm, of the working volume
 
 
@@ -69,29 +73,49 @@ def fits(n_points: int, n_seeds: int) -> None:
             )
 
 
+Seen = dict[str, tuple[SphereFit, Parts, float]]
+"""Fit, parts and centre error per sensor, of one placed ball."""
+
+
 def exclusion(n_seeds: int) -> None:
     """Print caught and dropped reconstructions per kind of failure, three sensors a ball, one of them spoilt."""
     print(f"exclusion rule, {n_seeds} balls a row; biased: the spoilt fits that are off by more than 1 mm")
+    total = Counter[str]()
     for spoil in (*SPOILS, *UNSEEN_SPOILS):
-        caught, biased, caught_biased, dropped, good = 0, 0, 0, 0, 0
-        for seed in range(n_seeds):
-            found, bad = _ball(seed, spoil)
-            reasons = exclusion_reasons(
-                {name: fit for name, (fit, _, _) in found.items()},
-                {name: shifts for name, (_, shifts, _) in found.items()},
-            )
-            for name, (_, _, error) in found.items():
-                if name == bad and spoil != "none":
-                    biased += error > 1
-                    caught += bool(reasons[name])
-                    caught_biased += error > 1 and bool(reasons[name])
-                else:
-                    good += 1
-                    dropped += bool(reasons[name])
-        print(f"  {spoil:7} caught {caught}, of {biased} biased {caught_biased}; good dropped {dropped} of {good}")
+        counts = _judged([_ball(seed, spoil) for seed in range(n_seeds)], spoil)
+        print(
+            f"  {spoil:7} caught {counts['caught']} of {counts['spoilt']}, of {counts['biased']} biased "
+            f"{counts['caught_biased']}; good dropped {counts['dropped']} of {counts['good']}"
+        )
+        if spoil in SPOILS:
+            total += counts
+    print(
+        f"  together, {', '.join(SPOILS[1:])}: caught {total['caught'] / total['spoilt']:.0%} of {total['spoilt']}, "
+        f"good dropped {total['dropped'] / total['good']:.1%} of {total['good']}"
+    )
 
 
-def _ball(seed: int, spoil: str) -> tuple[dict[str, tuple[SphereFit, Parts, float]], str]:
+def _judged(balls: list[tuple[Seen, str]], spoil: str) -> Counter[str]:
+    """How many reconstructions there are of each sort, and how many of them the rule leaves out."""
+    samples: dict[str, list[Parts]] = {}
+    for seen, _ in balls:
+        for name, (_, parts, _) in seen.items():
+            samples.setdefault(name, []).append(parts)
+    usual = {name: median for name, own in samples.items() if (median := usual_parts(own)) is not None}
+    counts = Counter[str]()
+    for seen, bad in balls:
+        fits = {name: fit for name, (fit, _, _) in seen.items()}
+        found = findings(fits, {name: parts for name, (_, parts, _) in seen.items()}, usual)
+        for name, (_, _, error) in seen.items():
+            is_out = any(not finding.is_usual for finding in found[name])
+            if name == bad and spoil != "none":
+                counts += Counter(spoilt=1, biased=error > 1, caught=is_out, caught_biased=is_out and error > 1)
+            else:
+                counts += Counter(good=1, dropped=is_out)
+    return counts
+
+
+def _ball(seed: int, spoil: str) -> tuple[Seen, str]:
     """Fit, shifts and centre error per sensor, and which one is spoilt."""
     rng = np.random.default_rng((FIRST_SEED + seed, len(spoil)))
     bad = int(rng.integers(3))
@@ -222,24 +246,37 @@ def _open3d_distances(points: NDArray[np.float64], truth: NDArray[np.float64]) -
     other.compute_point_cloud_distance(one)
 
 
-def studio(n_positions: int, methods: tuple[str, ...]) -> None:
+def studio(n_positions: int, methods: tuple[str, ...], kept: Path | None) -> None:
     """Reconstruct the studio's ball at many places, and evaluate it in one call for each depth method."""
     rng = np.random.default_rng(FIRST_SEED)
     offsets = [np.zeros(3), *rng.uniform(-250, 250, (n_positions - 1, 3)).round(1)]
     print(f"the studio's ball at {n_positions} places, three sensors, 1280x720")
-    with tempfile.TemporaryDirectory() as folder:
-        clouds: dict[str, list[Path]] = {method: [] for method in methods}
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = kept or Path(temporary)
         for number, offset in enumerate(offsets):
-            capture, run = Path(folder) / f"capture{number}", Path(folder) / f"run{number}"
-            x, y, z = map(float, offset)
-            synthesise(capture, SynthParameters(scene="sphere", n_frames=1, position=(x, y, z), seed=number))
-            segment_capture(capture)
-            reconstruct(capture, run, ReconstructOptions(depths=methods, fusions=("fb",), temporal=None))
-            for method in methods:
-                clouds[method] += [run / cloud_name(method, sensor, 0) for sensor in SENSORS]
+            _clouds_of_ball(folder / f"{number:02d}", offset, number, methods)
         for method in methods:
-            report = measure_spheres(named_clouds(clouds[method], SENSORS), SphereSettings(RADIUS, (5.0, 12.5)))
-            _print_studio(method, report, offsets)
+            clouds = [folder / f"{number:02d}/{method}_{s}.ply" for number in range(n_positions) for s in SENSORS]
+            settings = SphereSettings(RADIUS, (5.0, 12.5))
+            _print_studio(method, measure_spheres(named_clouds(clouds, SENSORS), settings), offsets)
+
+
+def _clouds_of_ball(out: Path, offset: NDArray[np.float64], seed: int, methods: tuple[str, ...]) -> None:
+    """Write `<method>_<sensor>.ply` of the ball at one place, but for what is there already."""
+    missing = tuple(m for m in methods if not all((out / f"{m}_{sensor}.ply").exists() for sensor in SENSORS))
+    if not missing:
+        return
+    x, y, z = map(float, offset)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as temporary:
+        capture, run = Path(temporary) / "capture", Path(temporary) / "run"
+        synthesise(capture, SynthParameters(scene="sphere", n_frames=1, position=(x, y, z), seed=seed))
+        segment_capture(capture)
+        surface = SurfaceParameters(voxel_mm=UNUSED_VOXEL_MM)
+        reconstruct(capture, run, ReconstructOptions(missing, ("fb",), temporal=None, surface=surface))
+        for method in missing:
+            for sensor in SENSORS:
+                shutil.copy(run / cloud_name(method, sensor, 0), out / f"{method}_{sensor}.ply")
 
 
 def _print_studio(method: str, report: dict[str, Any], offsets: list[NDArray[np.float64]]) -> None:
@@ -268,6 +305,7 @@ if __name__ == "__main__":
     parser.add_argument("--balls", type=int, default=30)
     parser.add_argument("--positions", type=int, default=29)
     parser.add_argument("--depth", default="id,dr")
+    parser.add_argument("--clouds", type=Path, help="folder that keeps the studio's clouds for the next time")
     arguments = parser.parse_args()
     wanted = arguments.parts or PARTS
     if "fits" in wanted:
@@ -280,4 +318,4 @@ if __name__ == "__main__":
     if "f-score" in wanted:
         f_score()
     if "studio" in wanted:
-        studio(arguments.positions, tuple(arguments.depth.split(",")))
+        studio(arguments.positions, tuple(arguments.depth.split(",")), arguments.clouds)

@@ -287,5 +287,8 @@ def _sphere_sentences(report: dict[str, Any], page: Path) -> str:
         for row in report["table"]
     ]
     lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]
+    lines += [
+        f"remark: {row['name']}: {'; '.join(row['remarks'])}" for row in report["reconstructions"] if row["remarks"]
+    ]
     failed = {row["name"]: row["failure"] for row in report["reconstructions"] if row["failure"]}
     return "\n".join([*lines, *(f"no fit: {name}: {why}" for name, why in failed.items()), f"Report: {page}"])

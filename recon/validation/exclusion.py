@@ -3,12 +3,14 @@
 A cluster that pulls a fit betrays itself when the part of the surface that it lies on is left out: the centre moves.
 One that is too far off to pull it still leaves a part of the surface off together, where noise would average out. A cap
 whose depth is wrong as a whole does not, only the other sensors' centres can tell. The limits were set on simulated
-caps with seeds other than those that `bench/validation.py` reports caught and dropped shares of.
+caps with seeds other than those that `bench/validation.py` reports caught and dropped shares of. They are those of a
+sound sensor: where most samples of a sensor are beyond one, it is the sensor that is said to be, and only samples that
+are much worse than the others are left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +28,12 @@ N_RINGS = 3  # with the sectors, cells of equal numbers of points
 COHERENT_CELLS = 4  # a sixth of the cells
 MAX_COHERENT_ERROR = 2.2  # likewise of that many cells' median errors; of 95 % of good caps it is below 1.8
 COHERENT_SCALE = 0.4  # of the points' scatter, beyond which that error must lie as well
+MIN_SAMPLES = 4  # of one sensor, from which what is usual for it is known
+USUAL_PERCENTILE = (
+    25.0  # over a sensor's samples: what even the better ones show; a third of spoilt ones hardly moves it
+)
+LEAST_USUAL = 0.5  # of a limit; what is usual for a sound sensor lies below, and the limit stands
+UNUSUAL = 5.0  # times what is usual, beyond which a sample is worse than its sensor
 MIN_SURFACE_SHARE = 0.55  # of the points around a ball; less and clusters of wrong depth outweigh its surface
 
 
@@ -44,6 +52,20 @@ class Parts:
     sector_shift: float
     ring_shift: float
     coherent_error: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is beyond its limit.
+
+    Parameters
+    ----------
+    sentence : what was found, and the limit
+    is_usual : whether most samples of the same sensor are like that; it is then no reason to leave this one out
+    """
+
+    sentence: str
+    is_usual: bool = False
 
 
 def examine_parts(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters | None = None) -> Parts:
@@ -75,41 +97,60 @@ def _coherent_error(errors: NDArray[np.float32], sector: NDArray[np.int64], pola
     return float(np.sort(np.abs(medians))[-COHERENT_CELLS]) if len(medians) >= COHERENT_CELLS else 0.0
 
 
-def exclusion_reasons(fits: Mapping[str, SphereFit], parts: Mapping[str, Parts]) -> dict[str, list[str]]:
-    """Why each sensor's reconstruction of one placed ball is to be left out; empty lists for the good ones.
+def findings(
+    fits: Mapping[str, SphereFit], parts: Mapping[str, Parts], usual: Mapping[str, Parts] | None = None
+) -> dict[str, list[Finding]]:
+    """What is beyond its limit in each sensor's reconstruction of one placed ball; empty lists for the good ones.
 
     Parameters
     ----------
     fits, parts : per sensor; `parts` from `examine_parts`
+    usual : per sensor, from `usual_parts`; without it every finding is a reason to leave the reconstruction out
     """
-    reasons: dict[str, list[str]] = {sensor: [] for sensor in fits}
-    for sensor, found in parts.items():
-        by_sector, by_ring = found.sector_shift, found.ring_shift
-        unit, share = fits[sensor].radius / REFERENCE_RADIUS, fits[sensor].surface_share
-        if share < MIN_SURFACE_SHARE:
-            reasons[sensor].append(
-                f"only {share:.0%} of the points around the ball lie on it, under {MIN_SURFACE_SHARE:.0%}"
-            )
-        if by_sector > MAX_SECTOR_SHIFT * unit:
-            limit = MAX_SECTOR_SHIFT * unit
-            reasons[sensor].append(
-                f"without its worst sector the centre moves by {by_sector:.2f} mm, over {limit:g} mm"
-            )
-        if by_ring > MAX_RING_SHIFT * unit:
-            limit = MAX_RING_SHIFT * unit
-            reasons[sensor].append(
-                f"without its inner or outer half the centre moves by {by_ring:.2f} mm, over {limit:g}"
-            )
-        limit = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fits[sensor].scale)
-        if found.coherent_error > limit:
-            reasons[sensor].append(
-                f"a sixth of its surface is off together by {found.coherent_error:.2f} mm or more, over {limit:.3g} mm"
-            )
+    found: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
+    for sensor, own in parts.items():
+        fit = fits[sensor]
+        unit = fit.radius / REFERENCE_RADIUS
+        if fit.surface_share < MIN_SURFACE_SHARE:
+            share = f"only {fit.surface_share:.0%} of the points around the ball lie on it"
+            found[sensor].append(Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}"))
+        coherent_limit = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fit.scale)
+        for name, limit, words in (
+            ("sector_shift", MAX_SECTOR_SHIFT * unit, "without its worst sector the centre moves by {:.2f} mm"),
+            ("ring_shift", MAX_RING_SHIFT * unit, "without its inner or outer half the centre moves by {:.2f} mm"),
+            ("coherent_error", coherent_limit, "a sixth of its surface is off together by {:.2f} mm or more"),
+        ):
+            value = getattr(own, name)
+            if value > limit:
+                typical = getattr(usual[sensor], name) if usual and sensor in usual else None
+                found[sensor].append(_beyond(words.format(value), value, limit, typical))
     for sensor, apart in sensor_shifts(fits).items():
         limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
         if apart > limit:
-            reasons[sensor].append(f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm")
-    return reasons
+            sentence = f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm"
+            found[sensor].append(Finding(sentence))
+    return found
+
+
+def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:
+    if typical is None or typical < LEAST_USUAL * limit or value > UNUSUAL * typical:
+        return Finding(f"{words}, over {limit:.3g} mm")
+    sentence = f"{words}, over {limit:.3g} mm, but three in four samples of this sensor reach {typical:.2f} mm"
+    return Finding(sentence, is_usual=True)
+
+
+def usual_parts(samples: Sequence[Parts]) -> Parts | None:
+    """What three in four of one sensor's reconstructions reach, None where there are too few to say what is usual.
+
+    What a sensor does in most of its samples is its calibration or its resolution, no cluster of wrong depth that
+    spoils single ones. To leave all of them out would leave nothing to tabulate; it is said instead.
+    """
+    if len(samples) < MIN_SAMPLES:
+        return None
+    names = ("sector_shift", "ring_shift", "coherent_error")
+    return Parts(
+        *(float(np.percentile([getattr(sample, name) for sample in samples], USUAL_PERCENTILE)) for name in names)
+    )
 
 
 def sensor_shifts(fits: Mapping[str, SphereFit]) -> dict[str, float]:

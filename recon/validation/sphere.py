@@ -130,6 +130,13 @@ def refine_sphere(
     return _fit_from(points, subsample(points, parameters.seed), centre, radius, parameters)
 
 
+def surface_share(points: NDArray[np.floating], fit: SphereFit, parameters: SphereParameters | None = None) -> float:
+    """Share of points (N, 3) that lie on a sphere that was found, where all of them ought to."""
+    parameters = parameters or SphereParameters()
+    on_surface = np.abs(fit.errors(points)) < max(_band(fit.radius, parameters), parameters.cutoff * fit.scale)
+    return float(np.mean(on_surface)) if len(points) else 0.0
+
+
 def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
     """The centre to which other points (N, 3) move a fit that keeps its cutoff.
 

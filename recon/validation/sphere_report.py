@@ -83,12 +83,14 @@ def _left_out(report: Mapping[str, Any]) -> Section:
             "ring shift mm": row.get("ring_shift_mm"),
             "coherent mm": row.get("coherent_error_mm"),
             "reasons": row["reasons"] + ([row["failure"]] if row["failure"] else []),
+            "remarks": row["remarks"],
         }
         for row in report["reconstructions"]
     ]
     text = (
         "Every reconstruction, with the reasons for which it was left out. The rule can be overruled by name with "
-        "--keep and --drop."
+        "--keep and --drop. Remarks are what is beyond a limit but usual for its sensor, which is then said to be "
+        "less good than the limits suppose; it leaves nothing out."
     )
     return Section("Reconstructions", text, rows)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,22 @@ from numpy.typing import NDArray
 
 from recon.execute import Progress, silent
 from recon.validation.curves import N_REPLICATES, TABLE_THRESHOLD, table_measures
-from recon.validation.exclusion import Parts, examine_parts, exclusion_reasons
+from recon.validation.exclusion import Finding, Parts, examine_parts, findings, usual_parts
 from recon.validation.measured import FitError, MeasuredCloud, read_measured
-from recon.validation.sphere import SphereFit, SphereParameters
+from recon.validation.sphere import SphereFit, SphereParameters, surface_share
 from recon.validation.sphere_methods import METHODS, SphereSettings
 from recon.validation.sphere_tables import meets_sphere, sphere_table
 
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
+    """One reconstruction after its fit; without one, `failure` says why."""
+
     cloud: MeasuredCloud
-    points: NDArray[np.float32]
+    n_points: int
     fit: SphereFit | None = None
+    parts: Parts | None = None
+    errors: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     failure: str = ""
 
 
@@ -37,18 +42,15 @@ def measure_spheres(
         If a cloud cannot be read, a setting is wrong, or no sphere is found in any cloud.
     """
     _check(clouds, settings)
-    names = [cloud.name for cloud in clouds]
-    rows: list[dict[str, Any]] = []
-    errors: dict[str, NDArray[np.float32]] = {}
-    for number in sorted({cloud.sample for cloud in clouds}):
-        progress("spheres", len(rows), len(names))
-        measured = [_measure(cloud, settings) for cloud in clouds if cloud.sample == number]
-        sample_rows, sample_errors = _sample_rows(measured, settings)
-        rows += sample_rows
-        errors |= sample_errors
-    progress("spheres", len(names), len(names))
+    measured: list[_Measured] = []
+    for cloud in sorted(clouds, key=lambda cloud: cloud.sample):
+        progress("spheres", len(measured), len(clouds))
+        measured.append(_measure(cloud, settings))
+    progress("spheres", len(clouds), len(clouds))
+    errors = {one.cloud.name: one.errors for one in measured if one.fit is not None}
     if not errors:
-        raise FitError(f"no sphere was found in any of {len(names)} clouds; the first: {rows[0]['failure']}")
+        raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {measured[0].failure}")
+    rows = _rows(measured, settings)
     table = sphere_table(rows, errors, settings, [TABLE_THRESHOLD])
     return {
         "schema_version": 1,
@@ -95,62 +97,54 @@ def _check(clouds: Sequence[MeasuredCloud], settings: SphereSettings) -> None:
 def _measure(cloud: MeasuredCloud, settings: SphereSettings) -> _Measured:
     try:
         points = read_measured(cloud.path, settings.unit)
-        measured = _Measured(cloud, points, METHODS[settings.method](points, settings.radius, settings.seed))
-        return _on_the_ball(measured, settings)
+        fit = METHODS[settings.method](points, settings.radius, settings.seed)
+        viewpoint = settings.viewpoints.get(cloud.sensor)
+        if viewpoint is not None:
+            points = points[meets_sphere(points, np.asarray(viewpoint), fit.centre, fit.radius)]
+            fit = replace(fit, surface_share=surface_share(points, fit))
+        parts = examine_parts(points, fit, SphereParameters(seed=settings.seed))
+        return _Measured(cloud, len(points), fit, parts, fit.errors(points))
     except FitError as error:
-        return _Measured(cloud, points, failure=str(error))
+        return _Measured(cloud, len(points), failure=str(error))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(cloud.path)) else f"{cloud.path}: {text}") from error
 
 
-def _on_the_ball(measured: _Measured, settings: SphereSettings) -> _Measured:
-    """Only those points whose line of sight meets the ball, if it is known where the sensor stands."""
-    viewpoint, fit = settings.viewpoints.get(measured.cloud.sensor), measured.fit
-    if viewpoint is None or fit is None:
-        return measured
-    return replace(
-        measured, points=measured.points[meets_sphere(measured.points, np.asarray(viewpoint), fit.centre, fit.radius)]
-    )
-
-
-def _sample_rows(
-    measured: Sequence[_Measured], settings: SphereSettings
-) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.float32]]]:
-    """One row per reconstruction and the signed errors by name, of one placed ball."""
-    fits = {one.cloud.sensor: one.fit for one in measured if one.fit is not None}
-    parts = {
-        one.cloud.sensor: examine_parts(one.points, one.fit, SphereParameters(seed=settings.seed))
-        for one in measured
-        if one.fit is not None
-    }
-    reasons = exclusion_reasons(fits, parts)
-    rows, errors = [], {}
+def _rows(measured: Sequence[_Measured], settings: SphereSettings) -> list[dict[str, Any]]:
+    """One row per reconstruction, in the order of the samples."""
+    by_sensor: dict[str, list[Parts]] = {}
     for one in measured:
-        name, why = one.cloud.name, reasons.get(one.cloud.sensor, [])
-        is_excluded = bool(one.failure) or name in settings.drop or (bool(why) and name not in settings.keep)
-        if name in settings.drop:
-            why = [*why, "left out on request"]
-        rows.append(_row(one, why, is_excluded, parts.get(one.cloud.sensor)))
-        if one.fit is not None:
-            errors[name] = one.fit.errors(one.points)
-    return rows, errors
+        if one.parts is not None:
+            by_sensor.setdefault(one.cloud.sensor, []).append(one.parts)
+    usual = {sensor: own for sensor, samples in by_sensor.items() if (own := usual_parts(samples)) is not None}
+    rows = []
+    for _, group in groupby(measured, key=lambda one: one.cloud.sample):
+        sample = list(group)
+        fits = {one.cloud.sensor: one.fit for one in sample if one.fit is not None}
+        parts = {one.cloud.sensor: one.parts for one in sample if one.parts is not None}
+        found = findings(fits, parts, usual)
+        rows += [_row(one, found.get(one.cloud.sensor, []), settings) for one in sample]
+    return rows
 
 
-def _row(one: _Measured, reasons: Sequence[str], is_excluded: bool, parts: Parts | None) -> dict[str, Any]:
+def _row(one: _Measured, found: Sequence[Finding], settings: SphereSettings) -> dict[str, Any]:
+    name = one.cloud.name
+    reasons = [finding.sentence for finding in found if not finding.is_usual]
     row: dict[str, Any] = {
-        "name": one.cloud.name,
+        "name": name,
         "sample": one.cloud.sample,
         "sensor": one.cloud.sensor,
         "file": str(one.cloud.path),
-        "n_points": len(one.points),
+        "n_points": one.n_points,
         "failure": one.failure,
-        "is_excluded": is_excluded,
-        "reasons": list(reasons),
+        "is_excluded": bool(one.failure) or name in settings.drop or (bool(reasons) and name not in settings.keep),
+        "reasons": [*reasons, *(["left out on request"] if name in settings.drop else [])],
+        "remarks": [finding.sentence for finding in found if finding.is_usual],
     }
-    if one.fit is None or parts is None:
+    if one.fit is None or one.parts is None:
         return row
-    errors = one.fit.errors(one.points)
+    parts, errors = one.parts, one.errors
     return row | {
         "centre_mm": [round(float(value), 4) for value in one.fit.centre],
         "free_radius_mm": one.fit.free_radius,

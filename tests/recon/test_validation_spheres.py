@@ -6,14 +6,20 @@ import csv
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from recon.capture.described import import_json
+from recon.capture.format import Capture, read_frame
+from recon.capture.rectify import rectify, rectify_images
+from recon.capture.sources import ImportOptions
 from recon.cli import app
+from recon.mesh import Cloud, write_cloud
 from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
-from recon.validation.exclusion import examine_parts, exclusion_reasons
+from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
 from recon.validation.measured import FitError, named_clouds, read_measured
 from recon.validation.sphere import fit_sphere
 from recon.validation.sphere_methods import SphereSettings
@@ -22,6 +28,7 @@ from recon.validation.spheres import measure_spheres
 
 SETTINGS = SphereSettings(150.0, (5.0, 12.5, 50.0))
 SENSORS = ("S1", "S2", "S3")
+HALL_MM = 8000.0  # depth of the hall that the silver ball stands in
 
 
 def write_caps(
@@ -88,16 +95,64 @@ def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit()
     points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
     offsets = (points - centre).astype(np.float32)
     good = fit_sphere(offsets, 150.0)
-    assert exclusion_reasons({"S1": good}, {"S1": examine_parts(offsets, good)}) == {"S1": []}
+    assert findings({"S1": good}, {"S1": examine_parts(offsets, good)}) == {"S1": []}
     is_wrong = np.arctan2(offsets[:, 1], offsets[:, 0]) > 1.8
     offsets[is_wrong] *= np.float32(162 / 150)  # too far off to pull the fit
     fit = fit_sphere(offsets, 150.0)
     assert np.linalg.norm(fit.centre - good.centre) < 0.5
-    assert exclusion_reasons({"S1": good}, {"S1": examine_parts((points - centre).astype(np.float32), good)}) == {
-        "S1": []
-    }
-    (reasons,) = exclusion_reasons({"S1": fit}, {"S1": examine_parts(offsets, fit)}).values()
-    assert "off together" in reasons[-1]
+    assert findings({"S1": good}, {"S1": examine_parts((points - centre).astype(np.float32), good)}) == {"S1": []}
+    (reasons,) = findings({"S1": fit}, {"S1": examine_parts(offsets, fit)}).values()
+    assert "off together" in reasons[-1].sentence
+
+
+def test_what_most_samples_of_a_sensor_show_is_said_and_what_single_ones_show_leaves_them_out() -> None:
+    points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
+    fits = {"S1": fit_sphere(points - centre, 150.0)}
+    coarse = [Parts(1.5, 1.0, 1.0), Parts(2.5, 1.2, 0.8), Parts(2.0, 0.9, 1.1), Parts(12.0, 1.0, 1.0)]
+    usual = usual_parts(coarse)
+    assert usual == Parts(1.875, 0.975, 0.95)
+    (finding,) = findings(fits, {"S1": coarse[1]}, {"S1": usual})["S1"]
+    assert finding.is_usual
+    assert finding.sentence.endswith("by 2.50 mm, over 1 mm, but three in four samples of this sensor reach 1.88 mm")
+    (finding,) = findings(fits, {"S1": coarse[3]}, {"S1": usual})["S1"]
+    assert not finding.is_usual
+    assert usual_parts(coarse[:3]) is None
+    sound = Parts(0.3, 0.4, 0.5)  # below half of its limit: that of a sound sensor
+    (finding,) = findings(fits, {"S1": Parts(1.2, 0.4, 0.5)}, {"S1": sound})["S1"]
+    assert not finding.is_usual
+
+
+def semi_global_clouds(capture: Capture, folder: Path) -> list[Path]:
+    """What OpenCV's semi-global matching makes of each frame of a capture's first sensor."""
+    rectification = rectify(capture.sensors[0].sensor, capture.bounds)
+    n_disparities = -(-rectification.n_disparities // 16) * 16
+    matcher = cv2.StereoSGBM.create(0, n_disparities, 5, 200, 800, 1, 63, 10, 100, 2, cv2.STEREO_SGBM_MODE_HH)
+    left, paths = rectification.left, []
+    for frame in range(capture.n_frames):
+        pair = rectify_images(rectification, *read_frame(capture, capture.sensors[0].id, frame))
+        disparity = matcher.compute(*(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pair)) / 16.0
+        depth = rectification.depth(np.where(disparity >= 0, disparity, np.nan))
+        rows, columns = np.nonzero(depth < HALL_MM)
+        pixels = np.column_stack([columns, rows, np.ones(len(rows))])
+        in_camera = pixels @ np.linalg.inv(left.K).T * depth[rows, columns, None]
+        points = (in_camera - left.cam_from_world[:3, 3]) @ left.rotation
+        paths.append(folder / f"{frame + 1}.ply")
+        normals, colours = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3), np.uint8)
+        write_cloud(paths[-1], Cloud(points.astype(np.float32), normals.astype(np.float32), colours))
+    return paths
+
+
+@pytest.mark.slow
+def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out(
+    real_data: Path, tmp_path: Path
+) -> None:
+    bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
+    capture = import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
+    clouds = named_clouds(semi_global_clouds(capture, tmp_path), ("S1",))
+    report = measure_spheres(clouds, SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    assert report["failed"] == []
+    assert [row["name"] for row in report["excluded"]] == ["3/S1"]
+    assert all(row["remarks"] for row in report["reconstructions"][:2])
 
 
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
