@@ -42,6 +42,8 @@ def match(
     from recon.pipeline import match_files
 
     result = match_files(left, right, out, method=method, n_disparities=disparities, min_disparity=min_disparity)
+    for warning in result["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
     sentence = f"{method}: {result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s: {out}"
     print_result(result, sentence, as_json=as_json)
 

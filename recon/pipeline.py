@@ -19,7 +19,7 @@ from recon.artefacts import Artefacts
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.cloud import CloudParameters
-from recon.depth import DEFAULTS, MATCHERS, Matcher, StereoPair
+from recon.depth import DEFAULTS, MATCHERS, StereoPair, matched
 from recon.depth.disparity_io import write_disparity
 from recon.depth.temporal import TemporalParameters
 from recon.execute import Pool, Progress, open_pool, silent
@@ -79,11 +79,11 @@ def match_files(
     ValueError
         If the method is unknown or the images cannot be matched; nothing is written then.
     """
-    matcher = _matcher(method)
+    _check_method(method)
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
-    disparity = matcher(pair)
+    disparity, warnings = matched(method, pair)
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
     return {
@@ -92,6 +92,7 @@ def match_files(
         "seconds": seconds,
         "density": float(np.isfinite(disparity).mean()),
         "size": [pair.width, pair.height],
+        "warnings": warnings,
         "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity} | asdict(DEFAULTS[method]),
     }
 
@@ -112,7 +113,7 @@ def reconstruct(
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
     wanted = approaches(options.depths, options.fusions)
     for method in options.depths:
-        _matcher(method)
+        _check_method(method)
     frames = _chosen_frames(capture, options.frames)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     surface = replace(options.surface, voxel_mm=voxel)
@@ -204,10 +205,9 @@ def depth_resolution(capture: Capture) -> float:
     return round(max(sizes), 3)
 
 
-def _matcher(method: str) -> Matcher:
+def _check_method(method: str) -> None:
     if method not in MATCHERS:
         raise ValueError(f"unknown depth method {method!r}, expected one of {', '.join(MATCHERS)}")
-    return MATCHERS[method]
 
 
 def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:

@@ -20,7 +20,7 @@ from recon.artefacts import Artefacts, code_version, file_digest, key_of
 from recon.capture.format import Capture, image_path, read_frame, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import MATCHERS, StereoPair
+from recon.depth import StereoPair, matched
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.files import read_json, write_json
@@ -41,12 +41,16 @@ def match_frame(capture: Capture, run: Path, method: str, sensor_id: str, frame:
         "code": code_version("depth", "capture/rectify.py"),
     }
 
-    def write(path: Path) -> None:
+    def write(path: Path) -> list[str]:
         rectification = _rectification(capture, sensor_id)
         pair = _stereo_pair(capture, rectification, sensor_id, frame)
-        width, height = rectification.left.size
-        nothing = np.full((height, width), np.nan, np.float32)
-        write_disparity(path, nothing if pair is None else MATCHERS[method](pair))
+        if pair is None:
+            width, height = rectification.left.size
+            write_disparity(path, np.full((height, width), np.nan, np.float32))
+            return []
+        disparity, warnings = matched(method, pair)
+        write_disparity(path, disparity)
+        return [f"{method}: sensor {sensor_id}, frame {frame}: {warning}" for warning in warnings]
 
     name = matched_name(method, sensor_id, frame)
     return [name] if Artefacts(run).make(name, key, write) else []

@@ -150,6 +150,19 @@ def test_match_takes_no_image_for_one_of_another_kind(
     assert not (tmp_path / "d.npy").exists()
 
 
+def test_match_says_in_a_sentence_that_a_pair_has_no_texture(command: Command, tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), np.zeros((40, 60), np.uint8))
+    told = command(
+        "match", tmp_path / "left.png", tmp_path / "right.png", "--disparities", 8, "-o", tmp_path / "d.npy", "--json"
+    )
+    assert told.code == 0, told.err
+    sentence = "the images have no texture: nothing can be matched, every disparity is NaN"
+    assert told.err == f"warning: {sentence}\n"
+    assert json.loads(told.out)["warnings"] == [sentence]
+    assert np.isnan(np.load(tmp_path / "d.npy")).all()
+
+
 def test_a_missing_image_is_named(command: Command, tmp_path: Path) -> None:
     told = command("match", tmp_path / "no.png", tmp_path / "no.png", "--disparities", 8, "-o", tmp_path / "d.npy")
     assert told.code == 1

@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.cvf import DrParameters, IdParameters, match_dr, match_id
+from recon.depth.cvf import DrParameters, IdParameters, NoTextureWarning, match_dr, match_id
 from recon.depth.pair import StereoPair
 from recon.depth.patchmatch import PmParameters, match_pm
 from recon.depth.temporal import match_sequence
 
-__all__ = ["DEFAULTS", "MATCHERS", "Matcher", "StereoPair", "match_dr", "match_id", "match_pm", "match_sequence"]
+__all__ = [
+    "DEFAULTS",
+    "MATCHERS",
+    "Matcher",
+    "StereoPair",
+    "match_dr",
+    "match_id",
+    "match_pm",
+    "match_sequence",
+    "matched",
+]
 
 Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
 
 MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm}
 # what each is run with
 DEFAULTS: dict[str, IdParameters | PmParameters] = {"id": IdParameters(), "dr": DrParameters(), "pm": PmParameters()}
+
+
+def matched(method: str, pair: StereoPair) -> tuple[NDArray[np.float32], list[str]]:
+    """The disparities of a method in `MATCHERS`, float32 (H, W), and what it warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", NoTextureWarning)
+        disparity = MATCHERS[method](pair)
+    return disparity, [str(warning.message) for warning in caught]

@@ -31,6 +31,10 @@ WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 
 
+class NoTextureWarning(UserWarning):
+    """A pair in which nothing can be matched."""
+
+
 @dataclass(frozen=True)
 class IdParameters:
     """Parameters of ID; the defaults are the paper's Table 2.
@@ -77,7 +81,7 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
 
     Warns
     -----
-    UserWarning
+    NoTextureWarning
         If an image has no texture; the disparity is NaN everywhere.
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
@@ -116,7 +120,7 @@ def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDA
 
     Warns
     -----
-    UserWarning
+    NoTextureWarning
         If an image has no texture; the disparity is NaN everywhere.
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
@@ -172,7 +176,8 @@ def has_texture(pair: StereoPair) -> bool:
     for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
         grey = grey_image(image)
         if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
-            warnings.warn("the images have no texture: nothing can be matched, every disparity is NaN", stacklevel=3)
+            reason = "the images have no texture: nothing can be matched, every disparity is NaN"
+            warnings.warn(reason, NoTextureWarning, stacklevel=3)
             return False
     return True
 

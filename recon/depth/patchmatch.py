@@ -107,7 +107,7 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
 
     Warns
     -----
-    UserWarning
+    NoTextureWarning
         If an image has no texture; the disparity is NaN everywhere.
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
