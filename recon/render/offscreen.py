@@ -91,8 +91,7 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
             renderer = renderer or pyrender.OffscreenRenderer(width * scale, strip * scale)
             renderer.viewport_width, renderer.viewport_height = width * scale, strip * scale
             if shot.mesh is not shown:
-                for node in list(scene.mesh_nodes):
-                    scene.remove_node(node)
+                _empty(pyrender, renderer, scene)
                 scene.add(_two_sided(pyrender, shot.mesh))
                 shown = shot.mesh
             for top in range(0, height, strip):
@@ -118,6 +117,15 @@ def _probed(platform: str) -> tuple[str, str]:
         return lines[-1], ""
     complaints = done.stderr.strip().splitlines()
     return "", complaints[-1] if complaints else f"stopped with code {done.returncode}"
+
+
+def _empty(pyrender: Any, renderer: Any, scene: Any) -> None:
+    """Remove the meshes, and draw once: only then are they freed, before the next take as much again."""
+    for node in list(scene.mesh_nodes):
+        scene.remove_node(node)
+    lens = scene.add(pyrender.IntrinsicsCamera(1, 1, 0, 0))
+    renderer.render(scene, flags=pyrender.RenderFlags.DEPTH_ONLY)
+    scene.remove_node(lens)
 
 
 def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
