@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import StereoPair, match_pm
-from recon.depth import patchmatch as pm
+from recon.depth import StereoPair, match_pm, patchmatch, plane_search
 from recon.depth.patchmatch import PmParameters
-from recon.depth.texture import texture_of
+from recon.depth.texture import MAX_DISTANCE, texture_of
 from recon.depth.views import View, views_of
 
 HEIGHT, WIDTH = 30, 44
@@ -60,20 +59,20 @@ def test_a_windows_cost_is_that_of_the_plain_reference(side: int, y: int, x: int
     views, parameters = some_views(), PmParameters()
     own, facing = views[side], views[1 - side]
     texture, target = texture_of(own), texture_of(facing).fine
-    affinity = np.exp(-np.arange(pm.MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
-    taps, plane = np.empty(3 * pm.TAPS, np.float32), np.array([6.3, 0.11, -0.07], np.float32)
-    weight = pm._take_window((texture.colours, texture.words, target, affinity), y, x, taps)
-    settings = pm._settings(own.level, parameters)
+    affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
+    taps, plane = np.empty(3 * plane_search.TAPS, np.float32), np.array([6.3, 0.11, -0.07], np.float32)
+    weight = plane_search._take_window((texture.colours, texture.words, target, affinity), y, x, taps)
+    settings = patchmatch._settings(own.level, parameters)
     place = (y, x, HEIGHT, WIDTH, weight)
-    cost = pm._window_cost(taps, target.reshape(-1), tuple(plane), place, settings, np.float32(np.inf))
+    cost = plane_search._window_cost(taps, target.reshape(-1), tuple(plane), place, settings, np.float32(np.inf))
     assert cost / 256 == pytest.approx(plain_window_cost((own, facing), plane, y, x, parameters), rel=0.01)
 
 
 def test_a_plane_seen_from_the_other_view_and_back_is_the_same_plane() -> None:
     plane = (np.float32(9), np.float32(0.2), np.float32(-0.1))
-    forth = pm._seen_from_other(plane, -9)
+    forth = plane_search._seen_from_other(plane, -9)
     assert forth[0] == pytest.approx(9, abs=1e-5)  # the pixels match, so both views give them one disparity
-    np.testing.assert_allclose(pm._seen_from_other(forth, -9), plane, atol=1e-5)
+    np.testing.assert_allclose(plane_search._seen_from_other(forth, -9), plane, atol=1e-5)
 
 
 def slanted_pair() -> tuple[StereoPair, NDArray[np.float32]]:
