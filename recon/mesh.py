@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-import json
-import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.files import whole_file
+from recon.glb import glb_bytes
+from recon.ply import (
+    UINT8_COLOUR,
+    columns,
+    face_bytes,
+    face_table,
+    oriented_colours,
+    ply_header,
+    read_elements,
+    vertex_table,
+)
 
-FLOAT_NORMAL = ("nx", "ny", "nz")
-UINT8_COLOUR = ("red", "green", "blue")
-PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
-GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
 RED, BLUE, GREY = np.array([178, 24, 43]), np.array([33, 102, 172]), 128  # ends of ColorBrewer's RdBu
-METRES_PER_MM = 0.001  # glTF counts in metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +149,9 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     if not len(cloud):
         raise ValueError(f"{path}: the cloud is empty, nothing to write")
     more = {} if cloud.sigma is None else {"sigma": cloud.sigma}
-    vertices = _vertex_table(cloud.points, cloud.normals, cloud.colours, more)
+    vertices = vertex_table(cloud.points, cloud.normals, cloud.colours, more)
     with whole_file(path) as temporary:
-        temporary.write_bytes(_ply_header(vertices) + vertices.tobytes())
+        temporary.write_bytes(ply_header(vertices) + vertices.tobytes())
     return path
 
 
@@ -188,7 +190,11 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     _check_suffix(path, (".ply", ".glb"))
     if not len(mesh.faces):
         raise ValueError(f"{path}: the mesh has no face, nothing to write")
-    content = _glb(mesh) if path.suffix.lower() == ".glb" else _ply_mesh(mesh)
+    content = (
+        glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
+        if path.suffix.lower() == ".glb"
+        else _ply_mesh(mesh)
+    )
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
     return path
@@ -206,10 +212,10 @@ def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]
     points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
     if not len(points):
         raise ValueError(f"{path}: there is no point, nothing to write")
-    table = _vertex_table(points, model.normals, model.colours, {"error": errors})
-    content = _ply_header(table, None if faces is None else len(faces)) + table.tobytes()
+    table = vertex_table(points, model.normals, model.colours, {"error": errors})
+    content = ply_header(table, None if faces is None else len(faces)) + table.tobytes()
     with whole_file(path) as temporary:
-        temporary.write_bytes(content if faces is None else content + _face_bytes(faces))
+        temporary.write_bytes(content if faces is None else content + face_bytes(faces))
     return path
 
 
@@ -230,7 +236,7 @@ def write_coloured(
     for axis in range(3):
         table["xyz"[axis]] = points[:, axis]
         table[UINT8_COLOUR[axis]] = colours[:, axis]
-    content = _ply_header(table, len(faces) or None) + table.tobytes() + _face_bytes(faces)
+    content = ply_header(table, len(faces) or None) + table.tobytes() + face_bytes(faces)
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
     return path
@@ -244,10 +250,10 @@ def read_cloud(path: Path) -> Cloud:
     ValueError
         If the file is missing, empty or damaged, a coordinate is not a number, or points lack normals or colours.
     """
-    elements = _read_ply(path)
+    elements = read_elements(path)
     try:
-        sigma = _columns(path, elements, ("sigma",))[:, 0] if "sigma" in elements["vertex"]["properties"] else None
-        return Cloud(*_oriented_colours(path, elements), sigma)
+        sigma = columns(path, elements, ("sigma",))[:, 0] if "sigma" in elements["vertex"]["properties"] else None
+        return Cloud(*oriented_colours(path, elements), sigma)
     except ValueError as error:
         raise _named(path, error) from error
 
@@ -261,10 +267,10 @@ def read_mesh(path: Path) -> Mesh:
         If the file is missing, empty or damaged, a coordinate is not a number, vertices lack normals or
         colours, or faces are missing or no triangles.
     """
-    elements = _read_ply(path)
+    elements = read_elements(path)
     try:
-        points, normals, colours = _oriented_colours(path, elements)
-        return Mesh(points, _faces(_face_table(path, elements), len(points)), normals, colours)
+        points, normals, colours = oriented_colours(path, elements)
+        return Mesh(points, _faces(face_table(path, elements), len(points)), normals, colours)
     except ValueError as error:
         raise _named(path, error) from error
 
@@ -278,7 +284,7 @@ def read_points(path: Path) -> NDArray[np.float32]:
         If the file is missing, empty or damaged, or a coordinate is not a number.
     """
     try:
-        return _finite(_columns(path, _read_ply(path), ("x", "y", "z")), "points")
+        return _finite(columns(path, read_elements(path), ("x", "y", "z")), "points")
     except ValueError as error:
         raise _named(path, error) from error
 
@@ -292,11 +298,11 @@ def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
     """
     try:
-        elements = _read_ply(path)
-        points = _finite(_columns(path, elements, ("x", "y", "z")), "points")
+        elements = read_elements(path)
+        points = _finite(columns(path, elements, ("x", "y", "z")), "points")
         if not elements.get("face", {}).get("length"):
             return points, np.zeros((0, 3), np.int32)
-        return points, _faces(_face_table(path, elements), len(points))
+        return points, _faces(face_table(path, elements), len(points))
     except ValueError as error:
         raise _named(path, error) from error
 
@@ -332,149 +338,15 @@ def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
         raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
-def _vertex_table(
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    more: Mapping[str, NDArray[np.floating]] = MappingProxyType({}),
-) -> NDArray[np.void]:
-    fields = [(name, "<f4") for name in ("x", "y", "z", *FLOAT_NORMAL)] + [(name, "|u1") for name in UINT8_COLOUR]
-    table = np.empty(len(points), np.dtype(fields + [(name, "<f4") for name in more]))
-    for axis in range(3):
-        table["xyz"[axis]] = points[:, axis]
-        table[FLOAT_NORMAL[axis]] = normals[:, axis]
-        table[UINT8_COLOUR[axis]] = colours[:, axis]
-    for name, values in more.items():
-        table[name] = values
-    return table
-
-
-def _ply_header(vertices: NDArray[np.void], n_faces: int | None = None) -> bytes:
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    lines += [f"property {PLY_TYPES[vertices.dtype[name].str]} {name}" for name in vertices.dtype.names or ()]
-    if n_faces is not None:
-        lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
-    return "\n".join([*lines, "end_header", ""]).encode("ascii")
-
-
 def _no_cloud() -> bytes:
     points = np.empty((0, 3), np.float32)
-    return _ply_header(_vertex_table(points, points, points.astype(np.uint8)))
+    return ply_header(vertex_table(points, points, points.astype(np.uint8)))
 
 
 def _ply_mesh(mesh: Mesh) -> bytes:
-    vertices = _vertex_table(mesh.vertices, mesh.normals, mesh.colours)
-    return _ply_header(vertices, len(mesh.faces)) + vertices.tobytes() + _face_bytes(mesh.faces)
-
-
-def _face_bytes(faces: NDArray[np.integer]) -> bytes:
-    table = np.empty(len(faces), np.dtype([("count", "|u1"), ("index", "<i4", (3,))]))
-    table["count"] = 3
-    table["index"] = faces
-    return table.tobytes()
-
-
-def _read_ply(path: Path) -> dict[str, Any]:
-    """The elements of a PLY file as trimesh parses them, once it is certain that there are any."""
-    from trimesh.exchange.ply import load_ply  # here, because clouds and meshes are used where trimesh is not installed
-
-    if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
-    try:
-        with path.open("rb") as file:
-            elements: dict[str, Any] = load_ply(file, fix_texture=False, skip_materials=True)["metadata"]["_ply_raw"]
-    except Exception as error:  # its parser raises whatever a damaged header leads to
-        raise ValueError(f"{path}: is not a whole PLY file: {type(error).__name__}: {error}") from error
-    if not elements.get("vertex", {}).get("length"):
-        raise ValueError(f"{path}: holds no points")
-    return elements
-
-
-def _columns(path: Path, elements: dict[str, Any], names: Sequence[str]) -> NDArray[Any]:
-    missing = [name for name in names if name not in elements["vertex"]["properties"]]
-    if missing:
-        raise ValueError(f"{path}: its points have no {', '.join(missing)}")
-    columns = np.column_stack([elements["vertex"]["data"][name] for name in names])
-    if len(columns) != elements["vertex"]["length"]:
-        raise ValueError(f"{path}: holds {len(columns)} points where its header says {elements['vertex']['length']}")
-    return columns
-
-
-def _oriented_colours(
-    path: Path, elements: dict[str, Any]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    points, normals, colours = (
-        _columns(path, elements, names) for names in (("x", "y", "z"), FLOAT_NORMAL, UINT8_COLOUR)
-    )
-    return points, normals, colours
-
-
-def _face_table(path: Path, elements: dict[str, Any]) -> NDArray[np.integer]:
-    element = elements.get("face", {})
-    name = next((name for name in ("vertex_indices", "vertex_index") if name in element.get("properties", {})), None)
-    if not element.get("length") or name is None:
-        raise ValueError(f"{path}: holds no faces")
-    column = element["data"][name]
-    faces = np.asarray(column["f1"] if column.dtype.names else column)
-    if faces.shape != (element["length"], 3):
-        raise ValueError(f"{path}: its faces have shape {faces.shape}, expected {element['length']} triangles")
-    if not isinstance(element["data"], dict) and (column["f0"] != 3).any():
-        raise ValueError(f"{path}: its faces are no triangles throughout")
-    return faces
+    vertices = vertex_table(mesh.vertices, mesh.normals, mesh.colours)
+    return ply_header(vertices, len(mesh.faces)) + vertices.tobytes() + face_bytes(mesh.faces)
 
 
 def _named(path: Path, error: ValueError) -> ValueError:
     return error if str(error).startswith(str(path)) else ValueError(f"{path}: {error}")
-
-
-def _glb(mesh: Mesh) -> bytes:
-    """A binary glTF 2.0 of one unlit, double-sided mesh."""
-    colours = np.full((len(mesh.colours), 4), 65535, dtype="<u2")
-    colours[:, :3] = _linear_from_srgb()[mesh.colours]
-    arrays = [
-        ("POSITION", mesh.vertices.astype("<f4"), 5126, "VEC3", 34962),
-        ("NORMAL", mesh.normals.astype("<f4"), 5126, "VEC3", 34962),
-        ("COLOR_0", colours, 5123, "VEC4", 34962),
-        ("indices", mesh.faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
-    ]
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    for name, array, component, kind, target in arrays:
-        offset = sum(view["byteLength"] for view in views)
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": target})
-        accessors.append({"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind})
-        if name == "POSITION":
-            accessors[-1] |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        if name == "COLOR_0":
-            accessors[-1]["normalized"] = True
-    binary = b"".join(array.tobytes() for _, array, *_ in arrays)
-    attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
-    document = {
-        "asset": {"version": "2.0", "generator": "reconstudy"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0, "mode": 4}]}],
-        "materials": [
-            {
-                "doubleSided": True,
-                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1},
-                "extensions": {"KHR_materials_unlit": {}},
-            }
-        ],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(binary)}],
-    }
-    text = json.dumps(document, separators=(",", ":")).encode("ascii")
-    text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
-    return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
-
-
-def _linear_from_srgb() -> NDArray[np.uint16]:
-    """uint16 (256,): linear light of each sRGB byte (IEC 61966-2-1)."""
-    encoded = np.arange(256) / 255
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.rint(linear * 65535), dtype=np.uint16)

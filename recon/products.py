@@ -98,7 +98,7 @@ def make_cloud(
         "depth": Artefacts(run).digest(depth),
         "pictures": _picture_key(capture, sensor_id, frame),
         "parameters": asdict(parameters),
-        "code": code_version("cloud.py", "mesh.py", "capture/rectify.py"),
+        "code": code_version("cloud.py", "mesh.py", "ply.py", "capture/rectify.py"),
     }
 
     def write(path: Path) -> list[str]:
@@ -154,7 +154,7 @@ def make_mesh(
         "colours": Artefacts(run).digest(COLOURS_NAME) if balanced else None,
         "fusion": approach.fusion,
         "parameters": asdict(parameters),
-        "code": code_version("surface", "fusion.py", "mesh.py"),
+        "code": code_version("surface", "fusion.py", "mesh.py", "ply.py"),
     }
 
     def write(path: Path) -> list[str]:

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 
 # Left to right; a stage may import its own and those before it.
 STAGES = [
-    {"files", "remote", "rig", "mesh", "execute", "artefacts"},
+    {"files", "remote", "rig", "ply", "glb", "mesh", "execute", "artefacts"},
     {"capture"},
     {"studio"},
     {"depth"},

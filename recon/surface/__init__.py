@@ -9,7 +9,9 @@ import numpy as np
 
 from recon.mesh import Cloud, Mesh
 from recon.surface.apss import signed_field
-from recon.surface.band import LARGEST_AXIS, SAMPLES, Band, Cells, Reach, band_around, extent_in_blocks, gather
+from recon.surface.band import Band, band_around
+from recon.surface.blocks import LARGEST_AXIS, SAMPLES
+from recon.surface.cells import Cells, Reach, extent_in_blocks, gather
 from recon.surface.components import drop_small_components
 from recon.surface.holes import close_holes
 from recon.surface.marching_cubes import march

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.surface.band import Band, Cells, neighbours_of
+from recon.surface.band import Band, neighbours_of
+from recon.surface.cells import Cells
 
 SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
 

@@ -1,6 +1,6 @@
-"""Where a surface can be: blocks of grid samples near the points, and the points gathered into cells of that grid.
+"""Where a surface can be: the blocks of grid samples near the points.
 
-Only blocks near points exist, so that memory grows with the surface and not with the volume around it.
+Only these exist, so that memory grows with the surface and not with the volume around it.
 """
 
 from __future__ import annotations
@@ -8,50 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from recon.mesh import Cloud
+from recon.surface.blocks import block_coordinates, block_keys, directions, neighbours_in
+from recon.surface.cells import Cells
 
-BLOCK = 8  # samples along a block's edge
-SAMPLES = BLOCK**3
 REACH = 2.0  # voxels; a cell of the grid that the surface crosses has its corners within sqrt(3) of it
-AXIS_BITS = 18  # of a block's coordinate; three axes and nine bits inside a block fill an int64
-LARGEST_AXIS = 2**AXIS_BITS - 2  # one block of room on either side
-BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions
-WEIGHT_RANGE = (1 / 16, 4.0)  # of a point against the median: no single sensor is ignored or trusted alone
-
-
-@dataclass(frozen=True)
-class Reach:
-    """How far a point's influence goes: the largest of three lengths, at most the eight voxels of a block.
-
-    Parameters
-    ----------
-    voxels, spacings, sigmas : in voxels, in distances of neighbouring points, in standard deviations of their depth
-    """
-
-    voxels: float
-    spacings: float
-    sigmas: float
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """Points gathered by voxel: the sums that an algebraic sphere is fitted to, about each cell's mean point.
-
-    Parameters
-    ----------
-    blocks : int64 (O, 3), coordinates of the blocks that hold points, in the order of their keys
-    starts : int64 (O + 1,), first cell of each block; cells of a block stand together
-    moments : float32 (C, 14): mean point from the block's corner (3), weight, mean normal (3), covariance of point
-        and normal (trace), spread of the points (trace), mean colour (3), radius of influence, number of
-        points; lengths in voxels
-    """
-
-    blocks: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    moments: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,275 +31,20 @@ class Band:
     neighbours: NDArray[np.int32]
 
 
-def extent_in_blocks(cloud: Cloud, voxel: float) -> int:
-    """Blocks along the longest side of the cloud's bounding box."""
-    lowest, highest = bounding_box(cloud.points)
-    return int((highest - lowest).max() / (voxel * BLOCK)) + 1
-
-
-def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
-    """Gather a cloud's points into cells one voxel wide, in an order that depends on nothing but the points.
-
-    Raises
-    ------
-    ValueError
-        If the bounding box is too many voxels wide to be numbered.
-    """
-    if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
-        raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
-    lowest = np.floor(bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
-    found, keys = number_blocks(cloud.points, voxel, lowest)
-    rank = np.empty(len(keys), np.int64)
-    rank[np.argsort(keys)] = np.arange(len(keys))
-    order, point_starts = sort_by_block(rank[found], len(keys))
-    sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
-    moments, starts = cell_moments(
-        cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts, voxel
-    )
-    cells = Cells(_block_coordinates(np.sort(keys)) + lowest, starts, moments)
-    _set_radius(cells, np.diff(point_starts), reach)
-    return cells
-
-
-def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None:
-    """Turn each cell's depth error, column 12, into its radius of influence; `n_points` (O,) in each block."""
-    lowest = cells.blocks.min(axis=0) - 1
-    around = neighbours_in(cells.blocks, _block_keys(cells.blocks - lowest), lowest)
-    points = np.where(around >= 0, n_points[around], 0).sum(axis=1)
-    area = BLOCK**2 / BLOCKS_PER_AREA * (around >= 0).sum(axis=1)
-    spacing = np.repeat(np.sqrt(area / points), np.diff(cells.starts))
-    radius = np.maximum(reach.spacings * spacing, reach.sigmas * cells.moments[:, 12])
-    cells.moments[:, 12] = np.clip(radius, reach.voxels, BLOCK)
-
-
 def band_around(cells: Cells) -> Band:
     """The blocks with a sample within reach of a cell's mean point."""
     touched = touched_neighbours(cells.starts, cells.moments, REACH)
     lowest = cells.blocks.min(axis=0) - 1
-    owners, directions = np.nonzero(touched)
-    blocks = cells.blocks[owners] - lowest + _directions()[directions]
-    keys = np.unique(_block_keys(blocks))
-    return Band(_block_coordinates(keys) + lowest, neighbours_in(_block_coordinates(keys) + lowest, keys, lowest))
-
-
-def neighbours_in(blocks: NDArray[np.int64], keys: NDArray[np.int64], lowest: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Index of each of the 27 blocks around `blocks` (B, 3) among `keys` (sorted, counted from `lowest`)."""
-    table = np.empty((len(blocks), 27), np.int32)
-    for number, direction in enumerate(_directions()):
-        wanted = _block_keys(blocks - lowest + direction)
-        place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        table[:, number] = np.where(keys[place] == wanted, place, -1)
-    return table
+    owners, towards = np.nonzero(touched)
+    blocks = cells.blocks[owners] - lowest + directions()[towards]
+    keys = np.unique(block_keys(blocks))
+    return Band(block_coordinates(keys) + lowest, neighbours_in(block_coordinates(keys) + lowest, keys, lowest))
 
 
 def neighbours_of(band: Band, cells: Cells) -> NDArray[np.int32]:
     """int32 (B, 27): index among the blocks that hold points of each block around each of the band's."""
     lowest = cells.blocks.min(axis=0) - 2
-    return neighbours_in(band.blocks, _block_keys(cells.blocks - lowest), lowest)
-
-
-def _directions() -> NDArray[np.int64]:
-    """int64 (27, 3): the steps to a block's neighbours; number 9 (x + 1) + 3 (y + 1) + z + 1."""
-    return np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
-
-
-def _block_keys(blocks: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.asarray((blocks[:, 0] << 2 * AXIS_BITS) | (blocks[:, 1] << AXIS_BITS) | blocks[:, 2])
-
-
-def _block_coordinates(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    mask = (1 << AXIS_BITS) - 1
-    return np.stack([keys >> 2 * AXIS_BITS, (keys >> AXIS_BITS) & mask, keys & mask], axis=1)
-
-
-def _weights(cloud: Cloud) -> NDArray[np.float64]:
-    """float64 (N,): inverse variance of each point against the median one; 1 where no uncertainty is known."""
-    if cloud.sigma is None:
-        return np.ones(len(cloud))
-    relative = (float(np.median(cloud.sigma)) / cloud.sigma.astype(np.float64)) ** 2
-    return np.asarray(np.clip(relative, *WEIGHT_RANGE))
-
-
-@njit(cache=True)
-def bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Lowest and highest corner (2, 3); numpy takes ten times as long along the short axis."""
-    box = np.empty((2, 3))
-    box[0], box[1] = np.inf, -np.inf
-    for index in range(len(points)):
-        for axis in range(3):
-            box[0, axis] = min(box[0, axis], points[index, axis])
-            box[1, axis] = max(box[1, axis], points[index, axis])
-    return box
-
-
-@njit(cache=True)
-def block_of(point: NDArray[np.float32], axis: int, voxel: float) -> int:
-    """Coordinate along an axis of the block whose cells hold a point."""
-    return int(np.floor(np.floor(float(point[axis]) / voxel) / 8))
-
-
-@njit(cache=True)
-def number_blocks(
-    points: NDArray[np.float32], voxel: float, lowest: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The number of each point's block (N,), in the order in which they are met, and the blocks' keys."""
-    size = 16
-    while size < 2 * len(points):
-        size *= 2
-    table = np.full(size, -1, np.int64)
-    keys = np.empty(len(points), np.int64)
-    found = np.empty(len(points), np.int64)
-    n_blocks = 0
-    key = number = -1
-    for index in range(len(points)):
-        x = block_of(points[index], 0, voxel) - lowest[0]
-        y = block_of(points[index], 1, voxel) - lowest[1]
-        z = block_of(points[index], 2, voxel) - lowest[2]
-        wanted = (x << 36) | (y << 18) | z
-        if wanted != key:
-            key = wanted
-            slot = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)
-            while table[slot] >= 0 and keys[table[slot]] != key:
-                slot = (slot + 1) & (size - 1)
-            if table[slot] < 0:
-                table[slot] = n_blocks
-                keys[n_blocks] = key
-                n_blocks += 1
-            number = table[slot]
-        found[index] = number
-    return found, keys[:n_blocks].copy()
-
-
-@njit(cache=True)
-def sort_by_block(found: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Points (N,) by block, in their own order within each, and the first of each block (n_blocks + 1,)."""
-    starts = np.zeros(n_blocks + 1, np.int64)
-    for index in range(len(found)):
-        starts[found[index] + 1] += 1
-    for block in range(n_blocks):
-        starts[block + 1] += starts[block]
-    following = starts.copy()
-    order = np.empty(len(found), np.int64)
-    for index in range(len(found)):
-        order[following[found[index]]] = index
-        following[found[index]] += 1
-    return order, starts
-
-
-@njit(cache=True)
-def cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
-    """Number, 0 to 511, of a point's cell within its block."""
-    x = int(np.floor(float(point[0]) / voxel)) & 7
-    y = int(np.floor(float(point[1]) / voxel)) & 7
-    return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
-
-
-@njit(parallel=True, cache=True)
-def cell_moments(
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    weights: NDArray[np.float64],
-    sigma: NDArray[np.float32],
-    order: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    voxel: float,
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
-
-    Block b holds the points `order[starts[b] : starts[b + 1]]`.
-    """
-    n_cells = np.zeros(len(starts), np.int64)
-    for block in prange(len(starts) - 1):
-        n_cells[block + 1] = count_cells(points, order[starts[block] : starts[block + 1]], voxel)
-    cell_starts = np.cumsum(n_cells)
-    moments = np.empty((cell_starts[-1], 14), np.float32)
-    for block in prange(len(starts) - 1):
-        chosen = order[starts[block] : starts[block + 1]]
-        cells = moments[cell_starts[block] : cell_starts[block + 1]]
-        sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
-    return moments, cell_starts
-
-
-@njit(cache=True)
-def count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
-    """How many cells of one block hold the chosen points."""
-    is_cell = np.zeros(512, np.bool_)
-    for index in chosen:
-        is_cell[cell_in_block(points[index], voxel)] = True
-    return int(is_cell.sum())
-
-
-@njit(cache=True)
-def sum_block(
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    weights: NDArray[np.float64],
-    sigma: NDArray[np.float32],
-    chosen: NDArray[np.int64],
-    voxel: float,
-    moments: NDArray[np.float32],
-) -> None:
-    """Write the moments of one block's cells, which hold the chosen points."""
-    sums = np.zeros((512, 14))
-    corner = np.empty(3)
-    for axis in range(3):
-        corner[axis] = 8.0 * block_of(points[chosen[0]], axis, voxel)
-    for index in chosen:
-        cell = cell_in_block(points[index], voxel)
-        add_point(
-            points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel, sums[cell]
-        )
-    count = 0
-    for cell in range(512):
-        if sums[cell, 3] > 0:
-            finish_moments(sums[cell], moments[count])
-            count += 1
-
-
-@njit(cache=True)
-def add_point(
-    point: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    colour: NDArray[np.uint8],
-    weight: float,
-    sigma: float,
-    corner: NDArray[np.float64],
-    voxel: float,
-    sums: NDArray[np.float64],
-) -> None:
-    """Add a point to its cell's sums (14,)."""
-    along = square = 0.0
-    for axis in range(3):
-        local = float(point[axis]) / voxel - corner[axis]
-        sums[axis] += weight * local
-        sums[4 + axis] += weight * float(normal[axis])
-        sums[9 + axis] += weight * colour[axis]
-        along += local * float(normal[axis])
-        square += local * local
-    sums[3] += weight
-    sums[7] += weight * along
-    sums[8] += weight * square
-    sums[12] += weight * float(sigma) / voxel
-    sums[13] += 1
-
-
-@njit(cache=True)
-def finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> None:
-    """Turn a cell's sums into means, covariance and spread about the mean point."""
-    total = sums[3]
-    along, spread = sums[7] / total, sums[8] / total
-    for axis in range(3):
-        mean = sums[axis] / total
-        along -= mean * sums[4 + axis] / total
-        spread -= mean * mean
-    for moment in range(13):
-        moments[moment] = sums[moment] / total
-    moments[3] = total
-    moments[13] = sums[13]
-    moments[7] = along
-    moments[8] = max(spread, 0.0)
+    return neighbours_in(band.blocks, block_keys(cells.blocks - lowest), lowest)
 
 
 @njit(cache=True)

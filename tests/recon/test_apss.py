@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from recon.mesh import Cloud, Mesh
 from recon.surface import SurfaceParameters, default_voxel, spacing, surface_from_cloud
 from recon.surface.apss import signed_field
-from recon.surface.band import Band, Cells, Reach, band_around, gather
+from recon.surface.band import Band, band_around
+from recon.surface.cells import Cells, Reach, gather
 from recon.surface.components import drop_small_components
 
 PLAIN = Reach(3.5, 0.0, 0.0)

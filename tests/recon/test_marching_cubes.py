@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes as skimage_marching_cubes
 
-from recon.surface.band import neighbours_in
+from recon.surface.blocks import neighbours_in
 from recon.surface.marching_cubes import edge_corners, march, triangle_table
 
 

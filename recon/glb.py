@@ -1,0 +1,68 @@
+"""GLB, the format that 3D viewers open: binary glTF 2.0."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
+METRES_PER_MM = 0.001  # glTF counts in metres
+
+
+def glb_bytes(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
+) -> bytes:
+    """A binary glTF 2.0 of one unlit, double-sided mesh; the arrays are those of `Mesh`."""
+    linear = np.full((len(colours), 4), 65535, dtype="<u2")
+    linear[:, :3] = _linear_from_srgb()[colours]
+    arrays = [
+        ("POSITION", vertices.astype("<f4"), 5126, "VEC3", 34962),
+        ("NORMAL", normals.astype("<f4"), 5126, "VEC3", 34962),
+        ("COLOR_0", linear, 5123, "VEC4", 34962),
+        ("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
+    ]
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    for name, array, component, kind, target in arrays:
+        offset = sum(view["byteLength"] for view in views)
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": target})
+        accessors.append({"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind})
+        if name == "POSITION":
+            accessors[-1] |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        if name == "COLOR_0":
+            accessors[-1]["normalized"] = True
+    binary = b"".join(array.tobytes() for _, array, *_ in arrays)
+    attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
+    document = {
+        "asset": {"version": "2.0", "generator": "reconstudy"},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0, "mode": 4}]}],
+        "materials": [
+            {
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1},
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
+    return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
+
+
+def _linear_from_srgb() -> NDArray[np.uint16]:
+    """uint16 (256,): linear light of each sRGB byte (IEC 61966-2-1)."""
+    encoded = np.arange(256) / 255
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.rint(linear * 65535), dtype=np.uint16)

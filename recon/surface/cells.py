@@ -1,0 +1,278 @@
+"""A cloud's points gathered into cells one voxel wide: what an algebraic sphere is fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from recon.mesh import Cloud
+from recon.surface.blocks import BLOCK, LARGEST_AXIS, block_coordinates, block_keys, neighbours_in
+
+BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions
+WEIGHT_RANGE = (1 / 16, 4.0)  # of a point against the median: no single sensor is ignored or trusted alone
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a point's influence goes: the largest of three lengths, at most the eight voxels of a block.
+
+    Parameters
+    ----------
+    voxels, spacings, sigmas : in voxels, in distances of neighbouring points, in standard deviations of their depth
+    """
+
+    voxels: float
+    spacings: float
+    sigmas: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Points gathered by voxel: the sums that an algebraic sphere is fitted to, about each cell's mean point.
+
+    Parameters
+    ----------
+    blocks : int64 (O, 3), coordinates of the blocks that hold points, in the order of their keys
+    starts : int64 (O + 1,), first cell of each block; cells of a block stand together
+    moments : float32 (C, 14): mean point from the block's corner (3), weight, mean normal (3), covariance of point
+        and normal (trace), spread of the points (trace), mean colour (3), radius of influence, number of
+        points; lengths in voxels
+    """
+
+    blocks: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    moments: NDArray[np.float32]
+
+
+def extent_in_blocks(cloud: Cloud, voxel: float) -> int:
+    """Blocks along the longest side of the cloud's bounding box."""
+    lowest, highest = bounding_box(cloud.points)
+    return int((highest - lowest).max() / (voxel * BLOCK)) + 1
+
+
+def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
+    """Gather a cloud's points into cells one voxel wide, in an order that depends on nothing but the points.
+
+    Raises
+    ------
+    ValueError
+        If the bounding box is too many voxels wide to be numbered.
+    """
+    if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
+        raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
+    lowest = np.floor(bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
+    found, keys = number_blocks(cloud.points, voxel, lowest)
+    rank = np.empty(len(keys), np.int64)
+    rank[np.argsort(keys)] = np.arange(len(keys))
+    order, point_starts = sort_by_block(rank[found], len(keys))
+    sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
+    moments, starts = cell_moments(
+        cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts, voxel
+    )
+    cells = Cells(block_coordinates(np.sort(keys)) + lowest, starts, moments)
+    _set_radius(cells, np.diff(point_starts), reach)
+    return cells
+
+
+def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None:
+    """Turn each cell's depth error, column 12, into its radius of influence; `n_points` (O,) in each block."""
+    lowest = cells.blocks.min(axis=0) - 1
+    around = neighbours_in(cells.blocks, block_keys(cells.blocks - lowest), lowest)
+    points = np.where(around >= 0, n_points[around], 0).sum(axis=1)
+    area = BLOCK**2 / BLOCKS_PER_AREA * (around >= 0).sum(axis=1)
+    spacing = np.repeat(np.sqrt(area / points), np.diff(cells.starts))
+    radius = np.maximum(reach.spacings * spacing, reach.sigmas * cells.moments[:, 12])
+    cells.moments[:, 12] = np.clip(radius, reach.voxels, BLOCK)
+
+
+def _weights(cloud: Cloud) -> NDArray[np.float64]:
+    """float64 (N,): inverse variance of each point against the median one; 1 where no uncertainty is known."""
+    if cloud.sigma is None:
+        return np.ones(len(cloud))
+    relative = (float(np.median(cloud.sigma)) / cloud.sigma.astype(np.float64)) ** 2
+    return np.asarray(np.clip(relative, *WEIGHT_RANGE))
+
+
+@njit(cache=True)
+def bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Lowest and highest corner (2, 3); numpy takes ten times as long along the short axis."""
+    box = np.empty((2, 3))
+    box[0], box[1] = np.inf, -np.inf
+    for index in range(len(points)):
+        for axis in range(3):
+            box[0, axis] = min(box[0, axis], points[index, axis])
+            box[1, axis] = max(box[1, axis], points[index, axis])
+    return box
+
+
+@njit(cache=True)
+def block_of(point: NDArray[np.float32], axis: int, voxel: float) -> int:
+    """Coordinate along an axis of the block whose cells hold a point."""
+    return int(np.floor(np.floor(float(point[axis]) / voxel) / 8))
+
+
+@njit(cache=True)
+def number_blocks(
+    points: NDArray[np.float32], voxel: float, lowest: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number of each point's block (N,), in the order in which they are met, and the blocks' keys."""
+    size = 16
+    while size < 2 * len(points):
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    keys = np.empty(len(points), np.int64)
+    found = np.empty(len(points), np.int64)
+    n_blocks = 0
+    key = number = -1
+    for index in range(len(points)):
+        x = block_of(points[index], 0, voxel) - lowest[0]
+        y = block_of(points[index], 1, voxel) - lowest[1]
+        z = block_of(points[index], 2, voxel) - lowest[2]
+        wanted = (x << 36) | (y << 18) | z
+        if wanted != key:
+            key = wanted
+            slot = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)
+            while table[slot] >= 0 and keys[table[slot]] != key:
+                slot = (slot + 1) & (size - 1)
+            if table[slot] < 0:
+                table[slot] = n_blocks
+                keys[n_blocks] = key
+                n_blocks += 1
+            number = table[slot]
+        found[index] = number
+    return found, keys[:n_blocks].copy()
+
+
+@njit(cache=True)
+def sort_by_block(found: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points (N,) by block, in their own order within each, and the first of each block (n_blocks + 1,)."""
+    starts = np.zeros(n_blocks + 1, np.int64)
+    for index in range(len(found)):
+        starts[found[index] + 1] += 1
+    for block in range(n_blocks):
+        starts[block + 1] += starts[block]
+    following = starts.copy()
+    order = np.empty(len(found), np.int64)
+    for index in range(len(found)):
+        order[following[found[index]]] = index
+        following[found[index]] += 1
+    return order, starts
+
+
+@njit(cache=True)
+def cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
+    """Number, 0 to 511, of a point's cell within its block."""
+    x = int(np.floor(float(point[0]) / voxel)) & 7
+    y = int(np.floor(float(point[1]) / voxel)) & 7
+    return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
+
+
+@njit(parallel=True, cache=True)
+def cell_moments(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    weights: NDArray[np.float64],
+    sigma: NDArray[np.float32],
+    order: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    voxel: float,
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
+
+    Block b holds the points `order[starts[b] : starts[b + 1]]`.
+    """
+    n_cells = np.zeros(len(starts), np.int64)
+    for block in prange(len(starts) - 1):
+        n_cells[block + 1] = count_cells(points, order[starts[block] : starts[block + 1]], voxel)
+    cell_starts = np.cumsum(n_cells)
+    moments = np.empty((cell_starts[-1], 14), np.float32)
+    for block in prange(len(starts) - 1):
+        chosen = order[starts[block] : starts[block + 1]]
+        cells = moments[cell_starts[block] : cell_starts[block + 1]]
+        sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
+    return moments, cell_starts
+
+
+@njit(cache=True)
+def count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
+    """How many cells of one block hold the chosen points."""
+    is_cell = np.zeros(512, np.bool_)
+    for index in chosen:
+        is_cell[cell_in_block(points[index], voxel)] = True
+    return int(is_cell.sum())
+
+
+@njit(cache=True)
+def sum_block(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    weights: NDArray[np.float64],
+    sigma: NDArray[np.float32],
+    chosen: NDArray[np.int64],
+    voxel: float,
+    moments: NDArray[np.float32],
+) -> None:
+    """Write the moments of one block's cells, which hold the chosen points."""
+    sums = np.zeros((512, 14))
+    corner = np.empty(3)
+    for axis in range(3):
+        corner[axis] = 8.0 * block_of(points[chosen[0]], axis, voxel)
+    for index in chosen:
+        cell = cell_in_block(points[index], voxel)
+        add_point(
+            points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel, sums[cell]
+        )
+    count = 0
+    for cell in range(512):
+        if sums[cell, 3] > 0:
+            finish_moments(sums[cell], moments[count])
+            count += 1
+
+
+@njit(cache=True)
+def add_point(
+    point: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    colour: NDArray[np.uint8],
+    weight: float,
+    sigma: float,
+    corner: NDArray[np.float64],
+    voxel: float,
+    sums: NDArray[np.float64],
+) -> None:
+    """Add a point to its cell's sums (14,)."""
+    along = square = 0.0
+    for axis in range(3):
+        local = float(point[axis]) / voxel - corner[axis]
+        sums[axis] += weight * local
+        sums[4 + axis] += weight * float(normal[axis])
+        sums[9 + axis] += weight * colour[axis]
+        along += local * float(normal[axis])
+        square += local * local
+    sums[3] += weight
+    sums[7] += weight * along
+    sums[8] += weight * square
+    sums[12] += weight * float(sigma) / voxel
+    sums[13] += 1
+
+
+@njit(cache=True)
+def finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> None:
+    """Turn a cell's sums into means, covariance and spread about the mean point."""
+    total = sums[3]
+    along, spread = sums[7] / total, sums[8] / total
+    for axis in range(3):
+        mean = sums[axis] / total
+        along -= mean * sums[4 + axis] / total
+        spread -= mean * mean
+    for moment in range(13):
+        moments[moment] = sums[moment] / total
+    moments[3] = total
+    moments[13] = sums[13]
+    moments[7] = along
+    moments[8] = max(spread, 0.0)
