@@ -1,14 +1,16 @@
 """Frame lock and speed of the toggle, read from pixels: `python bench/toggle.py [--switches N] [--only NAME]`.
 
 Full HD films of 15 s at 25 frames a second hold their condition and frame number as bars. The real study page shows
-them, real presses switch, and every composited picture is read back. Three runs in Chromium, then Firefox:
+them, real presses switch, and every composited picture is read back. Runs in Chromium, then in Firefox:
 
 - used: the page as participants see it: press to composited picture, black, backward, dropped
-- lock: the same with the film's crop lifted, so that A and B are both in every picture: does their frame differ?
+- decoded: the same where the browser plays no film of both, so that the page decodes a film of each (WebCodecs)
+- lock: used with the film's crop lifted, so that A and B are both in every picture: does their frame differ?
 - peer: two video elements that are started together, both in every picture
+- waits: from Next to the fixation of the next trial, whose film is fetched meanwhile
 - firefox: lock, by screenshots between real presses, and press to paint
 
-Other work on the machine delays pictures: the load stands beside the numbers.
+Other work on the machine delays pictures: the load stands beside the numbers. `--keep FOLDER` keeps the films.
 """
 
 from __future__ import annotations
@@ -19,8 +21,6 @@ import base64
 import json
 import os
 import shutil
-import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -30,28 +30,31 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
+from uuid import uuid4
 
 import cv2
 import httpx
-import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
+from playing.bars import SECONDS, SIZE, both_strips, difference, goes_back, latencies, read_bars, write_films
+from playing.firefox import Firefox
 from playwright.async_api import Page, Route, async_playwright
 
 from app.main import running_server
 from app.operate import add_token, create_study
 from app.settings import Settings
-from app.stimuli import file_digest
 from app.study.options import parse_options
 
-SIZE, FPS, SECONDS = (1920, 1080), 25, 15
-N_FRAMES = FPS * SECONDS
-FRAME_BITS = 9
-N_BARS = FRAME_BITS + 2  # an even parity bar and the condition before the frame's number
-DARK, LIGHT, TOLERANCE = 40, 216, 45
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "browser"))
+
+from techniques import MISSING
+
 USED, TALL = (1920, 1080), (1920, 2300)  # windows; in the tall one most of the strip that is not shown is seen too
 PAUSES_S = (0.10, 0.18)  # between presses
+WAITED_FOR = 3  # trials
+LOOK_S = 5  # at each of these
+SHOTS = 5  # presses in Firefox for each that is followed by a screenshot
 SCREENCAST = {"format": "jpeg", "quality": 60, "maxWidth": 480, "maxHeight": 600, "everyNthFrame": 1}
 NOTE_PRESSES = """
 window.presses = [];
@@ -67,14 +70,6 @@ PEER = """<style>body { margin: 0 } video { position: absolute; left: 0; width: 
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What one strip of a picture shows."""
-
-    condition: int
-    frame: int
-
-
-@dataclass(frozen=True)
 class Study:
     """Where the films are seen, and read about."""
 
@@ -85,59 +80,18 @@ class Study:
     films: Path
 
 
-def bars(condition: int, frame: int) -> NDArray[np.uint8]:
-    """A picture of vertical bars, uint8 (H, W)."""
-    code = condition << FRAME_BITS | frame
-    code |= (code.bit_count() % 2) << (FRAME_BITS + 1)
-    bits = np.array([code >> bit & 1 for bit in reversed(range(N_BARS))], dtype=bool)
-    columns = np.arange(SIZE[0]) * N_BARS // SIZE[0]
-    return np.broadcast_to(np.where(bits[columns], LIGHT, DARK).astype(np.uint8), SIZE[::-1])
-
-
-def read_bars(row: NDArray[np.uint8]) -> Reading | None:
-    """What `bars` wrote, from a row of pixels; None where there are no such bars."""
-    centres = ((np.arange(N_BARS) + 0.5) * len(row) / N_BARS).astype(int)
-    levels = row[centres].astype(int)
-    if np.any(np.minimum(abs(levels - DARK), abs(levels - LIGHT)) > TOLERANCE):
-        return None
-    code = int("".join("1" if level > 128 else "0" for level in levels), 2)
-    if code.bit_count() % 2:
-        return None
-    return Reading(code >> FRAME_BITS & 1, code & ((1 << FRAME_BITS) - 1))
-
-
-def write_films(folder: Path) -> Path:
-    """A stimulus set of two conditions."""
-    stimuli = []
-    for condition, name in enumerate(("one", "other")):
-        path = folder / f"{name}.mp4"
-        writer = imageio_ffmpeg.write_frames(
-            str(path), SIZE, pix_fmt_in="gray", fps=FPS, codec="libx264", quality=None, macro_block_size=2,
-            output_params=["-crf", "12", "-preset", "ultrafast"],
-        )  # fmt: skip
-        writer.send(None)
-        for frame in range(N_FRAMES):
-            writer.send(np.ascontiguousarray(bars(condition, frame)))
-        writer.close()
-        facts = {"width": SIZE[0], "height": SIZE[1], "fps": float(FPS), "n_frames": N_FRAMES}
-        stimuli.append({"dataset": "bars", "approach": name, "video": path.name, "sha256": file_digest(path), **facts})
-    content = {"schema_version": 1, "name": "bars", "stimuli": stimuli}
-    (folder / "manifest.json").write_text(json.dumps(content))
-    return folder
-
-
 @contextmanager
-def study() -> Iterator[Study]:
-    """A study of one pair, whose exposure the participant ends, on a server of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        films = Path(folder) / "films"
-        films.mkdir()
-        settings = Settings(data_dir=Path(folder) / "server")
-        options = parse_options({"free_exposure": True, "second_codec": "vp9"})
-        made = create_study(settings, write_films(films), "Bars", exposure_s=SECONDS, seed=1, options=options)
-        token = add_token(settings, "bench")["token"]
-        with running_server(settings) as url:
-            yield Study(url, made["path"], made["slug"], token, films)
+def study(folder: Path) -> Iterator[Study]:
+    """A study of one pair in both orders and once more, whose exposures the participant ends, on its own server."""
+    films = folder / "films"
+    films.mkdir(exist_ok=True)
+    settings = Settings(data_dir=folder / "server")
+    content = {"free_exposure": True, "both_orders": True, "repeated_pairs": 1, "second_codec": "vp9"}
+    name = f"Bars {uuid4()}"
+    made = create_study(settings, write_films(films), name, exposure_s=SECONDS, seed=1, options=parse_options(content))
+    token = add_token(settings, name)["token"]
+    with running_server(settings) as url:
+        yield Study(url, made["path"], made["slug"], token, films)
 
 
 async def to_exposure(page: Page, of: Study) -> None:
@@ -154,16 +108,17 @@ async def vote(page: Page, of: Study) -> dict[str, Any]:
     await page.keyboard.press("Enter")
     await page.locator("#trial[data-state=voting]").wait_for()
     await page.keyboard.press("2")
-    await page.keyboard.press("Enter")
-    await page.locator("[data-view=thanks]").wait_for()
+    async with page.expect_response(lambda answer: answer.url.endswith("/vote")):
+        await page.keyboard.press("Enter")
     return last_viewing(of)
 
 
 def last_viewing(of: Study) -> dict[str, Any]:
+    """Of the participant who came last, the trial that was voted on last."""
     rows = httpx.get(
         f"{of.url}/api/v1/studies/{of.slug}/trials?format=json", headers={"Authorization": f"Bearer {of.token}"}
     ).json()
-    viewing: dict[str, Any] = rows[-1]["viewing"]
+    viewing: dict[str, Any] = [row["viewing"] for row in rows if row["choice"]][-1]
     return viewing
 
 
@@ -206,25 +161,6 @@ def presses_of(page: Page, n: int) -> Callable[[], Awaitable[None]]:
     return press
 
 
-def goes_back(before: int, after: int) -> bool:
-    """Whether a film went back, other than to its beginning."""
-    is_new_pass = before > 0.9 * N_FRAMES and after < 0.1 * N_FRAMES
-    return after < before and not is_new_pass
-
-
-def latencies(pictures: Sequence[tuple[float, Reading | None]], presses: Sequence[float]) -> NDArray[np.float64]:
-    """From each press to the swap of the first picture of the other condition, ms; NaN where none came in time."""
-    found = []
-    for number, pressed in enumerate(presses):
-        until = presses[number + 1] if number + 1 < len(presses) else np.inf
-        before = [reading.condition for at, reading in pictures if at < pressed and reading][-1:]
-        changed = [
-            at for at, reading in pictures if pressed <= at < until and reading and [reading.condition] != before
-        ]
-        found.append(changed[0] - pressed if changed and before else np.nan)
-    return np.array(found)
-
-
 async def used(page: Page, of: Study, n: int) -> dict[str, Any]:
     """The page as it is."""
     await page.set_viewport_size({"width": USED[0], "height": USED[1]})
@@ -239,17 +175,15 @@ async def used(page: Page, of: Study, n: int) -> dict[str, Any]:
     return {
         "pictures": len(pictures),
         "switches": len(viewing["switches"]),
-        "press_to_picture_ms": {
-            "median": round(float(np.nanmedian(delays)), 1),
-            "p95": round(float(np.nanpercentile(delays, 95)), 1),
-            "max": round(float(np.nanmax(delays)), 1),
-            "missed": int(np.isnan(delays).sum()),
-        },
+        "press_to_picture_ms": {**summary(delays), "missed": int(np.isnan(delays).sum())},
         "black": sum(reading is None for _, reading in readings),
         "backward": sum(goes_back(one.frame, other.frame) for one, other in pairwise(seen)),
         "drops": f"{viewing['n_dropped']} of {viewing['n_frames']}",
         "stalls": viewing["n_stalls"],
-        "record": {name: viewing[name] for name in ("technique", "n_mismatches") if name in viewing},
+        "record": {
+            **{name: viewing[name] for name in ("technique", "n_mismatches") if name in viewing},
+            "press_to_animation_frame_ms": summary([s["frame_ms"] - s["at_ms"] for s in viewing["switches"]]),
+        },
     }
 
 
@@ -287,25 +221,27 @@ async def peer(page: Page, of: Study, n: int) -> dict[str, Any]:
     return {**difference([pair for run in runs for pair in run]), "differing_percent_of_each_start": each}
 
 
-def both_strips(picture: NDArray[np.uint8]) -> tuple[Reading | None, Reading | None]:
-    """What is in the film's window, and what lies above or below it."""
-    at = [read_bars(picture[int(share * len(picture))]) for share in (0.05, 0.5, 0.95)]
-    return at[1], at[0] or at[2]
+async def waits(page: Page, of: Study, _n: int) -> dict[str, Any]:
+    """Trial after trial, each looked at for a while."""
+    await page.set_viewport_size({"width": USED[0], "height": USED[1]})
+    await to_exposure(page, of)
+    found = []
+    for _ in range(WAITED_FOR):
+        await page.locator("#trial[data-state=exposure]").wait_for()
+        await asyncio.sleep(LOOK_S)
+        found.append((await vote(page, of))["wait_ms"])
+    return {"first_ms": found[0], "later_ms": found[1:]}
 
 
-def difference(pairs: Sequence[tuple[Reading | None, Reading | None]]) -> dict[str, Any]:
-    """In how many pictures the two strips show different frames."""
-    read = [(one, other) for one, other in pairs if one and other and one.condition != other.condition]
-    differing = sum(one.frame != other.frame for one, other in read)
+def summary(values: Sequence[float] | NDArray[np.float64]) -> dict[str, float]:
     return {
-        "pictures": len(pairs),
-        "unreadable": len(pairs) - len(read),
-        "differing": differing,
-        "differing_percent": round(100 * differing / max(1, len(read)), 2),
+        "median": round(float(np.nanmedian(values)), 1),
+        "p95": round(float(np.nanpercentile(values, 95)), 1),
+        "max": round(float(np.nanmax(values)), 1),
     }
 
 
-RUNS = {"used": used, "lock": lock, "peer": peer}
+RUNS = {"used": used, "decoded": used, "lock": lock, "peer": peer, "waits": waits}
 
 
 async def in_chromium(name: str, of: Study, n: int) -> dict[str, Any]:
@@ -313,91 +249,14 @@ async def in_chromium(name: str, of: Study, n: int) -> dict[str, Any]:
         path = shutil.which("chromium") or shutil.which("chromium-browser")
         browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
         context = await browser.new_context(locale="en")
+        context.set_default_timeout(120_000)
         page = await context.new_page()
+        if name == "decoded":
+            await page.add_init_script(MISSING["webcodecs"])
         try:
             return await RUNS[name](page, of, n)
         finally:
             await browser.close()
-
-
-class Firefox:
-    """Firefox by its own protocol, Marionette: packets of JSON with their length before them."""
-
-    PREFERENCES: ClassVar[dict[str, Any]] = {
-        "marionette.port": 0,
-        "media.autoplay.default": 0,
-        "dom.send_after_paint_to_content": True,
-        "privacy.reduceTimerPrecision": False,
-        "browser.shell.checkDefaultBrowser": False,
-    }
-
-    def __init__(self, program: str, folder: Path) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        preferences = {**self.PREFERENCES, "marionette.port": port}
-        lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in preferences.items()]
-        (folder / "user.js").write_text("\n".join(lines))
-        command = [program, "--headless", "--marionette", "--profile", str(folder), "--no-remote"]
-        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self.stream = self._connect(port)
-        self.number = 0
-        self._receive()  # a greeting
-        self.tell("WebDriver:NewSession")
-
-    def _connect(self, port: int) -> Any:
-        for _ in range(600):
-            try:
-                return socket.create_connection(("127.0.0.1", port), timeout=60).makefile("rwb")
-            except OSError:
-                time.sleep(0.1)
-        raise RuntimeError("Firefox does not open its port within a minute")
-
-    def tell(self, command: str, **parameters: Any) -> Any:
-        self.number += 1
-        message = json.dumps([0, self.number, command, parameters]).encode()
-        self.stream.write(str(len(message)).encode() + b":" + message)
-        self.stream.flush()
-        _, _, error, result = self._receive()
-        if error:
-            raise RuntimeError(f"{command}: {error['message']}")
-        return result.get("value") if isinstance(result, dict) else result
-
-    def _receive(self) -> Any:
-        length = b""
-        while (digit := self.stream.read(1)) != b":":
-            length += digit
-        return json.loads(self.stream.read(int(length)))
-
-    def run(self, script: str) -> Any:
-        return self.tell("WebDriver:ExecuteScript", script=f"return {script}", args=[])
-
-    def wait_for(self, condition: str) -> None:
-        for _ in range(600):
-            if self.run(condition):
-                return
-            time.sleep(0.05)
-        raise RuntimeError(f"Firefox: {condition} does not come true; it shows {self.run('document.body.innerText')!r}")
-
-    def press_key(self, key: str) -> None:
-        actions = [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]
-        self.tell("WebDriver:PerformActions", actions=[{"type": "key", "id": "keyboard", "actions": actions}])
-
-    def press_mouse(self, x: int, y: int) -> None:
-        actions = [
-            {"type": "pointerMove", "x": x, "y": y, "duration": 0},
-            {"type": "pointerDown", "button": 0},
-            {"type": "pointerUp", "button": 0},
-        ]
-        self.tell("WebDriver:PerformActions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
-
-    def picture(self) -> NDArray[np.uint8]:
-        png = base64.b64decode(self.tell("WebDriver:TakeScreenshot", full=False))
-        return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8)
-
-    def close(self) -> None:
-        self.process.terminate()
-        self.process.wait(30)
 
 
 PAINTS = """(() => {
@@ -408,12 +267,12 @@ PAINTS = """(() => {
 
 
 def in_firefox(of: Study, n: int) -> dict[str, Any]:
-    """Screenshots between presses; and from each press to the paint that follows it."""
+    """From each press to the paint that follows it; then screenshots between presses."""
     program = shutil.which("firefox-esr") or shutil.which("firefox")
     if program is None:
         return {"skipped": "no Firefox is installed"}
     with tempfile.TemporaryDirectory() as folder:
-        firefox = Firefox(program, Path(folder))
+        firefox = Firefox(program, Path(folder), size=(TALL[0], TALL[1] + 90))
         try:
             return _firefox_run(firefox, of, n)
         finally:
@@ -421,60 +280,68 @@ def in_firefox(of: Study, n: int) -> dict[str, Any]:
 
 
 def _firefox_run(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
-    version = firefox.run("navigator.userAgent").split()[-1]
-    firefox.tell("WebDriver:SetWindowRect", width=TALL[0], height=TALL[1] + 90)
+    version, size = firefox.run("navigator.userAgent").split()[-1], firefox.run("[innerWidth, innerHeight]")
     firefox.tell("WebDriver:Navigate", url=of.url + of.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
         firefox.wait_for(f"!document.querySelector('[data-view={view}]').hidden")
         firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")
-    firefox.run("document.querySelector('.film').style.overflow = 'visible'")
     firefox.run(PAINTS)
-    pairs = []
     for _ in range(n):
         firefox.press_mouse(700, 1100)
-        pairs.append(both_strips(firefox.picture()))
+        time.sleep(PAUSES_S[0])
     presses, paints = firefox.run("window.presses"), np.array(firefox.run("window.paints"))
-    firefox.press_key("\ue007")
-    firefox.wait_for("document.querySelector('#trial').dataset.state === 'voting'")
-    firefox.press_key("2")
-    firefox.press_key("\ue007")
-    firefox.wait_for("!document.querySelector('[data-view=thanks]').hidden")
-    viewing = last_viewing(of)
-    delays = [paints[paints > pressed][0] - pressed for pressed in presses if np.any(paints > pressed)]
+    firefox.run("document.querySelector('.film').style.overflow = 'visible'")
+    pairs = []
+    for _ in range(n // SHOTS):
+        firefox.press_mouse(700, 1100)
+        pairs.append(both_strips(firefox.picture()))
+    viewing = _firefox_vote(firefox, of)
     seen = [window for window, _ in pairs if window]
     return {
         "version": version,
+        "window": size,
+        "technique": viewing["technique"],
         "switches": len(viewing["switches"]),
         **difference(pairs),
-        "press_to_paint_ms": {
-            "median": round(float(np.median(delays)), 1),
-            "p95": round(float(np.percentile(delays, 95)), 1),
-            "max": round(float(max(delays)), 1),
-        }
-        if delays
-        else None,
+        "press_to_paint_ms": summary([paints[paints > at][0] - at for at in presses if np.any(paints > at)]),
+        "press_to_animation_frame_ms": summary([s["frame_ms"] - s["at_ms"] for s in viewing["switches"][:n]]),
         "black": sum(window is None for window, _ in pairs),
         "backward": sum(goes_back(one.frame, other.frame) for one, other in pairwise(seen)),
         "drops": f"{viewing['n_dropped']} of {viewing['n_frames']}",
     }
 
 
+def _firefox_vote(firefox: Firefox, of: Study) -> dict[str, Any]:
+    firefox.press_key("\ue007")
+    firefox.wait_for("document.querySelector('#trial').dataset.state === 'voting'")
+    firefox.press_key("2")
+    firefox.press_key("\ue007")
+    firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")  # the next: the vote is kept
+    return last_viewing(of)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--switches", type=int, default=1000)
     parser.add_argument("--only", choices=(*RUNS, "firefox"), action="append")
+    parser.add_argument("--keep", type=Path, help="folder in which the films are kept for the next time")
     arguments = parser.parse_args()
-    with study() as of:
-        for name in arguments.only or (*RUNS, "firefox"):
-            load = os.getloadavg()[0]
-            if name == "firefox":
-                result = in_firefox(of, arguments.switches)
-            else:
-                result = asyncio.run(in_chromium(name, of, arguments.switches))
-            result |= {"load_before": round(load, 1), "load_after": round(os.getloadavg()[0], 1)}
-            sys.stdout.write(json.dumps({name: result}, indent=2) + "\n")
-            sys.stdout.flush()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        with study(folder) as of:
+            for name in arguments.only or (*RUNS, "firefox"):
+                tell(name, of, arguments.switches)
+
+
+def tell(name: str, of: Study, n: int) -> None:
+    """Print what a run found, and how busy the machine was."""
+    before = os.getloadavg()[0]
+    result = in_firefox(of, n) if name == "firefox" else asyncio.run(in_chromium(name, of, n))
+    result |= {"load_before": round(before, 1), "load_after": round(os.getloadavg()[0], 1)}
+    sys.stdout.write(json.dumps({name: result}, indent=2) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
