@@ -1,4 +1,4 @@
-"""A whole session of 75 trials by an artificial person at the real page, at accelerated exposure."""
+"""A whole session by an artificial person at the real page, from the consent to the thanks, at accelerated exposure."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from eyes import passes_screening
 from films import squares, write_films
 from playwright.sync_api import Page, expect
-from visitor import NewStudy, Visitor
+from visitor import NewStudy, Study, Visitor
 
 from app.operate import study_balance
 from app.settings import Settings
@@ -23,43 +24,93 @@ CONDITIONS = ("heron", "otter", "zebra", "civet", "tapir", "lemur")
 ABILITIES = {name: 12.0 * rank for rank, name in enumerate(CONDITIONS)}  # so far apart that choices are certain
 KEYS = {"a": "1", "none": "2", "b": "3"}
 N_TRIALS = 75
-EXPOSURE_S = 0.1
+EXPOSURE_S = 0.4  # long enough for a switch in practice
+LONGEST_WAIT_MS = 500  # before a trial, whose film was fetched during the one before
+OPTIONS = {
+    "optional_stages": ["screening", "practice", "interview"],
+    "consent": "We compare models.",
+    "comprehension": True,
+    "break_every": 25,
+}
 
 
 @pytest.fixture(scope="module")
 def many_films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("many")
     return write_films(
-        folder, 25.0, 4, lambda index, frame: squares(index % 4, frame), datasets=DATASETS, conditions=CONDITIONS
+        folder, 25.0, 10, lambda index, frame: squares(index % 4, frame), datasets=DATASETS, conditions=CONDITIONS
     )
 
 
-def test_an_artificial_person_takes_75_trials_by_keyboard_and_every_choice_arrives(
+def test_an_artificial_person_takes_every_stage_and_75_trials_and_every_choice_arrives(
     new_study: NewStudy, many_films: Path, settings: Settings, page: Page, visitor: Visitor
 ) -> None:
-    study = new_study(many_films, EXPOSURE_S, parse_options({"break_every": 25}))
+    study = new_study(many_films, EXPOSURE_S, parse_options(OPTIONS))
     page.set_default_timeout(30_000)
-    visitor.begin(study)
+    comes_to_the_trials(study, page, visitor)
     compared = {trial["number"]: trial for trial in study.read("trials")}
     preference, rng = Preference(ABILITIES, 0.0), np.random.default_rng(1)
     for number in range(1, N_TRIALS + 1):
         visitor.is_in("voting")
         expect(page.locator("#trial-label")).to_have_text(f"Pair {number} of {N_TRIALS}")
-        choice = preference.choose(compared[number]["item_a"], compared[number]["item_b"], rng)
-        visitor.votes(KEYS[choice])
+        pair = compared[number]
+        visitor.votes(KEYS[preference.choose(pair["dataset"], pair["item_a"], pair["item_b"], rng)])
         if number in (25, 50):
             visitor.sees("break")
             page.keyboard.press("Enter")
         page.locator(
-            "#trial:not([data-state=voting]), [data-view=thanks]:visible, [data-view=break]:visible"
+            "#trial:not([data-state=voting]), [data-view=interview]:visible, [data-view=break]:visible"
         ).first.wait_for()
+    visitor.sees("interview")
+    page.get_by_label("How old are you?").fill("47")
+    page.get_by_role("button", name="Finish").click()
     visitor.sees("thanks")
+
     votes = study.read("votes")
     assert len(votes) == N_TRIALS
     assert Counter(vote["dataset"] for vote in votes) == dict.fromkeys(DATASETS, 15)
     for vote in votes:
         better = max(vote["item_a"], vote["item_b"], key=ABILITIES.__getitem__)
         assert vote[f"item_{vote['choice']}"] == better
+    assert {row["test"]: row["verdict"] for row in study.read("screening")} == {"acuity": "passed", "colour": "passed"}
+    assert [row["answer"] for row in study.read("questionnaire")] == [47]
+    waits = [trial["viewing"]["wait_ms"] for trial in study.read("trials")]
+    assert np.median(waits) <= LONGEST_WAIT_MS
     report = study_balance(settings, study.slug)
     assert report["ok"]
     assert report["participants"]["finished"] == 1
+
+
+def comes_to_the_trials(study: Study, page: Page, visitor: Visitor) -> None:
+    """Consent, instructions, comprehension, screening and practice."""
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    page.get_by_label("I have read this").check()
+    page.keyboard.press("Enter")
+    for number in (1, 2, 3):
+        visitor.sees(f"instructions-{number}")
+        page.keyboard.press("Enter")
+    page.get_by_label("I switch between").check()
+    page.keyboard.press("Enter")
+    passes_screening(visitor)
+    visitor.sees("practice")
+    page.keyboard.press("Enter")
+    practises(page, visitor)
+    page.keyboard.press("Enter")
+
+
+def practises(page: Page, visitor: Visitor) -> None:
+    """A busy machine may miss an exposure; then the pair comes again."""
+    for _ in ("an obvious pair", "an identical one"):
+        is_switched = False
+        while not is_switched:
+            visitor.is_in("exposure")
+            page.keyboard.press("Space")
+            visitor.votes("2")
+            again = page.locator("[data-view=practice-again]:visible")
+            page.locator("#trial[data-state=exposure], [data-view=practice-done]:visible").or_(again).first.wait_for()
+            is_switched = not again.is_visible()
+            if not is_switched:
+                page.keyboard.press("Enter")
+    visitor.sees("practice-done")

@@ -5,23 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from playwright.sync_api import Browser, Locator, Page, expect
+from eyes import DRAWN, answers_plates, answers_rings, fits_card, picture_of, shows, types_distance
+from playwright.sync_api import Browser, Page, expect
 from test_accessibility import check_accessibility
 from visitor import NewStudy, Study, Visitor
 
-from app.study.observer import Observer, gap_of_ring
 from app.study.options import parse_options
-from app.study.pictures import MARGIN, read_png
+from app.study.pictures import read_png
 
 pytestmark = pytest.mark.browser
-
-RING_KEYS = ("Numpad6", "KeyE", "Numpad8", "KeyQ", "Numpad4", "KeyZ", "Numpad2", "Numpad3")
-PLATE_KEYS = {0: "ArrowRight", 2: "ArrowUp", 4: "ArrowLeft", 6: "ArrowDown", -1: "0"}
-ABOVE_DIAL = 0.62  # of the window's height
 
 
 @pytest.fixture(scope="session")
@@ -40,42 +34,6 @@ def enters(visitor: Visitor, study: Study) -> None:
     visitor.sees("screening")
 
 
-def fits_card(visitor: Visitor) -> None:
-    """Twice alike, by keyboard."""
-    slider = visitor.page.get_by_label("Width of the drawn card")
-    for number in (1, 2):
-        expect(visitor.page.get_by_text(f"{number} of 2")).to_be_visible()
-        slider.press("Home")
-        for _ in range(2):
-            slider.press("PageUp")
-        visitor.page.keyboard.press("Enter")
-
-
-def types_distance(visitor: Visitor, view: str, distance_cm: int) -> None:
-    visitor.sees(view)
-    visitor.page.locator(f"#{view}-cm").press_sequentially(str(distance_cm))
-    visitor.page.keyboard.press("Enter")
-
-
-def picture_of(page: Page | Locator) -> NDArray[np.uint8]:
-    picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
-    return np.asarray(picture[..., ::-1], dtype=np.uint8)
-
-
-def ring_on(page: Page) -> NDArray[np.uint8]:
-    """The part of the screen that holds the ring, with the margin that it was drawn with."""
-    screen = picture_of(page)[..., 0]
-    screen = screen[: int(ABOVE_DIAL * len(screen))]
-    rows, columns = np.nonzero(screen < 255)
-    top, left = rows.min() - MARGIN, columns.min() - MARGIN
-    size = max(np.ptp(rows), np.ptp(columns)) + 1 + 2 * MARGIN  # a gap may take the outermost column with it
-    return screen[top : top + size, left : left + size]
-
-
-def shows(page: Page, text: str) -> None:
-    expect(page.get_by_text(text, exact=True)).to_be_visible()
-
-
 def test_a_screening_is_passed_by_keyboard_with_open_eyes(screened: Any, page: Page, visitor: Visitor) -> None:
     page.emulate_media(reduced_motion="reduce")
     study = screened()
@@ -91,37 +49,20 @@ def test_a_screening_is_passed_by_keyboard_with_open_eyes(screened: Any, page: P
     visitor.sees("rings-intro")
     check_accessibility(page)
     page.keyboard.press("Enter")
-    for number in range(1, 25):
-        shows(page, f"Ring {number} of 24")
-        page.wait_for_function(DRAWN)
-        if number == 1:
-            check_accessibility(page)
-        page.keyboard.press(RING_KEYS[gap_of_ring(ring_on(page))])
+    page.wait_for_function(DRAWN)
+    check_accessibility(page)
+    answers_rings(page)
     visitor.sees("plates-intro")
     check_accessibility(page)
     page.keyboard.press("Enter")
-    rng = np.random.default_rng(3)
-    plate = page.locator("#plate")
-    for number in range(1, 19):
-        shows(page, f"Disc {number} of 18")
-        expect(plate).to_be_visible()
-        if number == 1:
-            check_accessibility(page)
-        page.keyboard.press(PLATE_KEYS[Observer().answer_plate(picture_of(plate), rng)])
+    expect(page.locator("#plate")).to_be_visible()
+    check_accessibility(page)
+    answers_plates(page)
     visitor.is_in("voting")
     acuity, colour = study.read("screening")
     assert (acuity["verdict"], acuity["distance_mm"]) == ("passed", 2500)
     assert acuity["logmar"] < acuity["limit"]
     assert colour["verdict"] == "passed"
-
-
-DRAWN = """() => {
-  const canvas = document.getElementById("ring-canvas");
-  const { width, height } = canvas;
-  if (width === 0) return false;
-  const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
-  return pixels.some((level) => level < 128);
-}"""
 
 
 @pytest.mark.parametrize("ratio", [1, 1.5, 2])
