@@ -1,7 +1,7 @@
 /** Whether this browser and this window can show the study, told before it begins. */
 
 import { display, whenRefreshIsKnown } from "./display.js";
-import { fill } from "./trial.js";
+import { fill } from "./page.js";
 
 const SMALLEST_WINDOW = { width: 1000, height: 550 }; // CSS pixels; a laptop's browser with all its bars has more
 const SLOWEST_REFRESH_HZ = 45; // a film of 25 frames a second needs about twice as many

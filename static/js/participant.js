@@ -1,45 +1,36 @@
 /** The participant's page, from Begin to the thanks. The server knows the stage; the page shows it. */
 
+import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
-import { Films } from "./films.js";
+import { display } from "./display.js";
 import { readAnswers } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
-import { checkBrowser } from "./browser-check.js";
-import { display } from "./display.js";
+import { enterFullScreen } from "./page.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
-import { beginSession, completeStage, markComprehension, readNextTrial, readPractice, readSession, tellTrouble, tellTurnedAway, withdraw } from "./session.js";
+import { beginSession, completeStage, markComprehension, readPractice, readSession, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
-import { bestTechnique, filmsOf } from "./technique.js";
-import { SWITCH_KEYS, Trial, enterFullScreen, fill } from "./trial.js";
+import { bestTechnique } from "./technique.js";
+import { Trials } from "./trials.js";
+import { listenForTries } from "./try-switch.js";
+import { byId, dialog, page, pressPrimary, show, tell, viewOf } from "./views.js";
 
-/**
- * @typedef {import("./session.js").Session} Session
- * @typedef {import("./session.js").TrialDescription} TrialDescription
- */
+/** @typedef {import("./session.js").Session} Session */
 
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // about what a vote takes, for the length that is announced
-const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
-const FEWEST_AFTER_BREAK = 5;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [403, "closed"]]);
 
-const page = /** @type {HTMLElement} */ (document.getElementById("study"));
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const beginKey = `begin ${code}`;
 const shelf = await openShelf();
-const films = new Films();
 const technique = await bestTechnique(byId("browser-check").dataset);
+const trials = new Trials(byId("trial"), technique, breakEvery);
 /** @type {Outbox} */
 let outbox; // of the session, once there is one
-/** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
-let ahead = null;
-let lastBreak = 0; // answers before it
 /** @type {object[]} rounds of practice */
 const practised = [];
-/** @type {Trial | null} */
-let trial = null; // that runs now
 let wrongAnswers = 0;
 let pageKey = ""; // of the session: which page of the instructions is open
 let consentKey = ""; // of the session: the digest of the text that was agreed to
@@ -61,7 +52,6 @@ const STAGES = {
 
 onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hidden", !isInTrouble));
 document.addEventListener("keydown", pressPrimary);
-document.addEventListener("keydown", switchTryByKey);
 byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
 byId("no-codec").hidden = technique !== null;
@@ -70,7 +60,7 @@ if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code).catch(() =
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
-byId("try").addEventListener("click", switchTry);
+listenForTries();
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 document.getElementById("consent")?.addEventListener("submit", consent);
 document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
@@ -110,7 +100,7 @@ async function resume() {
   if (found.stage !== "withdrawn") await outbox.emptied();
   const session = await patiently(readSession); // with the votes that were still here
   tellSession(session);
-  lastBreak = session.progress.done;
+  trials.lastBreak = session.progress.done;
   if (session.stage !== "trial") goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
@@ -219,7 +209,7 @@ async function practise() {
   while (practised.length < pairs.length) {
     const description = pairs[practised.length];
     show("trial");
-    const { vote } = await shown(description, performance.now());
+    const { vote } = await trials.show(description, performance.now());
     if (!vote) throw new Error("practice is not interrupted");
     if (vote.viewing.switches.length === 0) {
       show("practice-again");
@@ -252,92 +242,11 @@ function goOnWithTrials() {
   guarded(runTrials);
 }
 
-/** A trial is asked for when the server has every vote before it; while it cannot be reached, the next one is already here. */
 async function runTrials() {
   show("trial");
-  for (;;) {
-    const askedAt = performance.now();
-    const description = await nextTrial();
-    if (!description) break;
-    if (isTimeForBreak(description)) {
-      show("break");
-      return;
-    }
-    ahead = description.following ?? null;
-    if (!(await runTrial(description, askedAt))) {
-      show("interrupted");
-      return;
-    }
-  }
-  goTo(await patiently(readSession));
-}
-
-/** @returns {Promise<TrialDescription | null>} */
-function nextTrial() {
-  const fresh = upToDate();
-  fresh.catch(() => {}); // it may fail after the study went on without it; then the next call tells
-  return ahead ? Promise.race([fresh, withoutServer(ahead)]) : fresh;
-}
-
-/** @returns {Promise<TrialDescription | null>} */
-async function upToDate() {
-  await outbox.emptied();
-  return patiently(readNextTrial);
-}
-
-/** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
-async function withoutServer(following) {
-  await Promise.all([filmOf(following).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
-  return following;
-}
-
-/** @param {TrialDescription} description @param {number} askedAt @returns {Promise<boolean>} false when it was interrupted */
-async function runTrial(description, askedAt) {
-  const { following } = description;
-  films.keepOnly([description, following].flatMap((one) => (one ? [addresses(one)] : [])));
-  if (following) filmOf(description).whole.then(() => filmOf(following)).catch(() => {});
-  const { vote, interruption } = await shown(description, askedAt);
-  if (vote) await outbox.putVote(description.trial, vote);
-  if (interruption) await outbox.putInterruption(description.trial, interruption);
-  return !interruption;
-}
-
-/** @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
-async function shown(description, askedAt) {
-  trial = new Trial(byId("trial"), description, filmOf(description), canShow());
-  try {
-    return await trial.run(askedAt);
-  } catch (error) {
-    tellTrouble(description.trial, String(error)).catch(() => {}); // it is for the log only
-    throw error;
-  } finally {
-    trial = null;
-  }
-}
-
-/** @param {TrialDescription} description @returns {import("./films.js").Film} under way or here */
-function filmOf(description) {
-  return films.get(addresses(description));
-}
-
-/** @param {TrialDescription} description of a trial @returns {string[]} of its films */
-function addresses({ media }) {
-  return filmsOf(canShow(), media);
-}
-
-/** @returns {import("./session.js").Technique} */
-function canShow() {
-  if (!technique) throw new Error("this browser cannot show the films");
-  return technique;
-}
-
-/** @param {TrialDescription} description of the trial that comes */
-function isTimeForBreak({ number, total }) {
-  const answered = number - 1;
-  if (!breakEvery || answered % breakEvery || answered === lastBreak || total - answered < FEWEST_AFTER_BREAK) return false;
-  lastBreak = answered;
-  tell({ done: answered, total });
-  return answered > 0;
+  const end = await trials.run(outbox);
+  if (end === "over") goTo(await patiently(readSession));
+  else show(end);
 }
 
 function thank() {
@@ -348,7 +257,7 @@ function thank() {
 /** Withdraws from the study; what is still on its way is not sent any more. */
 function leaveForGood() {
   dialog().close();
-  trial?.abandon();
+  trials.abandon();
   leaveFullScreen();
   guarded(async () => {
     await patiently(withdraw);
@@ -407,7 +316,7 @@ async function enterSession(session) {
 
 /** The session goes on in another tab: nothing more is done here. */
 function yieldToOther() {
-  trial?.abandon();
+  trials.abandon();
   leaveFullScreen();
   show("yielded");
 }
@@ -417,63 +326,4 @@ function tellSession({ study, stage, progress, resume_code }) {
   page.dataset.stage = stage;
   const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
   tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
-}
-
-/** @type {Record<string, unknown>} */
-let told = {};
-
-/** @param {Record<string, unknown>} values for the places in the texts */
-function tell(values) {
-  told = { ...told, ...values };
-  for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-fill]"))) {
-    place.textContent = fill(place.dataset.fill, told);
-  }
-}
-
-/** @param {string} name of the one view that is shown now */
-function show(name) {
-  for (const view of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-view]"))) {
-    view.hidden = view.dataset.view !== name;
-  }
-  page.dataset.showing = name;
-  page.className = name === "trial" ? "dark" : "light";
-  window.scrollTo(0, 0);
-  /** @type {HTMLElement | null} */ (viewOf(name).querySelector('h1[tabindex="-1"]'))?.focus({ preventScroll: true });
-}
-
-/** Enter presses a page's main button, wherever the focus is. @param {KeyboardEvent} event */
-function pressPrimary(event) {
-  const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
-  if (event.key !== "Enter" || event.repeat || hasOwnEnter || dialog().open) return;
-  const button = /** @type {HTMLElement | null} */ (viewOf(page.dataset.showing ?? "")?.querySelector("[data-primary]"));
-  if (!button || button.hidden) return;
-  event.preventDefault();
-  button.click();
-}
-
-function switchTry() {
-  const { dataset } = byId("try");
-  dataset.shown = dataset.shown === "a" ? "b" : "a";
-}
-
-/** @param {KeyboardEvent} event */
-function switchTryByKey(event) {
-  const pressesButton = event.key === " " && event.target instanceof HTMLButtonElement;
-  if (page.dataset.showing !== "instructions-2" || !SWITCH_KEYS.has(event.key) || event.repeat || pressesButton) return;
-  event.preventDefault();
-  switchTry();
-}
-
-function dialog() {
-  return /** @type {HTMLDialogElement} */ (byId("withdraw"));
-}
-
-/** @param {string} name @returns {HTMLElement} */
-function viewOf(name) {
-  return /** @type {HTMLElement} */ (page.querySelector(`[data-view="${name}"]`));
-}
-
-/** @param {string} id @returns {HTMLElement} */
-function byId(id) {
-  return /** @type {HTMLElement} */ (document.getElementById(id));
 }

@@ -6,7 +6,7 @@ import { Refusal, patiently } from "./connection.js";
 import { listenForDirections } from "./directions.js";
 import { PixelStage } from "./pixel-stage.js";
 import { answerItem, readItem, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
-import { enterFullScreen } from "./trial.js";
+import { enterFullScreen } from "./page.js";
 
 /**
  * @typedef {import("./session.js").ScreeningState} ScreeningState

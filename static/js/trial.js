@@ -4,7 +4,10 @@
  */
 
 import { randomId } from "./outbox.js";
+import { SWITCH_KEYS, after, fill, find, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
+import { display, dwell, tenths } from "./viewing.js";
+import { askForChoice } from "./vote-form.js";
 
 /**
  * @typedef {import("./session.js").TrialDescription} TrialDescription
@@ -19,12 +22,9 @@ import { newPlayer } from "./technique.js";
 
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
-const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
 const REFERENCE_KEY = "r";
 const RIGHT_BUTTON = 2;
-export const SWITCH_KEYS = new Set([" ", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"]);
 const MAY_COME_AGAIN = 1; // attempts; a repetition that is interrupted goes on, and says so
-const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
 
 let pageIsLeft = false; // a page that is left is hidden too; coming back shows the trial again
 window.addEventListener("pagehide", () => (pageIsLeft = true));
@@ -135,6 +135,19 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #expose(signal) {
+    const { free_exposure, exposure_s } = this.description;
+    this.#listen(signal);
+    this.viewing.display = display();
+    this.#watch(signal);
+    if (signal.aborted) return;
+    this.player.play(free_exposure ? Infinity : exposure_s, signal).then(
+      () => this.#endExposure(),
+      (error) => signal.aborted || this.#go("failed", error),
+    );
+  }
+
+  /** Mouse and keys, as long as the film is shown. @param {AbortSignal} signal */
+  #listen(signal) {
     const { free_exposure, media } = this.description;
     const onPress = (/** @type {PointerEvent} */ event) => {
       if (event.target instanceof HTMLButtonElement) return;
@@ -142,7 +155,7 @@ export class Trial {
       this.#switch(event.timeStamp, media.reference && event.button === RIGHT_BUTTON);
     };
     const onKey = (/** @type {KeyboardEvent} */ event) => {
-      if (event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+      if (!isPlain(event)) return;
       const isForReference = media.reference && event.key.toLowerCase() === REFERENCE_KEY;
       if (isForReference || SWITCH_KEYS.has(event.key)) {
         event.preventDefault();
@@ -157,13 +170,6 @@ export class Trial {
     this.screen.addEventListener("contextmenu", preventDefault, { signal });
     document.addEventListener("keydown", onKey, { signal });
     find(this.screen, ".end-exposure").addEventListener("click", () => this.#endExposure(), { signal });
-    this.viewing.display = display();
-    this.#watch(signal);
-    if (signal.aborted) return;
-    this.player.play(free_exposure ? Infinity : this.description.exposure_s, signal).then(
-      () => this.#endExposure(),
-      (error) => signal.aborted || this.#go("failed", error),
-    );
   }
 
   /** Leaving the full screen or hiding the tab interrupts what is seen. @param {AbortSignal} signal */
@@ -238,24 +244,7 @@ export class Trial {
   #ask(signal) {
     const openedAt = performance.now();
     const form = /** @type {HTMLFormElement} */ (find(this.screen, "form"));
-    const hint = find(form, ".choose");
-    form.reset();
-    hint.textContent = "";
-    find(form, "legend").focus({ preventScroll: true });
-    guardFromClicks(form, signal);
-    offerFullScreen(form, signal);
-    let n_choices = 0;
-    form.addEventListener("change", () => {
-      n_choices += 1;
-      hint.textContent = "";
-    }, { signal });
-    form.addEventListener("submit", (event) => {
-      event.preventDefault();
-      const choice = /** @type {Vote["choice"] | null} */ (new FormData(form).get("choice"));
-      if (choice) this.#vote(choice, performance.now() - openedAt, n_choices - 1);
-      else hint.textContent = hint.dataset.choose ?? "";
-    }, { signal });
-    document.addEventListener("keydown", (event) => answerByKey(event, form), { signal });
+    askForChoice(form, signal, (choice, n_changes) => this.#vote(choice, performance.now() - openedAt, n_changes));
   }
 
   /** @param {Vote["choice"]} choice @param {number} response_ms @param {number} n_changes */
@@ -264,63 +253,6 @@ export class Trial {
     this.viewing.n_changes = n_changes;
     this.#go("done", { vote: { id: randomId(), choice, viewing: this.viewing } });
   }
-}
-
-/** @returns {NonNullable<Vote["viewing"]["display"]>} */
-function display() {
-  return {
-    window_width: window.innerWidth,
-    window_height: window.innerHeight,
-    device_pixel_ratio: window.devicePixelRatio,
-    full_screen: document.fullscreenElement !== null,
-  };
-}
-
-/** @param {Vote["viewing"]} viewing @param {boolean} hasReference @returns {NonNullable<Vote["viewing"]["dwell_ms"]>} ms for which each was on screen */
-function dwell({ first_shown, shown_ms, switches }, hasReference) {
-  const looks = { a: 0, b: 0, reference: 0 };
-  /** @type {Shown} */
-  let shown = first_shown;
-  let since = 0;
-  for (const { to, at_ms } of [...switches, { to: shown, at_ms: shown_ms }]) {
-    looks[shown] += Math.max(0, at_ms - since);
-    [shown, since] = [to, at_ms];
-  }
-  return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
-}
-
-/** @param {KeyboardEvent} event @param {HTMLFormElement} form */
-function answerByKey(event, form) {
-  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
-  const choice = CHOICE_OF_KEY.get(event.key);
-  if (choice) {
-    const radio = /** @type {HTMLInputElement} */ (form.querySelector(`input[value="${choice}"]`));
-    radio.focus({ preventScroll: true });
-    radio.click();
-  } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
-    event.preventDefault();
-    form.requestSubmit();
-  }
-}
-
-/** @param {HTMLFormElement} form @param {AbortSignal} signal */
-function guardFromClicks(form, signal) {
-  form.classList.add("arriving");
-  after(VOTING_OPENS_AFTER_MS, signal, () => form.classList.remove("arriving"));
-}
-
-/** @param {HTMLFormElement} form @param {AbortSignal} signal */
-function offerFullScreen(form, signal) {
-  const button = find(form, "[data-fullscreen]");
-  const update = () => (button.hidden = !document.fullscreenEnabled || document.fullscreenElement !== null);
-  update();
-  document.addEventListener("fullscreenchange", update, { signal });
-  button.addEventListener("click", enterFullScreen, { signal });
-}
-
-/** Asks for the full screen, as far as the browser has one; call on a press. */
-export function enterFullScreen() {
-  if (document.fullscreenElement === null) document.documentElement.requestFullscreen?.().catch(() => {});
 }
 
 /** @param {HTMLElement} screen @param {TrialDescription} description */
@@ -347,28 +279,7 @@ function showProgress(screen, film, signal) {
   after(LOADING_IS_TOLD_AFTER_MS, signal, update);
 }
 
-/** @param {number} milliseconds @param {AbortSignal} signal @param {() => void} action not done if the signal comes first */
-function after(milliseconds, signal, action) {
-  const timer = setTimeout(action, milliseconds);
-  signal.addEventListener("abort", () => clearTimeout(timer), { once: true });
-}
-
-/** @param {string | undefined} text with {places} @param {Record<string, unknown>} values @returns {string} */
-export function fill(text, values) {
-  return (text ?? "").replace(/\{(\w+)\}/g, (place, name) => String(values[name] ?? place));
-}
-
-/** @param {ParentNode} parent @param {string} selector @returns {HTMLElement} */
-function find(parent, selector) {
-  return /** @type {HTMLElement} */ (parent.querySelector(selector));
-}
-
 /** @param {Event} event */
 function preventDefault(event) {
   event.preventDefault();
-}
-
-/** @param {number} milliseconds */
-function tenths(milliseconds) {
-  return Math.round(10 * milliseconds) / 10;
 }

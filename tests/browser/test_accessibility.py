@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
-from visitor import Study, Visitor
+from visitor import NewStudy, Study, Visitor
 
 from app.operate import add_invitation
 from app.settings import Settings
+from app.study.options import parse_options
 
 pytestmark = pytest.mark.browser
 
@@ -45,6 +48,26 @@ def test_axe_finds_nothing_serious_from_the_entrance_to_the_thanks(
     visitor.sees("thanks")
     check_accessibility(page)
 
+
+@pytest.mark.slow
+def test_axe_finds_nothing_serious_on_any_page_in_german(new_study: NewStudy, short_films: Path, page: Page) -> None:
+    """Every view of the page is shown by hand, with the texts as they stand before a session."""
+    options = {"optional_stages": ["screening", "practice", "interview"], "consent": "Text.", "comprehension": True}
+    page.emulate_media(reduced_motion="reduce")
+    page.goto(f"{new_study(short_films, 0.4, parse_options(options)).address}?language=de")
+    page.locator("[data-view=welcome]").wait_for()
+    assert page.evaluate("document.documentElement.lang") == "de"
+    views = page.evaluate("[...document.querySelectorAll('[data-view]')].map((view) => view.dataset.view)")
+    assert len(views) > 25
+    for view in views:
+        page.evaluate(SHOW, view)
+        check_accessibility(page)
+
+
+SHOW = """(name) => {
+    for (const view of document.querySelectorAll("[data-view]")) view.hidden = view.dataset.view !== name;
+    document.getElementById("study").className = name === "trial" ? "dark" : "light";
+}"""
 
 # What fades in is pale until then; what is to appear after seconds is not waited for.
 ARRIVED = """Promise.all(document.getAnimations()

@@ -1,0 +1,121 @@
+/** A session's trials, one after the other, with what is fetched meanwhile and what is there while the server is not. */
+
+import { patiently } from "./connection.js";
+import { Films } from "./films.js";
+import { readNextTrial, tellTrouble } from "./session.js";
+import { filmsOf } from "./technique.js";
+import { Trial } from "./trial.js";
+import { tell } from "./views.js";
+
+/**
+ * @typedef {import("./session.js").TrialDescription} TrialDescription
+ * @typedef {import("./session.js").Technique} Technique
+ * @typedef {import("./outbox.js").Outbox} Outbox
+ */
+
+const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
+const FEWEST_AFTER_BREAK = 5;
+
+export class Trials {
+  /** @param {HTMLElement} screen @param {Technique | null} technique null: none is ever shown @param {number} breakEvery trials; 0: never */
+  constructor(screen, technique, breakEvery) {
+    this.screen = screen;
+    this.technique = technique;
+    this.breakEvery = breakEvery;
+    this.lastBreak = 0; // answers before it
+    this.films = new Films();
+    /** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
+    this.ahead = null;
+    /** @type {Trial | null} */
+    this.current = null;
+  }
+
+  /**
+   * A trial is asked for when the server has every vote before it; while it cannot be reached, the next one is already here.
+   * @param {Outbox} outbox @returns {Promise<"over" | "break" | "interrupted">} why it stopped
+   */
+  async run(outbox) {
+    for (;;) {
+      const askedAt = performance.now();
+      const description = await this.#next(outbox);
+      if (!description) return "over";
+      if (this.#isTimeForBreak(description)) return "break";
+      this.ahead = description.following ?? null;
+      if (!(await this.#take(description, askedAt, outbox))) return "interrupted";
+    }
+  }
+
+  /** Shows one, of the study or to practise. @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
+  async show(description, askedAt) {
+    this.current = new Trial(this.screen, description, this.#film(description), this.#way());
+    try {
+      return await this.current.run(askedAt);
+    } catch (error) {
+      tellTrouble(description.trial, String(error)).catch(() => {}); // it is for the log only
+      throw error;
+    } finally {
+      this.current = null;
+    }
+  }
+
+  /** Stops the one that runs for good. */
+  abandon() {
+    this.current?.abandon();
+  }
+
+  /** @param {Outbox} outbox @returns {Promise<TrialDescription | null>} */
+  #next(outbox) {
+    const fresh = upToDate(outbox);
+    fresh.catch(() => {}); // it may fail after the study went on without it; then the next call tells
+    return this.ahead ? Promise.race([fresh, this.#withoutServer(this.ahead)]) : fresh;
+  }
+
+  /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
+  async #withoutServer(following) {
+    await Promise.all([this.#film(following).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+    return following;
+  }
+
+  /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @returns {Promise<boolean>} false when it was interrupted */
+  async #take(description, askedAt, outbox) {
+    const { following } = description;
+    this.films.keepOnly([description, following].flatMap((one) => (one ? [this.#addresses(one)] : [])));
+    if (following) this.#film(description).whole.then(() => this.#film(following)).catch(() => {});
+    const { vote, interruption } = await this.show(description, askedAt);
+    if (vote) await outbox.putVote(description.trial, vote);
+    if (interruption) await outbox.putInterruption(description.trial, interruption);
+    return !interruption;
+  }
+
+  /** @param {TrialDescription} description of the trial that comes */
+  #isTimeForBreak({ number, total }) {
+    const answered = number - 1;
+    if (!this.breakEvery || answered % this.breakEvery || answered === this.lastBreak) return false;
+    if (total - answered < FEWEST_AFTER_BREAK) return false;
+    this.lastBreak = answered;
+    tell({ done: answered, total });
+    return answered > 0;
+  }
+
+  /** @param {TrialDescription} description @returns {import("./films.js").Film} under way or here */
+  #film(description) {
+    return this.films.get(this.#addresses(description));
+  }
+
+  /** @param {TrialDescription} description @returns {string[]} of its films */
+  #addresses({ media }) {
+    return filmsOf(this.#way(), media);
+  }
+
+  /** @returns {Technique} */
+  #way() {
+    if (!this.technique) throw new Error("this browser cannot show the films");
+    return this.technique;
+  }
+}
+
+/** @param {Outbox} outbox @returns {Promise<TrialDescription | null>} */
+async function upToDate(outbox) {
+  await outbox.emptied();
+  return patiently(readNextTrial);
+}

@@ -1,0 +1,31 @@
+/** The record of how a pair was looked at. Times are milliseconds of performance.now(), to a tenth. */
+
+/** @typedef {import("./session.js").Viewing} Viewing */
+
+/** @returns {NonNullable<Viewing["display"]>} */
+export function display() {
+  return {
+    window_width: window.innerWidth,
+    window_height: window.innerHeight,
+    device_pixel_ratio: window.devicePixelRatio,
+    full_screen: document.fullscreenElement !== null,
+  };
+}
+
+/** @param {Viewing} viewing @param {boolean} hasReference @returns {NonNullable<Viewing["dwell_ms"]>} for which each was on screen */
+export function dwell({ first_shown, shown_ms, switches }, hasReference) {
+  const looks = { a: 0, b: 0, reference: 0 };
+  /** @type {import("./session.js").Shown} */
+  let shown = first_shown;
+  let since = 0;
+  for (const { to, at_ms } of [...switches, { to: shown, at_ms: shown_ms }]) {
+    looks[shown] += Math.max(0, at_ms - since);
+    [shown, since] = [to, at_ms];
+  }
+  return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
+}
+
+/** @param {number} milliseconds */
+export function tenths(milliseconds) {
+  return Math.round(10 * milliseconds) / 10;
+}

@@ -1,0 +1,62 @@
+/** The form on which a participant says which is better, by mouse or by key, and may change their mind until Next. */
+
+import { after, enterFullScreen, find, isPlain } from "./page.js";
+
+/** @typedef {import("./session.js").Vote["choice"]} Choice */
+
+const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
+const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
+
+/**
+ * @param {HTMLFormElement} form @param {AbortSignal} signal
+ * @param {(choice: Choice, n_changes: number) => void} onNext
+ */
+export function askForChoice(form, signal, onNext) {
+  const hint = find(form, ".choose");
+  form.reset();
+  hint.textContent = "";
+  find(form, "legend").focus({ preventScroll: true });
+  guardFromClicks(form, signal);
+  offerFullScreen(form, signal);
+  let n_choices = 0;
+  form.addEventListener("change", () => {
+    n_choices += 1;
+    hint.textContent = "";
+  }, { signal });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const choice = /** @type {Choice | null} */ (new FormData(form).get("choice"));
+    if (choice) onNext(choice, n_choices - 1);
+    else hint.textContent = hint.dataset.choose ?? "";
+  }, { signal });
+  document.addEventListener("keydown", (event) => answerByKey(event, form), { signal });
+}
+
+/** @param {KeyboardEvent} event @param {HTMLFormElement} form */
+function answerByKey(event, form) {
+  if (event.repeat || !isPlain(event)) return;
+  const choice = CHOICE_OF_KEY.get(event.key);
+  if (choice) {
+    const radio = /** @type {HTMLInputElement} */ (form.querySelector(`input[value="${choice}"]`));
+    radio.focus({ preventScroll: true });
+    radio.click();
+  } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
+    event.preventDefault();
+    form.requestSubmit();
+  }
+}
+
+/** @param {HTMLFormElement} form @param {AbortSignal} signal */
+function guardFromClicks(form, signal) {
+  form.classList.add("arriving");
+  after(VOTING_OPENS_AFTER_MS, signal, () => form.classList.remove("arriving"));
+}
+
+/** @param {HTMLFormElement} form @param {AbortSignal} signal */
+function offerFullScreen(form, signal) {
+  const button = find(form, "[data-fullscreen]");
+  const update = () => (button.hidden = !document.fullscreenEnabled || document.fullscreenElement !== null);
+  update();
+  document.addEventListener("fullscreenchange", update, { signal });
+  button.addEventListener("click", enterFullScreen, { signal });
+}
