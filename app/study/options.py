@@ -47,7 +47,7 @@ class StudyOptions:
     adaptive_pairs : so many pairs of each dataset, chosen from the votes so far, instead of every pair; 0: every pair
     free_exposure : the participant ends the exposure; the films go on until then
     reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
-    second_codec : in which films are there too, for browsers without H.264; empty: in none, and those are turned away
+    second_codec : in which films are there too, for browsers without H.264; empty: in none
     fallback : how a pair is shown where a browser plays no film of both: decoded picture by picture from a film of
         each (webcodecs); failing that, by two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
