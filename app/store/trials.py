@@ -29,6 +29,7 @@ from app.store.tables import (
 )
 from app.study.technique import is_frame_locked
 from app.study.trial import reveal
+from app.study.votes import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
 
@@ -171,6 +172,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
             "shown_ms": row.shown_ms,
             "response_ms": row.response_ms,
             "n_switches": row.n_switches,
+            "both_seen": has_seen_both(viewing) if viewing else None,
             "technique": technique,
             "frame_locked": is_frame_locked(technique),
             "n_mismatches": (viewing or {}).get("n_mismatches"),

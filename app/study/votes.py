@@ -68,6 +68,11 @@ def check_vote(vote: Vote, first_shown: Label, *, has_reference: bool = False) -
         shown, at_ms = switch["to"], switch["at_ms"]
 
 
+def has_seen_both(viewing: Mapping[str, Any]) -> bool:
+    """Whether a viewing record has both A and B on screen at some time."""
+    return {"a", "b"} <= {viewing["first_shown"], *(switch["to"] for switch in viewing["switches"])}
+
+
 def is_same(sent: Vote, stored: Vote) -> bool:
     """Whether a vote that arrives again is the one already kept."""
     return sent.client_id == stored.client_id and sent.choice == stored.choice and sent.viewing == stored.viewing

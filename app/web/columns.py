@@ -44,6 +44,7 @@ TRIALS: Columns = {
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
+    "both_seen": "true if A and B were both on screen",
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.study.votes import InvalidVoteError, Vote, check_vote, is_same
+from app.study.votes import InvalidVoteError, Vote, check_vote, has_seen_both, is_same
 
 
 def vote(*switches: tuple[str, float], first_shown: str = "a", **changes: Any) -> Vote:
@@ -34,6 +34,13 @@ def test_looks_that_alternate_in_time_are_valid(switches: tuple[tuple[str, float
 def test_contradictions_are_refused_with_their_place(wrong: Vote, complaint: str) -> None:
     with pytest.raises(InvalidVoteError, match=complaint):
         check_vote(wrong, "a")
+
+
+@pytest.mark.parametrize(
+    ("looks", "both"), [([], False), ([("reference", 1.0)], False), ([("reference", 1.0), ("b", 2.0)], True)]
+)
+def test_who_saw_the_reference_only_has_not_seen_both(looks: list[tuple[str, float]], both: bool) -> None:
+    assert has_seen_both(vote(*looks).viewing) is both
 
 
 def test_a_vote_is_the_same_when_all_of_it_is() -> None:

@@ -12,6 +12,7 @@ import clips
 import httpx
 import numpy as np
 import pytest
+from dashboard import signed_in
 from http_checks import is_problem
 from numpy.typing import NDArray
 
@@ -160,7 +161,12 @@ def test_a_study_without_a_fallback_has_no_single_films(client: httpx.Client, cr
 
 
 def test_a_vote_tells_analysts_how_the_pair_was_shown(
-    analyst: httpx.Client, client: httpx.Client, create: Create, vote_body: Callable[..., dict[str, Any]]
+    analyst: httpx.Client,
+    client: httpx.Client,
+    create: Create,
+    vote_body: Callable[..., dict[str, Any]],
+    settings: Settings,
+    server: str,
 ) -> None:
     study = create(fallback="two videos")
     begin(client, study["slug"], study["invitation"])
@@ -176,6 +182,9 @@ def test_a_vote_tells_analysts_how_the_pair_was_shown(
     assert table[0].endswith("technique,frame_locked")
     assert table[3].endswith("two videos,false")
     assert [trial["n_mismatches"] for trial in analyst.get(f"{path}/trials").json()][:4] == [3, 3, 3, None]
+    with signed_in(server, settings, "Grace") as grace:
+        page = grace.get(f"/admin/studies/{study['slug']}/votes").text
+    assert page.count(">two videos<") == 1
 
 
 def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, create: Create) -> None:
