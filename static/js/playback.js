@@ -146,12 +146,12 @@ export function checkSize(video, width, height) {
 }
 
 /** Shows a file that is in memory. @param {HTMLVideoElement} video @param {Blob} blob */
-export function open(video, blob) {
+export function attach(video, blob) {
   video.src = URL.createObjectURL(blob);
 }
 
 /** Forgets it again. @param {HTMLVideoElement} video */
-export function close(video) {
+export function detach(video) {
   const address = video.src;
   video.pause();
   video.removeAttribute("src");

@@ -1,7 +1,7 @@
 /** Shows one strip of a film that holds A above B, and a reference below. There is one video element, so all come from the same frame. */
 
 import { fitToPage, stackedHeight, stripsOf } from "./film-window.js";
-import { PlaybackCount, checkSize, close, followFrames, open, playFor, readiness } from "./playback.js";
+import { PlaybackCount, attach, checkSize, detach, followFrames, playFor, readiness } from "./playback.js";
 
 /** @typedef {import("./session.js").Shown} Shown */
 
@@ -28,7 +28,7 @@ export class StackedPlayer {
     this.strips = stripsOf(media);
     this.show(first);
     fitToPage(this.film, media, this.loaded.signal);
-    open(this.video, blob);
+    attach(this.video, blob);
     await readiness(this.video, signal);
     checkSize(this.video, media.width, stackedHeight(media));
   }
@@ -36,7 +36,7 @@ export class StackedPlayer {
   unload() {
     this.loaded.abort();
     this.loaded = new AbortController();
-    close(this.video);
+    detach(this.video);
   }
 
   /** On screen by the next animation frame. @param {Shown} which */

@@ -1,7 +1,7 @@
 /** Shows A and B by a video element each, as a last resort: they are started together and may still be a frame apart, which is counted. */
 
 import { fitToPage, stripsOf } from "./film-window.js";
-import { PlaybackCount, checkSize, close, followFrames, open, playFor, readiness } from "./playback.js";
+import { PlaybackCount, attach, checkSize, detach, followFrames, playFor, readiness } from "./playback.js";
 
 /** @typedef {import("./session.js").Shown} Shown */
 
@@ -34,7 +34,7 @@ export class TwinPlayer {
     this.videos = blobs.map(() => newVideo(this.film));
     this.show(first);
     fitToPage(this.film, media, this.loaded.signal);
-    blobs.forEach((blob, strip) => open(this.videos[strip], blob));
+    blobs.forEach((blob, strip) => attach(this.videos[strip], blob));
     await Promise.all(this.videos.map((video) => readiness(video, signal)));
     for (const video of this.videos) checkSize(video, media.width, media.height);
   }
@@ -43,7 +43,7 @@ export class TwinPlayer {
     this.loaded.abort();
     this.loaded = new AbortController();
     for (const video of this.videos.splice(0)) {
-      close(video);
+      detach(video);
       video.remove();
     }
   }
