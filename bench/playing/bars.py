@@ -51,7 +51,9 @@ def read_bars(row: NDArray[np.uint8]) -> Reading | None:
 
 
 def write_films(folder: Path) -> Path:
-    """A stimulus set of two conditions."""
+    """A stimulus set of two conditions, unless it is there."""
+    if (folder / "manifest.json").is_file():
+        return folder
     stimuli = []
     for condition, name in enumerate(("one", "other")):
         path = folder / f"{name}.mp4"
