@@ -6,45 +6,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 NOT_SEEN = float("nan"), float("nan")
-N_BINS = 48
-MIN_COUNT = 200  # points in the window; fewer do not tell where the density falls
+N_BINS = 96
+INSIDE_WINDOWS = 3.0  # how much farther inside than outside is looked: the density there is then well known
+MIN_COUNT = 200  # points near the end; fewer do not tell where the density falls
 LARGEST_REST = 0.5  # of the density inside, that may be left outside
+BROAD = 0.6  # of the window, blur of the points that lie far off
+SMALLEST_ERROR = 1e-4  # of the window; points without noise end sharper than their bins are wide
+MOST_BROAD = 0.3  # share of such points
+# At first, lowest, highest: density as a share of the level, slope, end and blur in windows, broad share, rest outside.
+STARTS_AND_LIMITS = (
+    (1.0, 0.1, 10.0),
+    (0.0, -0.3, 0.3),
+    (0.0, -1.0, 1.0),
+    (0.1, 0.02, 0.5),
+    (0.02, 0.0, MOST_BROAD),
+    (0.01, 0.0, 1.0),
+)
 
 
 def end_of_points(along: NDArray[np.float64], start: float, side: float, window: float) -> tuple[float, float]:
     """Where the points end along a line, and its standard error, mm; NaN where no end is to be found near the start.
 
-    Least squares of the counts in bins to a slope inside, a Gaussian's cumulative distribution across the end, and a
-    constant rest outside. The blur is symmetric, so it does not move the end.
+    The likeliest density for the counts in bins: a slope inside, the cumulative distribution of two Gaussians across
+    the end, one of the noise and a broad one of wrong points, and a constant rest outside. Both blurs are symmetric, so
+    they do not move the end.
 
     Parameters
     ----------
     along : float64 (N,), mm, places of the points of one face along an edge
     start : mm, where the end is about
     side : 1.0 if it is the upper end, -1.0 the lower
-    window : mm, how far from the start is looked on either side
+    window : mm, how far beyond the start is looked
     """
-    from scipy.optimize import OptimizeWarning, curve_fit
-    from scipy.special import erfc
-
     places = side * (along - start)
-    counts, borders = np.histogram(places, N_BINS, (-window, window))
-    if counts.sum() < MIN_COUNT:
-        return NOT_SEEN
+    counts, borders = np.histogram(places, N_BINS, (-INSIDE_WINDOWS * window, window))
     middles = (borders[:-1] + borders[1:]) / 2
+    level = float(np.median(counts[middles < -window / 3]))
+    if counts[np.abs(middles) < window].sum() < MIN_COUNT or not level > 0:
+        return NOT_SEEN
+    found = _likeliest(middles / window, counts.astype(np.float64), level)
+    if found is None:
+        return NOT_SEEN
+    end, error = found
+    return float(start + side * window * end), window * error
 
-    def density(t, level, slope, end, blur, rest):  # type: ignore[no-untyped-def]  # as curve_fit calls it
-        return level * (1 + slope * t / window) * 0.5 * erfc((t - end) / (np.sqrt(2) * blur)) + rest
 
-    level = float(np.percentile(counts[: N_BINS // 3], 50))
-    if not level > 0:
-        return NOT_SEEN
-    guess = (level, 0.0, float(middles[np.argmax(np.cumsum(counts) >= 0.98 * counts.sum())]) * 0.5, window / 10, 0.0)
-    low, high = (0, -0.9, -window, window / 200, 0), (10 * level, 0.9, window, window / 2, level)
-    try:
-        found, covariance = curve_fit(density, middles, counts, guess, np.sqrt(counts + 4.0), bounds=(low, high))
-    except (RuntimeError, OptimizeWarning):
-        return NOT_SEEN
-    if found[4] > LARGEST_REST * found[0] or abs(found[2]) > 0.95 * window or not covariance[2, 2] > 0:
-        return NOT_SEEN
-    return float(start + side * found[2]), float(np.sqrt(covariance[2, 2]))
+def _likeliest(t: NDArray[np.float64], counts: NDArray[np.float64], level: float) -> tuple[float, float] | None:
+    """The end and its standard error in windows, by the least Poisson deviance of counts (B,) at places t (B,)."""
+    from scipy.optimize import least_squares
+    from scipy.special import erfc, xlogy
+
+    def density(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        full, slope, end, blur, broad, rest = values
+        fall = [0.5 * erfc((t - end) / (np.sqrt(2) * width)) for width in (blur, BROAD)]
+        return np.asarray(level * (full * (1 + slope * t) * ((1 - broad) * fall[0] + broad * fall[1]) + rest))
+
+    def deviances(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        expected = np.maximum(density(values), 1e-3)
+        half = np.maximum(xlogy(counts, counts / expected) - counts + expected, 0.0)
+        return np.asarray(np.sign(counts - expected) * np.sqrt(2 * half))
+
+    start, low, high = zip(*STARTS_AND_LIMITS, strict=True)
+    solved = least_squares(deviances, start, bounds=(low, high))
+    full, _, end, _, _, rest = solved.x
+    jacobian: NDArray[np.float64] = np.asarray(solved.jac)
+    information = jacobian.T @ jacobian
+    if not solved.success or rest > LARGEST_REST * full or abs(end) > 0.95:
+        return None
+    error = max(float(np.linalg.pinv(information, hermitian=True)[2, 2]), 0.0)
+    spread = max(1.0, float(2 * solved.cost / (len(t) - len(start))))  # counts of a reconstruction scatter more
+    return float(end), max(float(np.sqrt(spread * error)), SMALLEST_ERROR)
