@@ -8,12 +8,20 @@ import tomllib
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from app.attachments import attach
-from app.films import NO_REFERENCES, FilmMaker, prepare_identical, prepare_pairs, prepare_practice, split_reference
+from app.films import (
+    NO_REFERENCES,
+    FilmMaker,
+    PairVideo,
+    prepare_identical,
+    prepare_pairs,
+    prepare_practice,
+    split_reference,
+)
 from app.media import MediaStore
 from app.settings import Settings
 from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
@@ -96,57 +104,33 @@ def create_study(
     with _store(settings) as database:
         _refuse_second(database, slug, name)
         stimulus_set = read_stimulus_set(manifest_path, progress)
-        exposure_s = _exposure(stimulus_set) if exposure_s is None else exposure_s
-        if not EXPOSURE_BOUNDS_S[0] <= exposure_s <= EXPOSURE_BOUNDS_S[1]:
-            raise ValueError(
-                f"exposure {exposure_s} s: expected between {EXPOSURE_BOUNDS_S[0]} and {EXPOSURE_BOUNDS_S[1]}"
-            )
-        if seed is not None and not 0 <= seed < 2**63:
-            raise ValueError(f"seed {seed}: expected a whole number from 0 to 2^63 - 1")
-        options = options or StudyOptions()
-        compared, references = (
-            split_reference(stimulus_set, options.reference) if options.reference else (stimulus_set, NO_REFERENCES)
-        )
-        if options.adaptive_pairs:
-            check_adaptive(options.adaptive_pairs, len(compared.conditions))
-        maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
-        pairs = prepare_pairs(compared, maker, references)
-        if options.identical_pairs:
-            pairs += prepare_identical(compared, maker, references)
-        practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
-        if settings.media_url:
-            files = [file for video in [*pairs, *practice] for file in video.files]
-            MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-        created_at = utc_now()
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
-            "exposure_s": float(exposure_s),
-            "seed": secrets.randbits(63) if seed is None else seed,
+            "exposure_s": _exposure(stimulus_set, exposure_s),
+            "seed": _seed(seed),
             "factors": stimulus_set.factors,
-            "options": options.as_json(),
+            "options": (options or StudyOptions()).as_json(),
             "manifest_sha256": stimulus_set.sha256,
-            "created_at": created_at,
-            "paused_at": created_at if is_paused else None,
         }
+        films = _prepare_films(settings, stimulus_set, options or StudyOptions(), progress)
+        row["created_at"] = created_at = utc_now()
+        row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, compared, pairs)
-            insert_practice(connection, study_id, practice)
+            insert_design(connection, study_id, films.compared, films.pairs)
+            insert_practice(connection, study_id, films.practice)
             code = insert_invitation(connection, study_id, None, created_at)
             entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
             record(connection, by, entry, created_at)
         with database.reading() as connection:
-            counts = studies.progress_of(connection, study_id)
+            counts = asdict(studies.progress_of(connection, study_id))
     return {
-        "slug": slug,
-        "name": row["name"],
         "invitation": code,
         "path": f"/s/{code}",
-        "exposure_s": row["exposure_s"],
-        "seed": row["seed"],
-        **{key: value for key, value in asdict(counts).items() if key.endswith(("datasets", "conditions", "pairs"))},
+        **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
+        **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
     }
 
 
@@ -386,5 +370,44 @@ def _refuse_second(database: Database, slug: str, name: str) -> None:
         raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
 
 
-def _exposure(stimulus_set: StimulusSet) -> float:
-    return min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
+@dataclass(frozen=True)
+class _Films:
+    """What a study shows: the stimuli that it compares, and the films of its pairs and of the practice."""
+
+    compared: StimulusSet
+    pairs: Sequence[PairVideo]
+    practice: Sequence[PairVideo]
+
+
+def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, progress: Progress) -> _Films:
+    """Make the films that are not there yet, and put them where browsers get them."""
+    compared, references = stimulus_set, NO_REFERENCES
+    if options.reference:
+        compared, references = split_reference(stimulus_set, options.reference)
+    if options.adaptive_pairs:
+        check_adaptive(options.adaptive_pairs, len(compared.conditions))
+    maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
+    pairs = prepare_pairs(compared, maker, references)
+    if options.identical_pairs:
+        pairs += prepare_identical(compared, maker, references)
+    practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
+    if settings.media_url:
+        files = [file for video in [*pairs, *practice] for file in video.files]
+        MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
+    return _Films(compared, pairs, practice)
+
+
+def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
+    """How long a pair is shown, s: as wanted, or as long as the shortest video."""
+    shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
+    exposure_s = float(shortest_s if wanted_s is None else wanted_s)
+    low_s, high_s = EXPOSURE_BOUNDS_S
+    if not low_s <= exposure_s <= high_s:
+        raise ValueError(f"exposure {exposure_s} s: expected between {low_s} and {high_s}")
+    return exposure_s
+
+
+def _seed(wanted: int | None) -> int:
+    if wanted is not None and not 0 <= wanted < 2**63:
+        raise ValueError(f"seed {wanted}: expected a whole number from 0 to 2^63 - 1")
+    return secrets.randbits(63) if wanted is None else wanted

@@ -59,13 +59,13 @@ def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
 
 
 def row_of(tally: Tally) -> dict[str, Any]:
-    p50, p99 = np.percentile(tally.latencies_ms, [50, 99])
+    p50, p99 = np.percentile(tally.latencies_ms, [50, 99]).tolist()
     faults = sum(n for status, n in tally.statuses.items() if status not in (200, 201)) + tally.n_broken
     rate = len(tally.latencies_ms) / tally.seconds
     return {
         "votes_per_s": round(rate),
-        "p50_ms": round(float(p50), 2),
-        "p99_ms": round(float(p99), 2),
+        "p50_ms": round(p50, 2),
+        "p99_ms": round(p99, 2),
         "errors": faults,
     }
 
