@@ -154,7 +154,8 @@ def power_cuts(n_cuts: int, votes_each: int, synchronous: str, rng: Random) -> d
             folder = Path(name)
             url, safe = f"sqlite:///{folder / 'study.sqlite'}", folder / "safe"
             bundles = prepare(url, votes_each, rng)
-            with StudyServer(folder, "--safe", str(safe), "--synchronous", synchronous) as server:
+            options = ("--safe", str(safe), "--synchronous", synchronous)
+            with StudyServer(folder, *options, log=subprocess.DEVNULL) as server:
                 tally = asyncio.run(send_all(server.port, bundles, rng=rng))
                 server.kill_for_good()
             sqlite_disk.cut_power(folder / "study.sqlite", safe)

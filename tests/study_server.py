@@ -52,7 +52,12 @@ class StudyServer:
 
     def __enter__(self) -> StudyServer:
         self._process = subprocess.Popen(self._command, env=self._environment, stderr=self._log)
-        self.wait_until_it_answers()
+        try:
+            self.wait_until_it_answers()
+        except BaseException:
+            self._process.kill()
+            self._process.wait()
+            raise
         return self
 
     def __exit__(

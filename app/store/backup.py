@@ -18,7 +18,8 @@ from sqlalchemy import JSON, Connection, DateTime, MetaData, Table, func, insert
 
 from app.store.engine import Database
 from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
-from app.store.tables import metadata, study
+from app.store.schema import metadata
+from app.store.tables import study
 
 FACTS = "backup.json"
 SCHEMA_VERSION = 1

@@ -12,7 +12,8 @@ from sqlalchemy import Connection, Table, delete, func, insert, select, update
 from app.errors import ConflictError, NotFoundError
 from app.store.exclusions import in_force
 from app.store.keys import digest, new_secret
-from app.store.tables import exclusion, metadata, participant, session, spoken_answer, stage_record, trial, vote
+from app.store.schema import metadata
+from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
 from app.study.stages import INTERVIEW, WITHDRAWN
 
 ERASED = "erased"
