@@ -43,6 +43,7 @@ from app.web.admin import (
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
 from app.web.described import describe
+from app.web.front import front_routes
 from app.web.metrics import SHARED_FOLDER, Metrics
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.requests import Requests, start_logging
@@ -60,8 +61,13 @@ UVICORN_OPTIONS: dict[str, Any] = {
 }
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """The whole server on one database."""
+def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
+    """The whole server on one database.
+
+    Parameters
+    ----------
+    front : folder of the demo's front page; None: `/` is the participants' entrance
+    """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -89,6 +95,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.jobs = []
     app.state.is_stopping = False  # what streams looks at it, and ends
     settings.media_dir.mkdir(parents=True, exist_ok=True)
+    if front is not None:
+        app.include_router(front_routes(front))  # before the entrance
     for router in (
         participant.router,
         screening.router,
@@ -184,8 +192,10 @@ def _serve_by_workers(
 
 
 @contextmanager
-def running_server(settings: Settings, host: str = "127.0.0.1", port: int = 0) -> Iterator[str]:
-    """Serve from a thread of this process while the block runs; yields the base address."""
+def running_server(
+    settings: Settings, host: str = "127.0.0.1", port: int = 0, front: Path | None = None
+) -> Iterator[str]:
+    """Serve from a thread of this process while the block runs; yields the base address. `front` as in `create_app`."""
     started = threading.Event()
     address: list[str] = []
 
@@ -193,7 +203,7 @@ def running_server(settings: Settings, host: str = "127.0.0.1", port: int = 0) -
         address.append(base_url)
         started.set()
 
-    server = _Server(create_app(settings), host, port, on_start)
+    server = _Server(create_app(settings, front), host, port, on_start)
     thread = threading.Thread(target=server.run, name="reconstudy-server", daemon=True)
     thread.start()
     try:

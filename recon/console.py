@@ -18,11 +18,13 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as on
 class ProgressLine:
     """Progress of one command: a line that rewrites itself on a terminal, plain lines otherwise.
 
-    An instance is called as (what is being done, how many are done, how many there are).
+    An instance is called as (what is being done, how many are done, how many there are); `note` adds what is known
+    besides to every line.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, note: Callable[[], str] | None = None) -> None:
         self._clock = clock
+        self._note = note
         self._what = ""
         self._started = self._printed = clock()
         self._open = False
@@ -33,12 +35,12 @@ class ProgressLine:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
         if sys.stderr.isatty():
-            self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {now - self._started:.0f} s")
+            self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {self._time(now)}")
             if done >= total:
                 self.close()
         elif done >= total or now - self._printed >= PLAIN_LINE_EVERY_S:
             self._printed = now
-            print(f"{what}: {done}/{total} ({now - self._started:.0f} s)", file=sys.stderr, flush=True)
+            print(f"{what}: {done}/{total} ({self._time(now)})", file=sys.stderr, flush=True)
 
     def say(self, sentence: str) -> None:
         """Print one whole line on standard error."""
@@ -50,6 +52,10 @@ class ProgressLine:
         if self._open:
             print(file=sys.stderr)
             self._open = False
+
+    def _time(self, now: float) -> str:
+        taken = f"{now - self._started:.0f} s"
+        return f"{taken}; {self._note()}" if self._note else taken
 
     def _rewrite(self, line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)

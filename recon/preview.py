@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from recon.approaches import parse_approach
 from recon.artefacts import Artefacts, code_version
+from recon.capture.format import read_capture, read_frame
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.files import whole_file
@@ -20,7 +21,7 @@ from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.render.sheet import contact_sheet
 from recon.rig import Camera
-from recon.run import Run, cloud_name, depth_name, mesh_name, read_clouds
+from recon.run import Run, cloud_name, depth_name, mesh_name, read_clouds, recorded_in
 
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
@@ -42,6 +43,56 @@ def make_preview(run: Run, frame: int) -> Path:
 
     Artefacts(run.folder).make(name, key, write)
     return run.folder / name
+
+
+def stage_pictures(run: Run, frame: int) -> dict[str, NDArray[np.uint8]]:
+    """What each stage made of a frame, by the stage and its part such as "recording S1", "depth pm", "model pm_fb".
+
+    Returns
+    -------
+    uint8 (H, W, 3) each, sRGB; the depth is the middle sensor's
+
+    Raises
+    ------
+    ValueError
+        If the run's recording is not where it was.
+    """
+    capture = read_capture(recorded_in(run))
+    sensors = [stream.id for stream in capture.sensors]
+    middle = sensors[len(sensors) // 2]
+    pictures = {f"recording {sensor}": read_frame(capture, sensor, frame)[0] for sensor in sensors}
+    for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
+        pictures[f"depth {method}"] = colour_preview(read_disparity(run.folder / depth_name(method, middle, frame)))
+    cameras = camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
+    scene = scene_around(run.capture.bounds, cameras, "studio")
+    for approach in run.approaches:
+        mesh = read_mesh(run.folder / mesh_name(approach, frame))
+        pictures[f"model {approach}"] = next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))
+    return pictures
+
+
+def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
+    """Write what each stage made of a frame as WebP files, "depth pm" as depth_pm.webp, unless they are there."""
+    meshes = [mesh_name(approach, frame) for approach in run.approaches]
+    key = {"meshes": Artefacts(run.folder).digests(meshes), "code": code_version("preview.py", "render")}
+    sensors = [f"recording_{stream.id}" for stream in run.capture.sensors]
+    depths = [f"depth_{method}" for method in dict.fromkeys(parse_approach(one).depth for one in run.approaches)]
+    names = [*sensors, *depths, *(f"model_{approach}" for approach in run.approaches)]
+
+    def write(paths: list[Path]) -> None:
+        pictures = {name.replace(" ", "_"): picture for name, picture in stage_pictures(run, frame).items()}
+        for path in paths:
+            with whole_file(path) as temporary:
+                temporary.write_bytes(webp(pictures[path.stem]))
+
+    Artefacts(folder).make_together([f"{name}.webp" for name in names], key, write)
+
+
+def webp(picture: NDArray[np.uint8], quality: int = 85) -> bytes:
+    """An RGB picture as WebP."""
+    done, encoded = cv2.imencode(".webp", picture[..., ::-1], (cv2.IMWRITE_WEBP_QUALITY, quality))
+    assert done  # an image in memory can always be encoded
+    return bytes(encoded.tobytes())
 
 
 def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:

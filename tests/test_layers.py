@@ -28,6 +28,7 @@ STAGES = [
     {"flythrough", "preview"},
     {"validation"},
     {"pipeline", "models"},
+    {"experiment"},
     {"console", "options", "cli", "capture_cli", "validate_cli"},
 ]
 RANK = {stage: rank for rank, stages in enumerate(STAGES) for stage in stages}
@@ -38,7 +39,7 @@ HOMES = {
     "alembic": ("app/store/", "migrations/"),
     "fastapi": ("app/web/", "app/main.py"),
     "starlette": ("app/web/", "app/main.py"),
-    "jinja2": ("app/web/", "app/main.py", "app/analysis/report.py"),
+    "jinja2": ("app/web/", "app/main.py", "app/analysis/report.py", "app/experiment_report.py"),
     "open3d": ("recon/",),
     "pyrender": ("recon/",),
     "cv2": ("recon/",),

@@ -210,7 +210,7 @@ def triads_chart(analysis: Mapping[str, Any]) -> Any:
     chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True).encode(y=y, x="chance:Q")
     title = alt.TitleParams(
         "Contradictory preferences",
-        subtitle="bar: strict cycles; tick: expected if ties are broken at random; diamond: random votes",
+        subtitle=["bar: strict cycles; tick: expected if ties are broken", "at random; diamond: random votes"],
     )
     return (strict + ties + chance).properties(width=320, height=alt.Step(15), title=title)
 
