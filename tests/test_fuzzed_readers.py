@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from app.analysis.reading import read_items, read_votes
+from app.analysis.attributes import read_items
+from app.analysis.reading import read_votes
 from app.operate import read_options
 from app.stimuli import decode, read_stimulus_set
 from app.study.study_file import parse_study_file

@@ -1,4 +1,4 @@
-"""Tables as people have them, read strictly: votes, items' factors, objective measures, participants.
+"""Votes as people have them, read strictly.
 
 Rows are counted from 1, without the header. Nothing is dropped and nothing is guessed: a table that cannot be
 understood as a whole is refused, with the row and the value.
@@ -6,10 +6,7 @@ understood as a whole is refused, with the row and the value.
 
 from __future__ import annotations
 
-import io
-import json
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from app.analysis.tabular import numbers, read_frame, refuse
 from app.analysis.votes import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
@@ -96,152 +94,11 @@ def read_votes(
     VotesError
         Naming the file, the row and the value.
     """
+    frame = read_frame(path)
     try:
-        reader = READERS[path.suffix.lower()]
-    except KeyError as error:
-        raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}") from error
-    try:
-        return _votes_from_frame(reader(path), columns, choices)
-    except FileNotFoundError as error:
-        raise VotesError(f"{path}: there is no such file") from error
+        return _votes_from_frame(frame, columns, choices)
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
-
-
-def read_items(path: Path) -> dict[str, dict[str, str]]:
-    """Read items' factors, `item,<factor>,<factor>,…`, as {factor: {item: level}}.
-
-    Raises
-    ------
-    VotesError
-        If there is no column `item`, an item appears twice, or a level is empty.
-    """
-    return _read_attributes(path, "item", "factor", may_be_empty=False)
-
-
-def read_participants(path: Path) -> dict[str, dict[str, str]]:
-    """Read what is known of participants, `participant,<grouping>,…`, as {grouping: {participant: group}}; an empty
-    cell puts a participant into no group.
-
-    Raises
-    ------
-    VotesError
-        If there is no column `participant`, or a participant appears twice.
-    """
-    return _read_attributes(path, "participant", "grouping", may_be_empty=True)
-
-
-def _read_attributes(path: Path, of: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
-    try:
-        frame = _read_csv(path)
-    except FileNotFoundError as error:
-        raise VotesError(f"{path}: there is no such file") from error
-    except VotesError as error:
-        raise VotesError(f"{path}: {error}") from error
-    if of not in frame.columns or len(frame.columns) < 2:
-        found = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {found}; expected {of} and at least one {attribute}")
-    for column in frame.columns:
-        empty = np.flatnonzero(frame[column].isna() | (frame[column] == ""))
-        if len(empty) and (column == of or not may_be_empty):
-            raise VotesError(f"{path}: row {empty[0] + 1}: {column} is empty")
-    twice = np.flatnonzero(frame[of].duplicated())
-    if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: the {of} {frame[of][twice[0]]!r} appears a second time")
-    names = frame[of].tolist()
-    return {
-        column: {name: value for name, value in zip(names, frame[column].tolist(), strict=True) if value}
-        for column in frame.columns
-        if column != of
-    }
-
-
-def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell is
-    no value.
-
-    Raises
-    ------
-    VotesError
-        If a column is missing, an item of a dataset appears twice, or a value is no finite number.
-    """
-    try:
-        frame = _read_csv(path)
-    except FileNotFoundError as error:
-        raise VotesError(f"{path}: there is no such file") from error
-    except VotesError as error:
-        raise VotesError(f"{path}: {error}") from error
-    if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
-        found = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {found}; expected dataset, item and at least one measure")
-    twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
-    if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
-    measures: dict[str, dict[str, dict[str, float]]] = {}
-    for measure in (name for name in frame.columns if name not in ("dataset", "item")):
-        texts = frame[measure].to_list()
-        try:
-            values = _numbers(np.array(texts, object), measure, may_be_negative=True)
-        except VotesError as error:
-            raise VotesError(f"{path}: {error}") from error
-        own = measures.setdefault(measure, {})
-        for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
-            if text:
-                own.setdefault(dataset, {})[item] = float(value)
-    return measures
-
-
-def _read_csv(path: Path) -> pd.DataFrame:
-    text = _decode(path.read_bytes())
-    if not text.strip():
-        raise VotesError("is empty, expected a header and at least one row")
-    try:
-        frame = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False)
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        raise VotesError(f"is not a table of equally long rows: {str(error).strip()}") from error
-    frame.columns = [str(column).strip() for column in frame.columns]
-    return pd.DataFrame({name: frame[name].str.strip() for name in frame.columns})
-
-
-def _decode(content: bytes) -> str:
-    """Decode UTF-8, or UTF-16 if the file says so; anything else is refused at the place where it stops making
-    sense.
-    """
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return content.decode("utf-16")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        start = content.rfind(b"\n", 0, error.start) + 1
-        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()
-        row = content[: error.start].count(b"\n")
-        raise VotesError(f"row {row}: {line!r} is not UTF-8 (it may be Latin-1); save the file as UTF-8") from error
-
-
-def _read_parquet(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_parquet(path)
-    except (ValueError, OSError) as error:
-        if isinstance(error, FileNotFoundError):
-            raise
-        raise VotesError(f"is not readable as Parquet: {error}") from error
-
-
-def _read_json(path: Path) -> pd.DataFrame:
-    try:
-        content = json.loads(_decode(path.read_bytes()))
-    except json.JSONDecodeError as error:
-        raise VotesError(f"is not readable as JSON: {error}") from error
-    rows = content.get("votes") if isinstance(content, dict) else content
-    if not isinstance(rows, list):
-        raise VotesError("holds no list of votes, expected [{…}, …] or {'votes': [{…}, …]}")
-    for number, row in enumerate(rows, start=1):
-        if not isinstance(row, dict):
-            raise VotesError(f"row {number}: {row!r} is not an object with named values")
-    return pd.DataFrame(rows, dtype=object)
-
-
-READERS: dict[str, Callable[[Path], pd.DataFrame]] = {".csv": _read_csv, ".parquet": _read_parquet, ".json": _read_json}
 
 
 def _votes_from_frame(
@@ -259,7 +116,7 @@ def _votes_from_frame(
     item_a, item_b = both[: len(ours)], both[len(ours) :]
     n = len(ours)
     role = _role(text.get("role"), n)
-    _refuse(
+    refuse(
         (item_a == item_b) & (role != IDENTICAL), lambda row: f"the item {items[item_a[row]]!r} is compared with itself"
     )
     return VotesTable(
@@ -272,10 +129,8 @@ def _votes_from_frame(
         item_b=item_b,
         choice=_choice(text["choice"], layout.choices),
         first_shown=_first_shown(text.get("first_shown"), text["item_a"], text["item_b"]),
-        count=_numbers(text["count"], "count", whole=True).astype(np.int64)
-        if "count" in text
-        else np.ones(n, np.int64),
-        response_ms=_numbers(text["response_ms"], "response_ms") if "response_ms" in text else np.full(n, np.nan),
+        count=numbers(text["count"], "count", whole=True).astype(np.int64) if "count" in text else np.ones(n, np.int64),
+        response_ms=numbers(text["response_ms"], "response_ms") if "response_ms" in text else np.full(n, np.nan),
         practice=_flags(text.get("practice"), "practice", n),
         excluded=_flags(text.get("excluded"), "excluded", n),
         reason=text["reason"] if "reason" in text else np.full(n, "", object),
@@ -318,7 +173,7 @@ def _text(column: pd.Series[Any], name: str) -> NDArray[np.object_]:
     values = np.array(column.to_list(), object)
     is_missing = np.asarray(pd.isna(column))
     if name in REQUIRED[2:]:
-        _refuse(is_missing, lambda _: f"{name} is missing")
+        refuse(is_missing, lambda _: f"{name} is missing")
     cleaned = ["" if missing else _as_text(value) for value, missing in zip(values, is_missing, strict=True)]
     return np.array(cleaned, object)
 
@@ -348,7 +203,7 @@ def _choice(values: NDArray[np.object_], words: Mapping[str, str]) -> NDArray[np
     codes, found = pd.factorize(values)
     index = np.array([known.get(str(word), -1) for word in found], np.int8)
     choice = index[codes]
-    _refuse(choice < 0, lambda row: f"choice is {values[row]!r}, expected {', '.join(known)}")
+    refuse(choice < 0, lambda row: f"choice is {values[row]!r}, expected {', '.join(known)}")
     return choice
 
 
@@ -358,30 +213,11 @@ def _first_shown(
     if values is None:
         return np.full(len(item_a), -1, np.int8)
     first = np.select([values == "", values == item_a, values == item_b], [-1, 0, 1], default=-2)
-    _refuse(
+    refuse(
         first == -2,
         lambda row: f"first_shown is {values[row]!r}, expected {item_a[row]!r} or {item_b[row]!r} or nothing",
     )
     return first.astype(np.int8)
-
-
-def _numbers(
-    values: NDArray[np.object_], name: str, *, whole: bool = False, may_be_negative: bool = False
-) -> NDArray[np.float64]:
-    expected = "a whole number, 0 or more" if whole else "a number, 0 or more, or nothing"
-    if may_be_negative:
-        expected = "a number or nothing"
-
-    def number(value: str) -> float:
-        try:
-            return float(value)
-        except ValueError:
-            return math.nan
-
-    parsed = np.array([number(value) for value in values], np.float64)
-    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative)) | (whole & (parsed != np.floor(parsed)))
-    _refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {values[row]!r}, expected {expected}")
-    return parsed
 
 
 def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.bool_]:
@@ -390,7 +226,7 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     words = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}
     codes, found = pd.factorize(values)
     flags = np.array([words.get(str(word).lower(), -1) for word in found])[codes]
-    _refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
+    refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
     return flags.astype(bool)
 
 
@@ -400,12 +236,5 @@ def _role(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
         return np.zeros(n, np.int8)
     numbers = {"": MAIN, **{name: number for number, name in enumerate(ROLES)}}
     roles = np.array([numbers.get(value, -1) for value in values], np.int8)
-    _refuse(roles < 0, lambda row: f"role is {values[row]!r}, expected {', '.join(ROLES)}")
+    refuse(roles < 0, lambda row: f"role is {values[row]!r}, expected {', '.join(ROLES)}")
     return roles
-
-
-def _refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:
-    rows = np.flatnonzero(is_bad)
-    if len(rows):
-        more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
-        raise VotesError(f"row {rows[0] + 1}: {why(int(rows[0]))}{more}")

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.analysis.attributes import read_items, read_measures, read_participants
 from app.analysis.charts import (
     chart_pdf,
     chart_png,
@@ -27,7 +28,7 @@ from app.analysis.charts import (
     scores_chart,
     triads_chart,
 )
-from app.analysis.reading import read_items, read_measures, read_participants, read_votes
+from app.analysis.reading import read_votes
 from app.analysis.results import analyse
 from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings

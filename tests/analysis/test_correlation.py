@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from app.analysis import AnalysisSettings, analyse
+from app.analysis.attributes import read_measures
 from app.analysis.correlation import ScoreSet, correlation_rows, kendall, monotone_pearson, pearson, spearman
 from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.reading import read_measures
 from app.analysis.votes import VotesError
 
 points = st.lists(st.floats(-5, 5), min_size=4, max_size=12, unique=True)

@@ -11,11 +11,11 @@ from scipy.stats import friedmanchisquare
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
 from app.analysis.agreement import concordance, dataset_agreement_rows
+from app.analysis.attributes import read_participants
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.reading import read_participants
 from app.analysis.votes import VotesTable
 
 ABILITIES = np.array([-0.6, -0.2, 0.2, 0.6])

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 from frames import frame_from_votes
 
-from app.analysis.reading import read_items, read_votes, votes_from_rows
+from app.analysis.attributes import read_items
+from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.votes import VotesError
 
 HEADER = "participant,dataset,item_a,item_b,choice"

@@ -1,0 +1,83 @@
+"""What is known beside the votes, as tables: items' factors, participants' groups, objective measures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from app.analysis.tabular import numbers, read_csv
+from app.analysis.votes import VotesError
+
+
+def read_items(path: Path) -> dict[str, dict[str, str]]:
+    """Read items' factors, `item,<factor>,<factor>,…`, as {factor: {item: level}}.
+
+    Raises
+    ------
+    VotesError
+        If there is no column `item`, an item appears twice, or a level is empty.
+    """
+    return _read_attributes(path, "item", "factor", may_be_empty=False)
+
+
+def read_participants(path: Path) -> dict[str, dict[str, str]]:
+    """Read what is known of participants, `participant,<grouping>,…`, as {grouping: {participant: group}}; an empty
+    cell puts a participant into no group.
+
+    Raises
+    ------
+    VotesError
+        If there is no column `participant`, or a participant appears twice.
+    """
+    return _read_attributes(path, "participant", "grouping", may_be_empty=True)
+
+
+def _read_attributes(path: Path, of: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
+    frame = read_csv(path)
+    if of not in frame.columns or len(frame.columns) < 2:
+        found = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {found}; expected {of} and at least one {attribute}")
+    for column in frame.columns:
+        empty = np.flatnonzero(frame[column].isna() | (frame[column] == ""))
+        if len(empty) and (column == of or not may_be_empty):
+            raise VotesError(f"{path}: row {empty[0] + 1}: {column} is empty")
+    twice = np.flatnonzero(frame[of].duplicated())
+    if len(twice):
+        raise VotesError(f"{path}: row {twice[0] + 1}: the {of} {frame[of][twice[0]]!r} appears a second time")
+    names = frame[of].tolist()
+    return {
+        column: {name: value for name, value in zip(names, frame[column].tolist(), strict=True) if value}
+        for column in frame.columns
+        if column != of
+    }
+
+
+def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell is
+    no value.
+
+    Raises
+    ------
+    VotesError
+        If a column is missing, an item of a dataset appears twice, or a value is no finite number.
+    """
+    frame = read_csv(path)
+    if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
+        found = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {found}; expected dataset, item and at least one measure")
+    twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
+    if len(twice):
+        raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
+    measures: dict[str, dict[str, dict[str, float]]] = {}
+    for measure in (name for name in frame.columns if name not in ("dataset", "item")):
+        texts = frame[measure].to_list()
+        try:
+            values = numbers(np.array(texts, object), measure, may_be_negative=True)
+        except VotesError as error:
+            raise VotesError(f"{path}: {error}") from error
+        own = measures.setdefault(measure, {})
+        for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
+            if text:
+                own.setdefault(dataset, {})[item] = float(value)
+    return measures
