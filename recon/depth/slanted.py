@@ -117,62 +117,32 @@ def _flow_along_columns(
     last: int,
 ) -> None:
     """Aggregate columns first to last, and move each pixel's surface to where its costs are lowest."""
-    height = surface.shape[0]
-    held = np.empty(height * STRIP * N_KEPT, np.float32)
-    for begin in range(first, last, STRIP):
-        end = min(begin + STRIP, last)
-        _flow_down(passages, surface, flows, begin, end, held)
-        _flow_up_and_choose(passages, surface, n_disparities, begin, end, held, refined)
-
-
-@njit(cache=True, nogil=True)
-def _flow_down(
-    passages: Passages,
-    surface: NDArray[np.float32],
-    flows: NDArray[np.float32],
-    first: int,
-    last: int,
-    held: NDArray[np.float32],
-) -> None:
-    """The flows of columns first to last with what comes from above, in `held`: STRIP pixels a row."""
     down, passage = passages.down, passages.passage
     height, width = surface.shape
-    for y in range(height):
-        for x in range(first, last):
-            place = (y * STRIP + x - first) * N_KEPT
-            flow = load_eight(flows, (y * width + x) * N_KEPT)
-            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                flow = add_scaled(flow, passage[down[y - 1, x]], load_eight(held, place - STRIP * N_KEPT))
-            store_eight(held, place, flow)
-
-
-@njit(cache=True, nogil=True)
-def _flow_up_and_choose(
-    passages: Passages,
-    surface: NDArray[np.float32],
-    n_disparities: int,
-    first: int,
-    last: int,
-    held: NDArray[np.float32],
-    refined: NDArray[np.float32],
-) -> None:
-    """Add what flows up in columns first to last, and move each pixel's surface to where its costs are lowest."""
-    down, passage = passages.down, passages.passage
-    height = surface.shape[0]
-    upward = np.zeros(STRIP * N_KEPT, np.float32)
+    held = np.empty(height * STRIP * N_KEPT, np.float32)
+    upward = np.empty(STRIP * N_KEPT, np.float32)
     scratch = np.empty(N_LANES, np.float32)
-    for y in range(height - 1, -1, -1):
-        for x in range(first, last):
-            place = (y * STRIP + x - first) * N_KEPT
-            total = load_eight(held, place)
-            if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
-                total = add_scaled(total, passage[down[y, x]], load_eight(upward, (x - first) * N_KEPT))
-            without_above = total
-            if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
-                above = load_eight(held, place - STRIP * N_KEPT)
-                without_above = add_scaled(total, -passage[down[y - 1, x]], above)
-            store_eight(upward, (x - first) * N_KEPT, without_above)
-            lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
-            store(scratch, 0, total)
-            found = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
-            refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))
+    for begin in range(first, last, STRIP):
+        end = min(begin + STRIP, last)
+        for y in range(height):
+            for x in range(begin, end):
+                place = (y * STRIP + x - begin) * N_KEPT
+                flow = load_eight(flows, (y * width + x) * N_KEPT)
+                if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                    flow = add_scaled(flow, passage[down[y - 1, x]], load_eight(held, place - STRIP * N_KEPT))
+                store_eight(held, place, flow)
+        for y in range(height - 1, -1, -1):
+            for x in range(begin, end):
+                place = (y * STRIP + x - begin) * N_KEPT
+                total = load_eight(held, place)
+                if y + 1 < height and abs(surface[y + 1, x] - surface[y, x]) <= np.float32(SURFACE_STEP):
+                    total = add_scaled(total, passage[down[y, x]], load_eight(upward, (x - begin) * N_KEPT))
+                without_above = total
+                if y > 0 and abs(surface[y, x] - surface[y - 1, x]) <= np.float32(SURFACE_STEP):
+                    above = load_eight(held, place - STRIP * N_KEPT)
+                    without_above = add_scaled(total, -passage[down[y - 1, x]], above)
+                store_eight(upward, (x - begin) * N_KEPT, without_above)
+                lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
+                store(scratch, 0, total)
+                found = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
+                refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))

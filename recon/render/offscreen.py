@@ -23,7 +23,7 @@ from recon.rig import Camera
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast", "software")
-STRIPS = 4  # that a picture is drawn in: samples and read-back of a whole one of full HD take 120 MB, measured
+STRIPS = 8  # that a picture is drawn in: samples and read-back of a whole one of full HD take 120 MB, measured
 PROBE_TIMEOUT_S = 60
 # In a process of its own: PyOpenGL cannot change its platform once loaded, and a broken driver may crash.
 PROBE = """
