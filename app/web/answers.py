@@ -6,20 +6,24 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
-from typing import Annotated, Any, Literal
+from tempfile import SpooledTemporaryFile
+from typing import IO, Annotated, Any, Literal
 
 from fastapi import Depends, Query, Request
-from fastapi.responses import Response
+from fastapi.responses import Response, StreamingResponse
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
 PARQUET = "application/vnd.apache.parquet"
 MEDIA_TYPES: dict[Format, str] = {"json": "application/json", "csv": CSV, "parquet": PARQUET}
 MOST_ROWS = 1_000_000  # of a page
+IN_MEMORY = 1024 * 1024  # bytes of a table; more of it waits on disk
+PART = 256 * 1024  # bytes that are sent at once
+ROWS_AT_ONCE = 20_000  # of a Parquet file, in Python's own objects
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would compute
 
 
@@ -56,21 +60,45 @@ ChosenFormat = Annotated[Wanted, Depends(wanted)]
 def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wanted, name: str) -> Response:
     """Rows as a JSON array of objects, as CSV with a header, or as Parquet; the same columns in each.
 
-    A page says how many rows there are in all (`X-Total-Count`) so that a client knows when it has them.
+    A page says how many rows there are in all (`X-Total-Count`) so that a client knows when it has them. Rows are taken
+    one by one, and what does not fit into some memory waits in a temporary file: a million votes need no more than ten.
     """
-    columns, every = list(columns), list(rows)
+    columns, counted = list(columns), Counted(rows)
     end = None if chosen.limit is None else chosen.offset + chosen.limit
-    page = list(islice(every, chosen.offset, end))
-    headers = {"X-Total-Count": str(len(every))}
-    if chosen.format == "csv":
-        content = csv_text(page, columns).encode()
-    elif chosen.format == "parquet":
-        content = parquet_bytes(page, columns)
-    else:
-        content = json_bytes([{column: _plain(row.get(column)) for column in columns} for row in page])
+    page = islice(counted, chosen.offset, end)
+    content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
+    WRITERS[chosen.format](content, page, columns)
+    headers = {"X-Total-Count": str(counted.count_to_the_end())}
     if chosen.format != "json":
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
-    return tagged(content, MEDIA_TYPES[chosen.format], chosen, headers)
+    content.seek(0)
+    digest = hashlib.file_digest(content, "sha256").hexdigest()
+    if is_known(chosen, digest):
+        content.close()
+        return unchanged(digest)
+    headers |= {"Content-Length": str(content.tell()), **_own_headers(digest)}
+    return StreamingResponse(_parts(content), media_type=MEDIA_TYPES[chosen.format], headers=headers)
+
+
+class Counted:
+    """Rows that are counted as they pass."""
+
+    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        self._rows, self._n = iter(rows), 0
+
+    def __iter__(self) -> Counted:
+        return self
+
+    def __next__(self) -> Mapping[str, Any]:
+        row = next(self._rows)
+        self._n += 1
+        return row
+
+    def count_to_the_end(self) -> int:
+        """How many they are, those that nobody has taken too."""
+        for _ in self:
+            pass
+        return self._n
 
 
 def json_object(content: Mapping[str, Any], chosen: Wanted) -> Response:
@@ -80,11 +108,34 @@ def json_object(content: Mapping[str, Any], chosen: Wanted) -> Response:
 
 def tagged(content: bytes, media_type: str, chosen: Wanted, headers: Mapping[str, str]) -> Response:
     """An answer with the digest of its content as entity tag; 304 if the client has that."""
-    tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-    own = {"ETag": tag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
-    if tag in chosen.known or "*" in chosen.known:
-        return Response(status_code=304, headers=own)
-    return Response(content, media_type=media_type, headers={**own, **headers})
+    digest = hashlib.sha256(content).hexdigest()
+    if is_known(chosen, digest):
+        return unchanged(digest)
+    return Response(content, media_type=media_type, headers={**_own_headers(digest), **headers})
+
+
+def is_known(chosen: Wanted, digest: str) -> bool:
+    """Whether the client has this content already."""
+    return bool(chosen.known & {_tag(digest), "*"})
+
+
+def unchanged(digest: str) -> Response:
+    return Response(status_code=304, headers=_own_headers(digest))
+
+
+def _own_headers(digest: str) -> dict[str, str]:
+    return {"ETag": _tag(digest), "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
+
+
+def _tag(digest: str) -> str:
+    return f'"{digest[:32]}"'
+
+
+def _parts(content: IO[bytes]) -> Iterator[bytes]:
+    with content:
+        content.seek(0)
+        while part := content.read(PART):
+            yield part
 
 
 def json_bytes(content: Any) -> bytes:
@@ -94,32 +145,69 @@ def json_bytes(content: Any) -> bytes:
 def csv_text(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """CSV by RFC 4180; what is missing is empty, what is nested is JSON, what would be a formula is none."""
     text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(row.get(column)) for column in columns])
+    _write_csv_rows(text, rows, columns)
     return text.getvalue()
 
 
-def parquet_bytes(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> bytes:
+def write_csv(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    """As `csv_text`, into a file."""
+    text = io.TextIOWrapper(out, encoding="utf-8", newline="")
+    _write_csv_rows(text, rows, columns)
+    text.detach()
+
+
+def write_json(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    """A JSON array of objects."""
+    before = b"["
+    for row in rows:
+        out.write(before + json_bytes({column: _plain(row.get(column)) for column in columns}))
+        before = b","
+    out.write(b"[]" if before == b"[" else b"]")
+
+
+def write_parquet(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
     """Parquet; what is nested, and what a column holds of several kinds, is text."""
     import pyarrow
     import pyarrow.parquet
 
-    arrays = {column: _array(pyarrow, [row.get(column) for row in rows]) for column in columns}
-    out = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.table(arrays), out)
-    return out.getvalue()
+    rows = iter(rows)
+    batches: list[list[Any]] = []
+    while (batch := list(islice(rows, ROWS_AT_ONCE))) or not batches:
+        batches.append([_array(pyarrow, [row.get(column) for row in batch]) for column in columns])
+    arrays = [_joined(pyarrow, parts) for parts in zip(*batches, strict=True)]
+    pyarrow.parquet.write_table(pyarrow.table(arrays, names=list(columns)), out)
+
+
+WRITERS: dict[Format, Callable[[IO[bytes], Iterable[Mapping[str, Any]], Sequence[str]], None]] = {
+    "json": write_json,
+    "csv": write_csv,
+    "parquet": write_parquet,
+}
+
+
+def _write_csv_rows(text: IO[str], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow([_cell(row.get(column)) for column in columns])
 
 
 def _array(pyarrow: Any, values: Sequence[Any]) -> Any:
     plain = [json.dumps(value) if isinstance(value, (dict, list, tuple)) else value for value in values]
-    if all(value is None for value in plain):
-        return pyarrow.array(plain, pyarrow.string())
     try:
         return pyarrow.array(plain)
     except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
         return pyarrow.array([None if value is None else str(_plain(value)) for value in plain], pyarrow.string())
+
+
+def _joined(pyarrow: Any, parts: Sequence[Any]) -> Any:
+    """Parts of a column as one, of the one kind that they are all of, or of text."""
+    kinds = {part.type for part in parts} - {pyarrow.null()}
+    if kinds == {pyarrow.int64(), pyarrow.float64()}:
+        kind = pyarrow.float64()
+    else:
+        kind = kinds.pop() if len(kinds) == 1 else pyarrow.string()
+    return pyarrow.chunked_array([part.cast(kind) for part in parts], kind)
 
 
 def flattened(content: Any, path: str = "") -> Iterator[dict[str, Any]]:

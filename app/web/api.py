@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -82,8 +82,8 @@ def votes(
 ) -> Response:
     """All votes; `item_a` is what was labelled A in that trial."""
     with database.reading() as connection:
-        rows = list(vote_records(connection, of.id))
-    return table(_of(rows, participant, dataset), columns.VOTES, chosen, f"{of.slug}-votes")
+        rows = _of(vote_records(connection, of.id), participant, dataset)
+        return table(rows, columns.VOTES, chosen, f"{of.slug}-votes")
 
 
 @router.get("/studies/{slug}/trials", responses=table_answers(columns.TRIALS), dependencies=READING)
@@ -97,8 +97,8 @@ def trials(
 ) -> Response:
     """All planned trials, those without a vote too, with the viewing behaviour."""
     with database.reading() as connection:
-        rows = list(trial_records(connection, of.id, session))
-    return table(_of(rows, participant, dataset), columns.TRIALS, chosen, f"{of.slug}-trials")
+        rows = _of(trial_records(connection, of.id, session), participant, dataset)
+        return table(rows, columns.TRIALS, chosen, f"{of.slug}-trials")
 
 
 @router.get("/studies/{slug}/participants", responses=table_answers(columns.PARTICIPANTS), dependencies=PERSONAL_TOO)
@@ -194,9 +194,9 @@ def archive(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     return tagged(content, "application/zip", chosen, headers)
 
 
-def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | None) -> list[dict[str, Any]]:
+def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | None) -> Iterator[dict[str, Any]]:
     wanted = {"participant": participant, "dataset": dataset}
-    return [row for row in rows if all(value is None or row[key] == value for key, value in wanted.items())]
+    return (row for row in rows if all(value is None or row[key] == value for key, value in wanted.items()))
 
 
 def _columns(first: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:

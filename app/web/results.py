@@ -13,7 +13,11 @@ from app.reports import by_measure
 from app.store.designs import conditions_of
 from app.store.engine import Database
 from app.store.measurements import measurement_records
+from app.store.participants import questionnaire_records
+from app.store.studies import Study
 from app.store.votes import vote_records
+from app.study.groupings import groupings
+from app.study.options import parse_options
 
 ANALYSES_KEPT = 16  # of the latest votes and settings; a study of 100 participants takes some MB
 WITHDRAWN = "withdrawn"
@@ -35,16 +39,20 @@ def snapshot_of(database: Database, study_id: int, *, with_excluded: bool = Fals
     ----------
     with_excluded : count those whom the experimenter has excluded, too; who has withdrawn is never counted
     """
-    with database.reading() as connection:
-        rows = list(vote_records(connection, study_id))
-        levels = conditions_of(connection, study_id)
-        measures = by_measure(measurement_records(connection, study_id))
+    given = _given(database, study_id)
     if with_excluded:
-        rows = [row | {"excluded": row["reason"] == WITHDRAWN} for row in rows]
-    given = {"rows": rows, "factors": items_factors(levels), "measures": measures}
-    content = json.dumps(given, sort_keys=True, default=str)
-    digest = hashlib.sha256(content.encode()).hexdigest()
-    return Snapshot(digest, _analysed(content) if rows else None)
+        given["rows"] = [row | {"excluded": row["reason"] == WITHDRAWN} for row in given["rows"]]
+    return _snapshot(given)
+
+
+def grouped_snapshot_of(database: Database, study: Study) -> Snapshot:
+    """As `snapshot_of`, with groups of participants compared by their answers; for who may see participants."""
+    given = _given(database, study.id)
+    with database.reading() as connection:
+        answers = questionnaire_records(connection, study.id)
+    people = {row["participant"] for row in given["rows"] if not row["excluded"]}
+    counted = [row for row in answers if row["source"] == "written" and row["participant"] in people]
+    return _snapshot(given | {"groups": groupings(parse_options(study.options).questions, counted)})
 
 
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
@@ -52,12 +60,27 @@ def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     return snapshot_of(database, study_id).analysis
 
 
+def _given(database: Database, study_id: int) -> dict[str, Any]:
+    """What an analysis is made of."""
+    with database.reading() as connection:
+        rows = list(vote_records(connection, study_id))
+        levels = conditions_of(connection, study_id)
+        measures = by_measure(measurement_records(connection, study_id))
+    return {"rows": rows, "factors": items_factors(levels), "measures": measures}
+
+
+def _snapshot(given: Mapping[str, Any]) -> Snapshot:
+    content = json.dumps(given, sort_keys=True, default=str)
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    return Snapshot(digest, _analysed(content) if given["rows"] else None)
+
+
 @lru_cache(maxsize=ANALYSES_KEPT)
 def _analysed(content: str) -> Mapping[str, Any]:
     from app.analysis import AnalysisSettings, analyse, votes_from_rows
 
     given = json.loads(content)
-    settings = AnalysisSettings(factors=given["factors"], measures=given["measures"])
+    settings = AnalysisSettings(factors=given["factors"], measures=given["measures"], groups=given.get("groups", {}))
     return analyse(votes_from_rows(given["rows"]), settings)
 
 

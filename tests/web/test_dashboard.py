@@ -175,6 +175,32 @@ def test_a_form_edits_a_study_and_two_editors_are_told_of_each_other(
     assert "edit refused" in log
 
 
+def test_a_form_sets_the_limits_of_the_screening_and_refuses_impossible_ones(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    fields = {
+        "name": "Seen well",
+        "exposure_s": "0.4",
+        "stage": "screening",
+        "screening": "true",
+        "test": "acuity",
+        "acuity_limit": "0.1",
+        "distance": "fixed",
+        "distance_cm": "60",
+        "colour_axis": "protan",
+        "colour_misses": "2",
+        "on_failure": "stop",
+    }
+    page = experimenter.act(f"{base}/edit", revision="1", **fields).text
+    for line in ("acuity_limit = 0.1", 'distance = "fixed"', "distance_cm = 60", "colour_misses = 2"):
+        assert line in page.replace("&#34;", '"'), line
+    for wrong in ({"distance_cm": ""}, {"acuity_limit": "3"}, {"test": "smell"}, {"on_failure": "explode"}):
+        refused = experimenter.act(f"{base}/edit", revision="2", **fields | wrong)
+        assert refused.status_code == 422, wrong
+        assert "Nothing was changed" in refused.text
+
+
 def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboard, new_study: NewStudy) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
     good = 'name = "By file"\nexposure_s = 2\n[options]\nbreak_every = 5\n'

@@ -6,7 +6,7 @@ import tomllib
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
@@ -14,7 +14,9 @@ from app.operate import EXPOSURE_BOUNDS_S
 from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, progress_of
+from app.study.colour_vision import AXES
 from app.study.options import parse_options
+from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
 from app.web.admin.shell import see, study_page
@@ -31,12 +33,46 @@ Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
 Text = Annotated[str, Form(max_length=20_000)]
 
 
+Number = Annotated[float | None, Form(ge=-10, le=10_000, allow_inf_nan=False)]
+Word = Annotated[str, Form(max_length=20)]
+Words = Annotated[list[Word], Form(max_length=10)]
+
+
+def screening_given(
+    screening: Annotated[bool, Form()] = False,
+    test: Words = [],  # noqa: B006 (FastAPI copies it)
+    acuity_limit: Number = None,
+    distance: Word = "",
+    distance_cm: Number = None,
+    colour_axis: Words = [],  # noqa: B006
+    colour_misses: Number = None,
+    on_failure: Word = "",
+) -> dict[str, Any]:
+    """The option `screening` as the form has it; nothing where the form does not have it. `parse_options` checks it."""
+    given = {
+        "tests": test,
+        "acuity_limit": acuity_limit,
+        "distance": distance,
+        "distance_cm": distance_cm if distance == "fixed" else None,
+        "colour_axes": colour_axis,
+        "colour_misses": colour_misses,
+        "on_failure": on_failure,
+    }
+    return {"screening": {key: value for key, value in given.items() if value is not None}} if screening else {}
+
+
 @router.get("/edit")
 def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     own = study_file_of(study)
     with database.reading() as connection:
         has_begun = progress_of(connection, study.id).n_started > 0
-    context = {"options": own.options, "stages": OPTIONAL_STAGES, "text": write_study_file(own), "has_begun": has_begun}
+    context = {
+        "options": own.options,
+        "stages": OPTIONAL_STAGES,
+        "screening": {"tests": TESTS, "axes": AXES},
+        "text": write_study_file(own),
+        "has_begun": has_begun,
+    }
     return study_page(request, "edit", person, study, context)
 
 
@@ -47,6 +83,7 @@ def edit(
     database: Store,
     revision: Revision,
     name: Annotated[str, Form(min_length=1, max_length=200)],
+    screening: Annotated[dict[str, Any], Depends(screening_given)],
     exposure_s: Annotated[float | None, Form(ge=0.1, le=3600, allow_inf_nan=False)] = None,
     stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
     consent: Text = "",
@@ -62,6 +99,7 @@ def edit(
         "consent_version": consent_version.strip(),
         "comprehension": comprehension,
         "debriefing": _unix(debriefing),
+        **screening,
     }
     with database.reading() as connection:
         if progress_of(connection, study.id).n_started:  # these fields are not sent then

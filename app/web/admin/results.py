@@ -8,15 +8,19 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from app.errors import NotFoundError
-from app.web.admin.results_view import results_view
+from app.store.studies import Study
+from app.web.admin.results_view import groups_view, results_view
 from app.web.admin.shell import study_page
-from app.web.gates import AStudy, Person, Store
-from app.web.results import FIGURE_TYPES, figure, figures_of, snapshot_of
+from app.web.gates import AStudy, Looking, Person, Store
+from app.web.results import FIGURE_TYPES, Snapshot, figure, figures_of, grouped_snapshot_of, snapshot_of
 
 KEPT = "private, max-age=31536000, immutable"  # the address of a figure holds the digest of its votes
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
+FigureName = Annotated[str, Path(max_length=200)]
+FigureKind = Annotated[str, Path(max_length=10)]
+Digest = Annotated[str, Query(max_length=64)]
 Everybody = Annotated[bool, Query(description="count those who are excluded, too")]
 
 
@@ -44,17 +48,41 @@ def results_page(
     return study_page(request, "results", person, study, context)
 
 
+@router.get("/results/groups")
+def groups_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
+    """Do groups of participants prefer different things? It tells what participants answered."""
+    snapshot = grouped_snapshot_of(database, study)
+    analysis = snapshot.analysis
+    context = {
+        "digest": snapshot.digest,
+        "groupings": groups_view(analysis) if analysis else [],
+        "figures": dict(figures_of(analysis)) if analysis else {},
+    }
+    return study_page(request, "groups", person, study, context)
+
+
+@router.get("/results/groups/{name}.{kind}")
+def group_figure_file(
+    _person: Looking, study: AStudy, name: FigureName, kind: FigureKind, database: Store, digest: Digest = ""
+) -> Response:
+    return _figure_answer(grouped_snapshot_of(database, study), study, name, kind, digest)
+
+
 @router.get("/figures/{name}.{kind}")
 def figure_file(
     _person: Person,
     study: AStudy,
-    name: Annotated[str, Path(max_length=200)],
-    kind: Annotated[str, Path(max_length=10)],
+    name: FigureName,
+    kind: FigureKind,
     database: Store,
     everybody: Everybody = False,
-    digest: Annotated[str, Query(max_length=64)] = "",
+    digest: Digest = "",
 ) -> Response:
     snapshot = snapshot_of(database, study.id, with_excluded=everybody)
+    return _figure_answer(snapshot, study, name, kind, digest)
+
+
+def _figure_answer(snapshot: Snapshot, study: Study, name: str, kind: str, digest: str) -> Response:
     content = None
     if snapshot.analysis is not None and kind in (*FIGURE_TYPES, "vega"):
         content = figure(snapshot.analysis, name, kind)

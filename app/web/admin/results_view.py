@@ -55,6 +55,23 @@ class AgreementLine:
 
 
 @dataclass(frozen=True)
+class GroupingView:
+    """Groups of participants, whether they differ, and their scores over all datasets.
+
+    Parameters
+    ----------
+    groups : name and number of participants
+    rows : an item, then its score and interval in each group
+    """
+
+    name: str
+    figure: str
+    groups: Sequence[tuple[str, int]]
+    p_value: str
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
 class ResultsView:
     comparisons: Sequence[ComparisonView]
     datasets: Sequence[str]
@@ -73,6 +90,32 @@ def results_view(analysis: Mapping[str, Any]) -> ResultsView:
         [_agreement(row) for row in analysis["agreement"] if row["u"] is not None],
         analysis["warnings"],
     )
+
+
+def groups_view(analysis: Mapping[str, Any]) -> list[GroupingView]:
+    """What the groups' page shows of analysis.json."""
+    names = unique(row["grouping"] for row in analysis["groups"])
+    return [_grouping(analysis, name) for name in names]
+
+
+def _grouping(analysis: Mapping[str, Any], name: str) -> GroupingView:
+    datasets = unique(row["dataset"] for row in analysis["groups"])
+    dataset = "all" if "all" in datasets else datasets[0]
+    own = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
+    groups = {row["group"]: row["n_participants"] for row in own}
+    cells = {(row["item"], row["group"]): row for row in own}
+    items = unique(row["item"] for row in own)
+    lines = [(item, *(_group_cell(cells.get((item, group))) for group in groups)) for item in items]
+    tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
+    p = tests[0]["p_holm"] if tests else None
+    figure = f"group_{''.join(character if character.isalnum() else '_' for character in name)}"
+    return GroupingView(name, figure, list(groups.items()), p_value(p), lines)
+
+
+def _group_cell(row: Mapping[str, Any] | None) -> str:
+    if row is None or row["ci_low"] is None:
+        return NOTHING if row is None else decimal(row["score"])
+    return f"{decimal(row['score'])} ({decimal(row['ci_low'])} to {decimal(row['ci_high'])})"
 
 
 def decimal(value: float | None, digits: int = 2) -> str:

@@ -1,0 +1,46 @@
+"""Groups of participants by what they answered in the interview: by a choice, or below and above the median."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from statistics import median_low
+from typing import Any
+
+from app.study.questionnaire import Question
+
+SMALLEST_GROUP = 3  # participants; fewer could be recognised, and say little
+
+
+def groupings(questions: Sequence[Question], answers: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, str]]:
+    """Question -> participant -> group, for questions that divide the participants into groups to compare.
+
+    Parameters
+    ----------
+    answers : rows with `participant`, `question` and `answer`; None where it was left out
+    """
+    kinds = {question.name: question.kind for question in questions}
+    given: dict[str, dict[str, Any]] = {}
+    for row in answers:
+        if row["answer"] is not None and kinds.get(row["question"]) in ("choice", "scale", "number"):
+            given.setdefault(row["question"], {})[row["participant"]] = row["answer"]
+    divided = {name: _chosen(own) if kinds[name] == "choice" else _halves(own) for name, own in sorted(given.items())}
+    large = {name: _without_small_groups(groups) for name, groups in divided.items()}
+    return {name: groups for name, groups in large.items() if len(set(groups.values())) > 1}
+
+
+def _chosen(answers: Mapping[str, Any]) -> dict[str, str]:
+    return {participant: str(answer) for participant, answer in answers.items()}
+
+
+def _halves(answers: Mapping[str, Any]) -> dict[str, str]:
+    """Below or at the median, and above it."""
+    middle = median_low([float(answer) for answer in answers.values()])
+    return {
+        participant: f"up to {middle:g}" if float(answer) <= middle else f"above {middle:g}"
+        for participant, answer in answers.items()
+    }
+
+
+def _without_small_groups(groups: Mapping[str, str]) -> dict[str, str]:
+    names = list(groups.values())
+    return {participant: name for participant, name in groups.items() if names.count(name) >= SMALLEST_GROUP}
