@@ -17,6 +17,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
+from app.web.entry import entry_token, is_own_form, remember_entry
 from app.web.gates import Store, address, entrance, throttle
 from app.web.participant import remember
 from app.web.throttle import WRONG_CODES
@@ -58,8 +59,16 @@ def participant_page(request: Request, code: str) -> Response:
 
 
 @router.post("/resume")
-def resume_elsewhere(request: Request, resume_code: Annotated[str, Form(max_length=40)], database: Store) -> Response:
+def resume_elsewhere(
+    request: Request,
+    resume_code: Annotated[str, Form(max_length=40)],
+    database: Store,
+    form_token: Annotated[str, Form(max_length=100)] = "",
+) -> Response:
     """Go on in this browser with a session that began in another one."""
+    if not is_own_form(request, form_token):
+        log.warning("a resume code came from elsewhere than the entrance's form")
+        return _page(request, "participant/entrance.html", 403)
     throttle(request).check(WRONG_CODES, address(request))
     token = resume_session(database, resume_code.strip().lower())
     if token is None:
@@ -78,10 +87,17 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
     page: Response = request.app.state.templates.TemplateResponse(
         request,
         template,
-        {"language": language, "languages": languages(), "texts": texts_in(language), **context},
+        {
+            "language": language,
+            "languages": languages(),
+            "texts": texts_in(language),
+            "entry_token": entry_token(request),
+            **context,
+        },
         status_code=status_code,
         headers={"Cache-Control": "no-store"},  # what stands at an address changes with the invitation's state
     )
+    remember_entry(request, page)
     if request.query_params.get("language") == language:
         page.set_cookie(LANGUAGE_COOKIE, language, samesite="lax")
     return page

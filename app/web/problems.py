@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import StudyError, TooManyError, UnavailableError
+from app.web.entry import entry_token, remember_entry
 
 log = logging.getLogger(__name__)
 
@@ -109,12 +110,10 @@ def _answer(request: Request, status: int, detail: str, headers: Mapping[str, st
     if not _is_page(request):
         return problem(status, detail, headers=headers)
     context = {"title": HTTPStatus(status).phrase, "detail": detail}
-    is_stranger = status == 401 and request.url.path.startswith("/admin")
-    page: Response = request.app.state.templates.TemplateResponse(
-        request,
-        "admin/sign_in.html" if is_stranger else "admin/problem.html",
-        context,
-        status_code=status,
-        headers=dict(headers or {}),
-    )
+    options = {"status_code": status, "headers": dict(headers or {})}
+    templates = request.app.state.templates
+    if status == 401 and request.url.path.startswith("/admin"):
+        context["form_token"] = entry_token(request)
+        return remember_entry(request, templates.TemplateResponse(request, "admin/sign_in.html", context, **options))
+    page: Response = templates.TemplateResponse(request, "admin/problem.html", context, **options)
     return page

@@ -47,10 +47,10 @@ def test_the_first_start_gives_a_link_that_works_once(fresh: Settings, fresh_ser
     form = {"name": "Olga Owner", "password": PASSWORD, "again": PASSWORD}
     with Dashboard(fresh_server) as stranger, Dashboard(fresh_server) as late:
         assert "Set up this server" in stranger.get(path).text
-        assert stranger.post(path, data={**form, "again": "something else"}).status_code == 422
-        assert "Olga Owner" in stranger.post(path, data=form).text
+        assert stranger.send(path, **{**form, "again": "something else"}).status_code == 422
+        assert "Olga Owner" in stranger.send(path, **form).text
         assert late.get(path).status_code == 401
-        assert late.post(path, data={**form, "name": "Late"}).status_code == 401
+        assert late.send(path, **{**form, "name": "Late"}).status_code == 401
     assert operate.set_up_path(fresh) is None
 
 
@@ -70,10 +70,10 @@ def test_a_password_signs_in_and_ends_the_link(server: str, settings: Settings) 
         assert "Your role is owner" in paula.get("/admin/account").text
     with Dashboard(server) as paula:
         assert paula.get(link).status_code == 401
-        wrong = paula.post("/admin/sign-in", data={"name": "Paula", "password": "incorrect horse"})
+        wrong = paula.send("/admin/sign-in", name="Paula", password="incorrect horse")
         assert wrong.status_code == 401
         assert "do not belong together" in wrong.text
-        assert "Studies" in paula.post("/admin/sign-in", data={"name": "Paula", "password": PASSWORD}).text
+        assert "Studies" in paula.send("/admin/sign-in", name="Paula", password=PASSWORD).text
 
 
 def test_a_changed_password_ends_the_other_sessions(server: str, settings: Settings) -> None:
@@ -87,11 +87,9 @@ def test_a_changed_password_ends_the_other_sessions(server: str, settings: Setti
 
 def test_guessing_passwords_is_slowed_down_for_that_name(tmp_path: Path) -> None:
     with running_server(Settings(data_dir=tmp_path)) as url, Dashboard(url) as stranger:
-        statuses = [
-            stranger.post("/admin/sign-in", data={"name": "Paula", "password": "guess"}).status_code for _ in range(6)
-        ]
+        statuses = [stranger.send("/admin/sign-in", name="Paula", password="guess").status_code for _ in range(6)]
         assert statuses == [401] * 5 + [429]
-        told = stranger.post("/admin/sign-in", data={"name": "Paula", "password": "guess"})
+        told = stranger.send("/admin/sign-in", name="Paula", password="guess")
         assert int(told.headers["retry-after"]) > 0
 
 
@@ -102,6 +100,27 @@ def test_guessing_invitations_is_slowed_down(tmp_path: Path) -> None:
         assert {answer.status_code for answer in answers[:30]} == {404}
         assert answers[30].status_code == 429
         assert answers[30].json()["status"] == 429
+
+
+def test_forms_for_strangers_are_taken_from_our_own_pages_only(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    path = str(operate.set_up_path(settings))
+    form = {"name": "Olga Owner", "password": PASSWORD, "again": PASSWORD}
+    with running_server(settings) as url, Dashboard(url) as page, httpx.Client(base_url=url) as elsewhere:
+        for token in ({}, {"form_token": "guess"}, {"form_token": ""}):
+            for cookies in ({}, {"entry": "another"}):
+                header = {"Cookie": "; ".join(f"{name}={value}" for name, value in cookies.items())}
+                assert elsewhere.post(path, data={**form, **token}, headers=header).status_code == 403
+                sign_in = elsewhere.post("/admin/sign-in", data={**form, **token}, headers=header)
+                assert sign_in.status_code == 403
+                resumed = elsewhere.post("/resume", data={"resume_code": "a-b-c", **token}, headers=header)
+                assert resumed.status_code == 403
+        assert operate.set_up_path(settings) is not None
+        path = str(operate.set_up_path(settings))
+        assert "Olga Owner" in page.send(path, **form).text
+        assert (
+            page.post("/resume", data={"resume_code": "a-b-c", "form_token": page.cookies["entry"]}).status_code == 404
+        )
 
 
 @pytest.mark.parametrize(

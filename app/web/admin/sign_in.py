@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Form, Path, Request
+from fastapi import APIRouter, Depends, Form, Path, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.errors import InvalidError, UnauthorisedError
@@ -21,6 +21,7 @@ from app.store.experimenters import (
     sign_out,
 )
 from app.web.admin.shell import page, see
+from app.web.entry import entry_token, own_form, remember_entry
 from app.web.gates import EXPERIMENTER_COOKIE, Myself, Now, Person, Store, address, is_secure, throttle
 from app.web.security import set_experimenter_cookie
 from app.web.throttle import SIGN_INS, SIGN_INS_AS
@@ -38,11 +39,11 @@ def set_up_page(secret: Secret, request: Request, database: Store, now: Now) -> 
     with database.reading() as connection:
         if not is_set_up_link(connection, secret, now):
             raise UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
-    shown: Response = request.app.state.templates.TemplateResponse(request, "admin/set_up.html", {"secret": secret})
-    return shown
+    context = {"secret": secret, "form_token": entry_token(request)}
+    return remember_entry(request, request.app.state.templates.TemplateResponse(request, "admin/set_up.html", context))
 
 
-@router.post("/setup/{secret}")
+@router.post("/setup/{secret}", dependencies=[Depends(own_form)])
 def set_up(
     secret: Secret, request: Request, name: Name, password: Password, again: Password, database: Store, now: Now
 ) -> Response:
@@ -76,7 +77,7 @@ def sign_in_by_link(secret: Secret, request: Request, database: Store, now: Now)
     return _signed_in(request, token)
 
 
-@router.post("/sign-in")
+@router.post("/sign-in", dependencies=[Depends(own_form)])
 def sign_in(request: Request, name: Name, password: Password, database: Store, now: Now) -> Response:
     throttle(request).count(SIGN_INS, address(request))
     throttle(request).count(SIGN_INS_AS, name.strip().lower())

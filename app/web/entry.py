@@ -1,0 +1,44 @@
+"""The token of forms for who has no session yet: sign-in, set-up, and going on in another browser.
+
+A cookie and the form hold the same secret (OWASP: double submit), so that only a page of ours in the same browser can
+send the form; forms within a session carry the session's own token, see gates.
+"""
+
+from __future__ import annotations
+
+from secrets import compare_digest, token_urlsafe
+from typing import Annotated
+
+from fastapi import Form, Request
+from fastapi.responses import Response
+
+from app.errors import ForbiddenError
+from app.web.gates import is_secure
+
+ENTRY_COOKIE = "entry"
+
+
+def entry_token(request: Request) -> str:
+    """What this browser's forms carry; one is made for a browser that has none."""
+    known = getattr(request.state, "entry_token", None) or request.cookies.get(ENTRY_COOKIE)
+    request.state.entry_token = known or token_urlsafe(32)
+    return str(request.state.entry_token)
+
+
+def remember_entry(request: Request, answer: Response) -> Response:
+    """Let the browser hold the token that its page was given."""
+    token = entry_token(request)
+    answer.set_cookie(ENTRY_COOKIE, token, httponly=True, samesite="lax", secure=is_secure(request))
+    return answer
+
+
+def is_own_form(request: Request, form_token: str) -> bool:
+    """Whether a page of ours, in this browser, sent the form."""
+    known = request.cookies.get(ENTRY_COOKIE, "")
+    return bool(known) and compare_digest(form_token.encode(), known.encode())
+
+
+def own_form(request: Request, form_token: Annotated[str, Form(max_length=100)] = "") -> None:
+    """The gate of a form for strangers."""
+    if not is_own_form(request, form_token):
+        raise ForbiddenError("This form is out of date. Load the page again, then repeat what you entered.")
