@@ -24,6 +24,7 @@ from app.web import columns
 from app.web.answers import ChosenFormat, flattened, json_object, table, tagged
 from app.web.archive import archive_of
 from app.web.described import object_answers, table_answers
+from app.web.examples import ANALYSIS, STUDY
 from app.web.gates import AStudy, Store, may_read
 from app.web.results import analysis_of
 
@@ -62,7 +63,7 @@ def studies(database: Store, chosen: ChosenFormat) -> Response:
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
-@router.get("/studies/{slug}", responses=object_answers(), dependencies=READING)
+@router.get("/studies/{slug}", responses=object_answers(STUDY), dependencies=READING)
 def study(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """One study: what it compares, and how far it is."""
     with database.reading() as connection:
@@ -151,7 +152,7 @@ def validation(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         return table(measurement_records(connection, of.id), columns.MEASUREMENTS, chosen, f"{of.slug}-validation")
 
 
-@router.get("/studies/{slug}/analysis", responses=object_answers(tables_too=True), dependencies=READING)
+@router.get("/studies/{slug}/analysis", responses=object_answers(ANALYSIS, tables_too=True), dependencies=READING)
 def analysis(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """The whole analysis of the votes so far; as CSV or Parquet, one row for each value."""
     content = _analysis(database, of)

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from app.web.answers import PARQUET
+from app.web.answers import PARQUET, csv_text
 from app.web.columns import Columns
+from app.web.examples import EXAMPLES, ROW
 
 Answers = dict[int | str, dict[str, Any]]
 
-EXAMPLES: dict[str, Any] = {
-    "participant": "P001",
-    "dataset": "ball",
-    "item": "pm_fb",
-    "item_a": "pm_fb",
-    "item_b": "id_fa",
-    "first_shown": "pm_fb",
-    "choice": "a",
-    "score": 0.93,
-    "slug": "temple",
-    "state": "open",
-}
+JSON = "application/json"
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 PROBLEM = {
     "type": "object",
@@ -42,15 +33,16 @@ def table_answers(columns: Columns) -> Answers:
     """The answers of a route that gives a table."""
     properties = {name: {"description": meaning} for name, meaning in columns.items()}
     row = {"type": "object", "properties": properties, "required": list(columns)}
-    example = [{name: EXAMPLES[name] for name in columns if name in EXAMPLES}]
-    json_table = {"schema": {"type": "array", "items": row}, "example": example}
-    content = {"application/json": json_table, "text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
+    example = {name: ROW.get(name) for name in columns}
+    json_table = {"schema": {"type": "array", "items": row}}
+    csv_table = {"schema": {"type": "string"}, "example": csv_text([example], list(columns))}
+    content = {"application/json": json_table, "text/csv": csv_table, PARQUET: BINARY}
     return {200: {"description": "The table", "content": content}, 304: {"description": "As before (If-None-Match)"}}
 
 
-def object_answers(*, tables_too: bool = False) -> Answers:
+def object_answers(example: Mapping[str, Any], *, tables_too: bool = False) -> Answers:
     """The answers of a route that gives one object."""
-    content: dict[str, Any] = {"application/json": {"schema": {"type": "object"}}}
+    content: dict[str, Any] = {"application/json": {"schema": {"type": "object"}, "example": dict(example)}}
     if tables_too:
         content |= {"text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
     return {200: {"description": "The object", "content": content}, 304: {"description": "As before (If-None-Match)"}}
@@ -81,4 +73,17 @@ def _description(app: FastAPI) -> dict[str, Any]:
             operation["responses"]["4XX"] = {"description": "Refused: says why (RFC 9457)", "content": problem}
             operation["responses"]["503"] = {"description": "Try again later (Retry-After)", "content": problem}
             operation["security"] = [{"token": []}]
+            _add_examples(operation)
     return dict(found)
+
+
+def _add_examples(operation: dict[str, Any]) -> None:
+    """Give each body and answer in JSON its example; FastAPI would leave out what is null in it."""
+    parts = [operation.get("requestBody", {}), *operation["responses"].values()]
+    for content in [part["content"][JSON] for part in parts if JSON in part.get("content", {})]:
+        schema = content["schema"]
+        row = schema.get("items", schema)
+        if "properties" in row:
+            content["example"] = [{name: ROW.get(name) for name in row["properties"]}]
+        elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
+            content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]

@@ -29,7 +29,7 @@ class Dashboard(httpx.Client):
     def act(self, path: str, **fields: Any) -> httpx.Response:
         return self.post(path, data={"form_token": self.form_token, **fields})
 
-    def send(self, path: str, **fields: Any) -> httpx.Response:
+    def enter(self, path: str, **fields: Any) -> httpx.Response:
         """Send a form for who has no session: sign-in or set-up."""
         if "entry" not in self.cookies:
             self.get("/admin")

@@ -47,10 +47,10 @@ def test_the_first_start_gives_a_link_that_works_once(fresh: Settings, fresh_ser
     form = {"name": "Olga Owner", "password": PASSWORD, "again": PASSWORD}
     with Dashboard(fresh_server) as stranger, Dashboard(fresh_server) as late:
         assert "Set up this server" in stranger.get(path).text
-        assert stranger.send(path, **{**form, "again": "something else"}).status_code == 422
-        assert "Olga Owner" in stranger.send(path, **form).text
+        assert stranger.enter(path, **{**form, "again": "something else"}).status_code == 422
+        assert "Olga Owner" in stranger.enter(path, **form).text
         assert late.get(path).status_code == 401
-        assert late.send(path, **{**form, "name": "Late"}).status_code == 401
+        assert late.enter(path, **{**form, "name": "Late"}).status_code == 401
     assert operate.set_up_path(fresh) is None
 
 
@@ -70,10 +70,10 @@ def test_a_password_signs_in_and_ends_the_link(server: str, settings: Settings) 
         assert "Your role is owner" in paula.get("/admin/account").text
     with Dashboard(server) as paula:
         assert paula.get(link).status_code == 401
-        wrong = paula.send("/admin/sign-in", name="Paula", password="incorrect horse")
+        wrong = paula.enter("/admin/sign-in", name="Paula", password="incorrect horse")
         assert wrong.status_code == 401
         assert "do not belong together" in wrong.text
-        assert "Studies" in paula.send("/admin/sign-in", name="Paula", password=PASSWORD).text
+        assert "Studies" in paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).text
 
 
 def test_a_changed_password_ends_the_other_sessions(server: str, settings: Settings) -> None:
@@ -87,9 +87,9 @@ def test_a_changed_password_ends_the_other_sessions(server: str, settings: Setti
 
 def test_guessing_passwords_is_slowed_down_for_that_name(tmp_path: Path) -> None:
     with running_server(Settings(data_dir=tmp_path)) as url, Dashboard(url) as stranger:
-        statuses = [stranger.send("/admin/sign-in", name="Paula", password="guess").status_code for _ in range(6)]
+        statuses = [stranger.enter("/admin/sign-in", name="Paula", password="guess").status_code for _ in range(6)]
         assert statuses == [401] * 5 + [429]
-        told = stranger.send("/admin/sign-in", name="Paula", password="guess")
+        told = stranger.enter("/admin/sign-in", name="Paula", password="guess")
         assert int(told.headers["retry-after"]) > 0
 
 
@@ -117,7 +117,7 @@ def test_forms_for_strangers_are_taken_from_our_own_pages_only(tmp_path: Path) -
                 assert resumed.status_code == 403
         assert operate.set_up_path(settings) is not None
         path = str(operate.set_up_path(settings))
-        assert "Olga Owner" in page.send(path, **form).text
+        assert "Olga Owner" in page.enter(path, **form).text
         assert (
             page.post("/resume", data={"resume_code": "a-b-c", "form_token": page.cookies["entry"]}).status_code == 404
         )
