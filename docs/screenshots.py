@@ -120,6 +120,7 @@ def experimenter(url: str, path: str) -> Iterator[Page]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
         page = browser.new_page(base_url=url)
+        page.set_default_timeout(120_000)  # the first results load the analysis
         page.goto(path)
         yield page
         browser.close()
