@@ -13,7 +13,7 @@ from limits import RateLimitItemPerMinute
 
 from app.errors import ForbiddenError, NoSessionError, NotFoundError, UnauthorisedError
 from app.settings import Settings
-from app.store.audit import Actor, Entry, record_alone
+from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.designs import has_single_films
 from app.store.engine import Database
 from app.store.experimenters import Experimenter, Role, open_session
@@ -23,7 +23,7 @@ from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
 from app.study.options import StudyOptions, parse_options
-from app.web.throttle import WRONG_CODES, Throttle
+from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
 PARTICIPANT_COOKIE = "session"
 EXPERIMENTER_COOKIE = "experimenter"
@@ -119,6 +119,8 @@ def reader(request: Request) -> Reader:
         with database(request).reading() as connection:
             token = token_by_secret(connection, secret, now(request))
         if token is None:
+            throttle(request).count(WRONG_TOKENS, address(request))
+            record_alone(database(request), STRANGER, Entry("token refused", subject=request.url.path), now(request))
             raise UnauthorisedError("This token is not known here, has expired or was revoked.")
         found = Reader(f"token {token.name}", token.scopes)
     limit = RateLimitItemPerMinute(settings(request).api_requests_per_minute)

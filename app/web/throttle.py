@@ -19,6 +19,8 @@ SIGN_INS = RateLimitItemPerMinute(10)  # of one address
 SIGN_INS_AS = RateLimitItemPerMinute(5)  # under one name
 WRONG_CODES = RateLimitItemPerMinute(30)  # of one address: invitations and resume codes that nobody gave out
 
+WRONG_TOKENS = RateLimitItemPerMinute(30)  # of one address: of analysts; each leaves an entry in the audit log
+
 
 @dataclass(frozen=True)
 class Throttle:

@@ -34,6 +34,7 @@ def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
 STUDY_PAGES = (
     "",
     "/results",
+    "/results/groups",
     "/objective",
     "/objective/scores",
     "/models",
@@ -70,6 +71,22 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
         found = Axe().run(page)
         assert found.violations_count == 0, f"{path}: {found.generate_report()}"
         assert page.evaluate(WEIGHT) < LARGEST_PAGE, path
+
+
+FIRST_CONTENT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+SOON_MS = 1000
+
+
+def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    for path in ("/admin", base, f"{base}/results", f"{base}/participants", f"{base}/design"):
+        times = []
+        for _ in range(3):  # the best of three: other work on this machine is not the page's
+            page.goto(path)
+            page.locator("h1").wait_for()
+            page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
+            times.append(float(page.evaluate(FIRST_CONTENT)))
+        assert min(times) < SOON_MS, (path, times)
 
 
 def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:

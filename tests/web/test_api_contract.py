@@ -179,7 +179,8 @@ def test_a_token_opens_its_scopes_only(own: Settings, own_server: str, taken: di
 NEEDED = {  # the role that each route of the dashboard takes; a route that is not named here takes "viewer"
     r"/admin/(users|tokens|settings)": "owner",
     r"/admin/(audit|studies/new|stimuli/upload)": "experimenter",
-    r"/admin/studies/\{slug\}/(participants|votes|invitations|edit|state|duplicate|preview|models)": "experimenter",
+    r"/admin/studies/\{slug\}/(participants|votes|invitations|edit|state|duplicate|preview)": "experimenter",
+    r"/admin/studies/\{slug\}/(models|results/groups)": "experimenter",
 }
 OPEN_TO_ALL = r"/admin/(setup/|login/|sign-in)"
 RANKS = ("stranger", "viewer", "experimenter", "owner")

@@ -3,55 +3,108 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
+from urllib.parse import urljoin
 from uuid import uuid4
 
 import clips
 import httpx
+import numpy as np
 import pytest
 
-SECRETS = (*clips.APPROACHES, "ball", "box", "depth", "fusion", clips.TITLE)
+from app import operate
+from app.settings import Settings
+from app.simulate import next_trial, pass_stages, vote
+from app.study.options import StudyOptions
+
+DATASETS = ("walrus", "teapot")
+SECRETS = (*clips.APPROACHES, *DATASETS, "depth", "fusion", clips.TITLE)
+LINKS = re.compile(rb'(?:href|src|action|url|picture|next_media|from|import)"?[=: (]*["\']([./][^"\'#]*)["\']')
+TEXTS = ("text/", "application/json", "image/svg", "javascript")
+
+
+class Crawler:
+    """Follows whatever an answer to a participant leads to, and keeps every byte of every answer, headers too."""
+
+    def __init__(self, client: httpx.Client) -> None:
+        self.heard: list[bytes] = []
+        self._seen: set[str] = set()
+        self._client = client
+        client.event_hooks["response"].append(self._listen)
+
+    def _listen(self, answer: httpx.Response) -> None:
+        answer.read()
+        head = b"\n".join(name + b": " + value for name, value in answer.headers.raw)
+        self.heard.append(str(answer.url).encode() + b"\n" + head + b"\n\n" + answer.content)
+        if answer.headers.get("content-type", "").startswith(TEXTS):
+            for link in LINKS.findall(answer.content):
+                self._follow(urljoin(str(answer.url), link.decode()))
+
+    def _follow(self, url: str) -> None:
+        if url.startswith(str(self._client.base_url)) and url not in self._seen:
+            self._seen.add(url)
+            self._client.get(url)
+
+    def assert_silent(self) -> None:
+        for secret in SECRETS:
+            pattern = re.compile(rb"(?<![\w-])" + secret.encode() + rb"(?![\w-])")
+            told = [heard[:300] for heard in self.heard if pattern.search(heard)]
+            assert not told, f"{secret!r} in {told[0]!r}"
+
+    def heard_of(self, part: str) -> int:
+        """How many answers came from addresses with this part."""
+        return sum(part in heard.split(b"\n", 1)[0].decode() for heard in self.heard)
 
 
 @pytest.fixture
-def overheard(client: httpx.Client) -> list[bytes]:
-    """Every byte of every answer, headers too."""
-    heard: list[bytes] = []
-
-    def listen(answer: httpx.Response) -> None:
-        answer.read()
-        heard.append(b"\n".join(name + b": " + value for name, value in answer.headers.raw) + b"\n\n" + answer.content)
-
-    client.event_hooks["response"].append(listen)
-    return heard
+def crawler(client: httpx.Client) -> Crawler:
+    return Crawler(client)
 
 
-def test_no_answer_names_a_dataset_or_a_condition(
-    client: httpx.Client, overheard: list[bytes], study: dict[str, Any]
+def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
+    client: httpx.Client, crawler: Crawler, settings: Settings, tmp_path: Path
 ) -> None:
+    options = StudyOptions(
+        optional_stages=("screening", "practice", "interview"),
+        consent="I take part of my own will.",
+        consent_version="1",
+        comprehension=True,
+        debriefing="Thank you for looking.",
+    )
+    stimuli = clips.write_set(tmp_path, DATASETS, clips.APPROACHES)
+    study = operate.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
+    rng = np.random.default_rng(1)
     client.get("/")
-    page = client.get(f"/s/{study['invitation']}").text
-    for linked in sorted(set(re.findall(r'(?:href|src)="(/static/[^"]+)"', page))):
-        assert client.get(linked).status_code == 200
-    admission = {"invitation": study["invitation"]}
-    client.post(f"/api/v1/studies/{study['slug']}/sessions", json=admission)
-    client.put("/api/v1/session/stages/introduction", json={"data": {}})
-    while (answer := client.get("/api/v1/session/trials/next")).status_code == 200:
-        trial = answer.json()
-        for url in (trial["media"]["url"], *trial["media"]["singles"]):
-            assert client.get(url).status_code == 200
+    client.get(f"/s/{study['invitation']}")
+    admission = {"invitation": study["invitation"], "key": str(uuid4())}
+    session = client.post(f"/api/v1/studies/{study['slug']}/sessions", json=admission).json()
+    client.get("/api/v1/session/asked")
+    client.put("/api/v1/session/comprehension", json={"answer": "skip"})
+    begun = client.put("/api/v1/session/stages/practice", json={"data": {}})  # out of turn
+    assert begun.is_client_error
+    session = pass_stages(client, session, rng=rng)
+    client.get("/api/v1/session/practice")
+    while (trial := next_trial(client, session["token"])) is not None:
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json={"id": "wrong"})
-        viewing = {"first_shown": trial["first_shown"], "shown_ms": 1, "response_ms": 1, "switches": []}
-        body = {"id": str(uuid4()), "choice": "b", "viewing": viewing}
-        client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=body)
-    client.get("/api/v1/session")
+        vote(client, session["token"], trial, "b", rng)
+    state = client.get("/api/v1/session").json()
+    assert state["stage"] == "interview"
+    session = pass_stages(client, session | state, rng=rng)
+    assert session["stage"] == "finished"
+    client.get(f"/s/{study['invitation']}")
     client.get("/api/v1/studies/nothing/votes")
-    assert len(overheard) > 30
-    for secret in SECRETS:
-        told = [
-            heard[:300] for heard in overheard if re.search(rb"(?<![\w-])" + secret.encode() + rb"(?![\w-])", heard)
-        ]
-        assert not told, f"{secret!r} in {told[0]!r}"
+    assert crawler.heard_of("/media/") >= 6
+    assert crawler.heard_of("/static/js/") > 10
+    assert crawler.heard_of("/session/screening/") > 10
+    assert len(crawler.heard) > 100
+    crawler.assert_silent()
+
+
+def test_a_crawler_hears_what_is_told(client: httpx.Client, crawler: Crawler, study: dict[str, Any]) -> None:
+    client.get(f"/s/{study['invitation']}?walrus")
+    with pytest.raises(AssertionError, match="walrus"):
+        crawler.assert_silent()
 
 
 def test_participants_cannot_read_results(participant: httpx.Client, study: dict[str, Any]) -> None:

@@ -138,6 +138,7 @@ def test_a_page_that_calls_itself_a_film_is_refused(own_server: str, own: Settin
     with signed_in(own_server, own, "Eva") as eva:
         sent = upload(eva, zipped({"film.mp4": b"<!doctype html><script>alert(1)</script>"}))
         assert "not an MP4 film" in ends(eva, sent.json()["job"]).text
+        assert "not an MP4 film" in eva.get("/admin/audit?search=work+failed").text
     assert not [path for path in own.sets_dir.iterdir() if path.name.startswith(".upload")]
 
 
@@ -152,6 +153,7 @@ def test_an_upload_that_is_too_large_is_refused_before_it_is_sent(own_server: st
         with socket.create_connection((host, int(port)), timeout=10) as connection:
             connection.sendall(head.encode())
             assert connection.recv(100).startswith(b"HTTP/1.1 413")
+        assert "has 10240 MB" in eva.get("/admin/audit?search=upload+refused").text
         assert upload(eva, b"0" * (2**20 + 1), Accept="application/json").status_code == 413
         assert upload(eva, b"no zip", Accept="application/json").status_code == 422
 

@@ -256,13 +256,17 @@ def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, sett
     with Dashboard(server) as vera:
         vera.get(link)
         vera.get("/admin/login/forged")
+        vera.get("/admin/setup/forged")
+        vera.get("/api/v1/studies", headers={"Authorization": "Bearer forged"})
     database = operate.open_store(settings)
     with database.reading() as connection:
         entries = audit_records(connection, search="")
     database.dispose()
     told = [(entry["actor"], entry["action"]) for entry in entries]
     assert ("Vera", "signed in") in told
-    assert ("stranger", "sign-in refused") in told
+    for refused in ("sign-in refused", "set-up refused", "token refused"):
+        assert ("stranger", refused) in told
+    assert "forged" not in str(entries)
     assert ("command line", "sign-in link made") in told
     assert link.rsplit("/", 1)[1] not in str(entries)
 
@@ -274,6 +278,13 @@ def test_cookies_keep_to_https_where_the_server_says_so(tmp_path: Path) -> None:
         answer = httpx.get(url + path)
     assert "Secure" in answer.headers["set-cookie"]
     assert "max-age=" in answer.headers["strict-transport-security"]
+
+
+def test_guessing_tokens_is_slowed_down(tmp_path: Path) -> None:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+        bearer = {"Authorization": "Bearer guess"}
+        statuses = [stranger.get("/api/v1/studies", headers=bearer).status_code for _ in range(31)]
+        assert statuses == [401] * 30 + [429]
 
 
 def test_the_api_limits_how_often_one_asks(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from app.reports import EVERY_DATASET
 from app.web.admin.results_view import NOTHING, decimal, unique
 
 MOST_ROWS = 100  # of a table on the page; the file has all
@@ -87,7 +88,8 @@ def report_view(record: Mapping[str, Any], folder: Path) -> ReportView:
     pictures = [FigureView(_caption(name.removesuffix(".png")), name, {"png": name}) for name in singles]
     tables = [_table(folder / name) for name in names if name.endswith(".csv")]
     title = TITLES.get(record["kind"], str(record["kind"]).capitalize())
-    return ReportView(title, record["subject"], record["digest"], figures, pictures, tables)
+    subject = str(record["subject"]).replace(f"{EVERY_DATASET}: ", "every dataset: ")
+    return ReportView(title, subject, record["digest"], figures, pictures, tables)
 
 
 def measure_lines(rows: Iterable[Mapping[str, Any]]) -> list[MeasureLine]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Path, Request
@@ -10,6 +11,7 @@ from fastapi.responses import RedirectResponse, Response
 from app.errors import InvalidError, UnauthorisedError
 from app.passwords import check_password, hash_password, is_password
 from app.store.audit import STRANGER, Entry, record, record_alone
+from app.store.engine import Database
 from app.store.experimenters import (
     begin_experimenter_session,
     experimenter_by_link,
@@ -37,8 +39,9 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 def set_up_page(secret: Secret, request: Request, database: Store, now: Now) -> Response:
     throttle(request).count(SIGN_INS, address(request))
     with database.reading() as connection:
-        if not is_set_up_link(connection, secret, now):
-            raise UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
+        is_valid = is_set_up_link(connection, secret, now)
+    if not is_valid:
+        raise _set_up_refused(database, now)
     context = {"secret": secret, "form_token": entry_token(request)}
     return remember_entry(request, request.app.state.templates.TemplateResponse(request, "admin/set_up.html", context))
 
@@ -53,11 +56,17 @@ def set_up(
         if experimenter_named(connection, name.strip()):
             raise InvalidError("There is somebody of this name already. Please choose another one.")
         experimenter_id = finish_set_up(connection, secret, name.strip(), kept, now)
-        if experimenter_id is None:
-            raise UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
-        token = begin_experimenter_session(connection, experimenter_id, now)
-        record(connection, name.strip(), Entry("server set up", subject=name.strip()), now)
+        token = begin_experimenter_session(connection, experimenter_id, now) if experimenter_id else None
+        if token:
+            record(connection, name.strip(), Entry("server set up", subject=name.strip()), now)
+    if token is None:
+        raise _set_up_refused(database, now)
     return _signed_in(request, token)
+
+
+def _set_up_refused(database: Database, now: datetime) -> UnauthorisedError:
+    record_alone(database, STRANGER, Entry("set-up refused", detail={"by": "link"}), now)
+    return UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
 
 
 @router.get("/login/{secret}")
