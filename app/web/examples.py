@@ -127,6 +127,7 @@ ROW: dict[str, Any] = {  # of a table, by column
     "technique": "stacked",
     "frame_locked": True,
     "n_mismatches": 0,
+    "both_seen": True,
     "viewing": VIEWING,
     "served_at": "2026-03-01T12:04:12+00:00",
     "voted_at": "2026-03-01T12:04:31+00:00",
