@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from recon.capture.consistency import disagreements, shared_points
+from recon.capture.consistency import Comparison, compared, disagreements, shared_points
 from recon.capture.continuity import Glance, Glances, continuity_warnings, count_warnings, frozen_cameras, glance_at
 from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
 from recon.capture.matches import Matches, match_pictures
@@ -79,6 +79,10 @@ def check_capture(capture_folder: Path) -> CheckReport:
 
 def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[str]:
     """One sentence for every two neighbouring sensors that see the same points in different places."""
+    return disagreements(list(_comparisons(folder, draft, checks)))
+
+
+def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:
     for (first, its), (second, others) in pairwise(zip(draft.sensors, checks, strict=True)):
         shared = [
             shared_points(its.matches[frame], others.matches[frame], _matched_between(folder, first, second, frame))
@@ -88,7 +92,9 @@ def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) ->
         per_pixel = [check.report.depth_per_disparity_mm for check in (its, others)]
         if shared and None not in per_pixel:
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
-            yield from disagreements(first.sensor, second.sensor, shared, tolerance)
+            found = compared(first.sensor, second.sensor, shared, tolerance)
+            if found is not None:
+                yield found
 
 
 def _matched_between(folder: Path, first: SensorStream, second: SensorStream, frame: int) -> Matches:

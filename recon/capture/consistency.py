@@ -2,7 +2,7 @@
 
 Points that two sensors see are triangulated by each of them. If they are apart, it is found out which single fault
 brings most of them together: both focal lengths of a sensor wrong alike, its cameras turned towards each other, or a
-sensor that was moved as a whole.
+sensor that was moved as a whole. Which of two was moved, only a third can tell: the one with which it agrees was not.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ FACTORS = np.geomspace(0.8, 1.25, 91)  # of focal lengths: half a per cent apart
 MIN_FOCAL_CHANGE = 0.01
 TOE_INS_DEG = np.concatenate([-np.arange(2.0, 0.0, -0.05), np.arange(0.05, 2.01, 0.05)])
 ROUNDS = 300  # of three random points: finds a move that a fifth of the points follow with 90 % probability
+POLISHING = 3
 SEED = 0
 
 
@@ -41,9 +42,33 @@ class Shared:
 
 
 @dataclass(frozen=True)
-class _Explanation:
+class Explanation:
+    """A single fault that brings points together.
+
+    Parameters
+    ----------
+    n_agreeing : points, if it is undone
+    sentence : what it is; `{}` stands for the sensor where either of the two may have it
+    """
+
     n_agreeing: int
     sentence: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two sensors say about the points that both see.
+
+    Parameters
+    ----------
+    explanation : why they are apart, None if they are not
+    """
+
+    sensors: tuple[str, str]
+    n_points: int
+    n_agreeing: int
+    tolerance_mm: float
+    explanation: Explanation | None = None
 
 
 def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
@@ -57,8 +82,8 @@ def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
     return Shared(Matches(first.left[a], first.right[a]), Matches(second.left[b], second.right[b]))
 
 
-def disagreements(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Iterator[str]:
-    """One sentence if two sensors do not agree on the points that both see; none if too few points tell.
+def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
+    """Whether two sensors agree on the points that both see; None if too few points tell.
 
     Parameters
     ----------
@@ -73,7 +98,7 @@ def disagreements(first: Sensor, second: Sensor, shared: Sequence[Shared], toler
     )
     a, b = (Matches(matches.left[right], matches.right[right]) for matches in (a, b))
     if len(a) < MIN_AGREEING:
-        return
+        return None
     count = _counter(tolerance_mm)
     seen = triangulated(first, a), triangulated(second, b)
     n_agreeing = count(*seen)
@@ -83,15 +108,54 @@ def disagreements(first: Sensor, second: Sensor, shared: Sequence[Shared], toler
             _focal(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
             _toed_in(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
             _toed_in(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
-            _moved(second, *seen, count),
+            _moved(second, *seen, tolerance_mm),
         ),
         key=lambda explanation: explanation.n_agreeing,
     )
-    if best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing:
-        yield (
-            f"sensors {first.id} and {second.id} disagree: {n_agreeing} of {len(a)} points that both see are within "
-            f"{tolerance_mm:.0f} mm, {best.n_agreeing} if {best.sentence}"
-        )
+    is_apart = best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
+    if not is_apart and n_agreeing < MIN_AGREEING:
+        return None
+    return Comparison((first.id, second.id), len(a), n_agreeing, tolerance_mm, best if is_apart else None)
+
+
+def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """One sentence for every two sensors that do not agree, naming the sensor that was moved where that can be told."""
+    for comparison in comparisons:
+        if comparison.explanation is not None:
+            reason = comparison.explanation.sentence.format(_named(comparison, comparisons))
+            yield (
+                f"sensors {' and '.join(comparison.sensors)} disagree: {comparison.n_agreeing} of "
+                f"{comparison.n_points} points that both see are within {comparison.tolerance_mm:.0f} mm, "
+                f"{comparison.explanation.n_agreeing} if {reason}"
+            )
+
+
+def _named(comparison: Comparison, comparisons: Sequence[Comparison]) -> str:
+    """The one of two sensors that was moved as a whole, with what speaks for it; both where nothing does.
+
+    The one that others disagree with as well is the odd one out; one that agrees with a third is not.
+    """
+    first, second = comparison.sensors
+    for one, other in ((first, second), (second, first)):
+        against = _third_sensors(one, other, comparisons, agreeing=False)
+        if against and not _third_sensors(other, one, comparisons, agreeing=False):
+            return f"{one}, with which {' and '.join(against)} does not agree either,"
+    for one, other in ((first, second), (second, first)):
+        in_favour = _third_sensors(other, one, comparisons, agreeing=True)
+        if in_favour and not _third_sensors(one, other, comparisons, agreeing=True):
+            return f"{one}, and not {other}, which agrees with {' and '.join(in_favour)},"
+    return f"{first} or {second}"
+
+
+def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *, agreeing: bool) -> list[str]:
+    """The sensors beside a pair that agree with one of it, or do not."""
+    return [
+        other
+        for comparison in comparisons
+        if name in comparison.sensors and (comparison.explanation is None) is agreeing
+        for other in comparison.sensors
+        if other not in (name, beside)
+    ]
 
 
 def triangulated(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
@@ -120,7 +184,7 @@ def _counter(tolerance_mm: float) -> Callable[[NDArray[np.float64], NDArray[np.f
     return lambda a, b: int((np.linalg.norm(a - b, axis=1) < tolerance_mm).sum())
 
 
-def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> _Explanation:
+def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
     counts: Mapping[float, int] = {
         float(factor): count(
             replace(sensor, left=with_focal(sensor.left, factor), right=with_focal(sensor.right, factor))
@@ -130,10 +194,10 @@ def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> _Explanation:
     }
     best = max(counts.values())
     factor = float(np.median([factor for factor, n in counts.items() if n == best]))
-    return _Explanation(best, f"the focal lengths of both cameras of {sensor.id} are {factor:.2f} times as long")
+    return Explanation(best, f"the focal lengths of both cameras of {sensor.id} are {factor:.2f} times as long")
 
 
-def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> _Explanation:
+def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
     """The turn of the right camera about the axis across baseline and view, which leaves all rows as they are."""
     across = np.cross(sensor.right.rotation[2], sensor.right.centre - sensor.left.centre)
     axis = sensor.right.rotation @ across / np.linalg.norm(across)
@@ -143,7 +207,7 @@ def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> _Explanation:
     }
     best = max(counts.values())
     angle = float(np.median([angle for angle, n in counts.items() if n == best]))
-    return _Explanation(
+    return Explanation(
         best, f"the cameras of {sensor.id} were turned towards or away from each other by {abs(angle):.2f} degrees"
     )
 
@@ -156,9 +220,11 @@ def _moved(
     sensor: Sensor,
     first: NDArray[np.float64],
     second: NDArray[np.float64],
-    count: Callable[[NDArray[np.float64], NDArray[np.float64]], int],
-) -> _Explanation:
+    tolerance_mm: float,
+) -> Explanation:
     """The rigid move of the second sensor's points onto the first's that most of them follow, by random triples.
+
+    It is then made the best one for all that follow it.
 
     Source
     ------
@@ -169,13 +235,22 @@ def _moved(
     for _ in range(ROUNDS):
         chosen = rng.choice(len(first), 3, replace=False)
         tried = _rigid_move(second[chosen], first[chosen])
-        n = count(first, second @ tried[:3, :3].T + tried[:3, 3])
+        n = int(np.count_nonzero(_apart(first, second, tried) < tolerance_mm))
         if n > best:
             best, move = n, tried
+    for _ in range(POLISHING):
+        follows = _apart(first, second, move) < tolerance_mm
+        move = _rigid_move(second[follows], first[follows]) if np.count_nonzero(follows) >= MIN_AGREEING else move
+    best = max(best, int(np.count_nonzero(_apart(first, second, move) < tolerance_mm)))
     angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(move[:3, :3])[0])))
     centre = sensor.left.centre
     shift = float(np.linalg.norm(move[:3, :3] @ centre + move[:3, 3] - centre))
-    return _Explanation(best - 3, f"{sensor.id} was moved as a whole, by {angle:.1f} degrees and {shift:.0f} mm")
+    return Explanation(best - 3, f"{{}} was moved as a whole, by about {angle:.1f} degrees and {shift:.0f} mm")
+
+
+def _apart(first: NDArray[np.float64], second: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances (N,) of the first sensor's points from the second's moved ones, mm."""
+    return np.asarray(np.linalg.norm(first - second @ move[:3, :3].T - move[:3, 3], axis=1))
 
 
 def _rigid_move(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.capture.consistency import Shared, disagreements, shared_points, triangulated, with_focal
+from recon.capture.consistency import (
+    Comparison,
+    Explanation,
+    Shared,
+    compared,
+    disagreements,
+    shared_points,
+    triangulated,
+    with_focal,
+)
 from recon.capture.matches import Matches
 from recon.rig import Camera, Sensor, look_at, rigid
 
@@ -63,7 +72,10 @@ FAULTS: dict[str, tuple[Callable[[Sensor], Sensor], str]] = {
         r"the focal lengths of both cameras of S\d are (0.96|1.04) times",
     ),
     "toe-in": (lambda s: replace(s, right=turned(s.right)), "S2 were turned towards or away from each other by 0.5"),
-    "moved": (lambda s: Sensor(s.id, moved(s.left), moved(s.right)), "S2 was moved as a whole, by 2.3 degrees"),
+    "moved": (
+        lambda s: Sensor(s.id, moved(s.left), moved(s.right)),
+        "S1 or S2 was moved as a whole, by about 2.3 degrees",
+    ),
 }
 
 
@@ -73,13 +85,18 @@ def test_true_matches_are_where_the_points_are() -> None:
 
 
 def test_sensors_that_agree_are_left_alone() -> None:
-    assert list(disagreements(FIRST, SECOND, [shared()], TOLERANCE_MM)) == []
+    found = compared(FIRST, SECOND, [shared()], TOLERANCE_MM)
+    assert found is not None
+    assert found.n_agreeing > 40  # of 60, a fifth of them matched wrongly
+    assert list(disagreements([found])) == []
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_makes_sensors_disagree_is_named(fault: str) -> None:
     change, expected = FAULTS[fault]
-    (sentence,) = disagreements(FIRST, change(SECOND), [shared()], TOLERANCE_MM)
+    comparison = compared(FIRST, change(SECOND), [shared()], TOLERANCE_MM)
+    assert comparison is not None
+    (sentence,) = disagreements([comparison])
     assert sentence.startswith("sensors S1 and S2 disagree: ")
     (found,) = [name for name, (_, words) in FAULTS.items() if re.search(words, sentence)]
     assert found == fault, (expected, sentence)
@@ -88,7 +105,28 @@ def test_what_makes_sensors_disagree_is_named(fault: str) -> None:
 def test_few_points_say_nothing() -> None:
     few = Shared(*(Matches(m.left[20:25], m.right[20:25]) for m in (shared().first, shared().second)))
     broken = FAULTS["moved"][0](SECOND)
-    assert list(disagreements(FIRST, broken, [few], TOLERANCE_MM)) == []
+    assert compared(FIRST, broken, [few], TOLERANCE_MM) is None
+
+
+MOVE = Explanation(20, "{} was moved as a whole, by about 2.0 degrees and 5 mm")
+
+
+@pytest.mark.parametrize(
+    ("apart", "expected"),
+    [
+        ({"S1 S2", "S2 S3"}, "20 if S2, with which S3 does not agree either, was moved as a whole"),
+        ({"S1 S2"}, "20 if S1, and not S2, which agrees with S3, was moved as a whole"),
+        ({"S2 S3"}, "20 if S3, and not S2, which agrees with S1, was moved as a whole"),
+    ],
+)
+def test_a_third_sensor_tells_which_one_was_moved(apart: set[str], expected: str) -> None:
+    comparisons = [
+        Comparison((a, b), 30, 0 if f"{a} {b}" in apart else 25, 12.0, MOVE if f"{a} {b}" in apart else None)
+        for a, b in (("S1", "S2"), ("S2", "S3"))
+    ]
+    sentences = list(disagreements(comparisons))
+    assert len(sentences) == len(apart)
+    assert expected in sentences[0]
 
 
 def test_points_are_joined_where_three_matchings_meet() -> None:
