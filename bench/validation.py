@@ -107,7 +107,7 @@ def _judged(balls: list[tuple[Seen, str]], spoil: str) -> Counter[str]:
         fits = {name: fit for name, (fit, _, _) in seen.items()}
         found = findings(fits, {name: parts for name, (_, parts, _) in seen.items()}, usual)
         for name, (_, _, error) in seen.items():
-            is_out = any(not finding.is_usual for finding in found[name])
+            is_out = any(not finding.is_remark for finding in found[name])
             if name == bad and spoil != "none":
                 counts += Counter(spoilt=1, biased=error > 1, caught=is_out, caught_biased=is_out and error > 1)
             else:

@@ -185,6 +185,10 @@ def validate_mesh(
     ] = None,
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
+    cell: Annotated[
+        float | None,
+        typer.Option(help="Compare `sampled` points by their means in cells of this size, mm, as Tanks and Temples."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -193,7 +197,8 @@ def validate_mesh(
     from recon.validation.measures import Subject
     from recon.validation.mesh_report import write_mesh_report
 
-    settings = MeshSettings(parse_thresholds(thresholds), threshold, Subject(dataset, tuple(approach or ())), seed)
+    subject = Subject(dataset, tuple(approach or ()))
+    settings = MeshSettings(parse_thresholds(thresholds), threshold, subject, seed, cell)
     report = measure_mesh(mesh, truth, settings)
     page = write_mesh_report(report, out)
     best = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)

@@ -108,7 +108,7 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
             _focal(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
             _toed_in(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
             _toed_in(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
-            _moved(second, *seen, tolerance_mm),
+            _moved(*seen, tolerance_mm),
         ),
         key=lambda explanation: explanation.n_agreeing,
     )
@@ -217,7 +217,6 @@ def _turned(camera: Camera, turn: NDArray[np.float64]) -> Camera:
 
 
 def _moved(
-    sensor: Sensor,
     first: NDArray[np.float64],
     second: NDArray[np.float64],
     tolerance_mm: float,
@@ -243,9 +242,9 @@ def _moved(
         move = _rigid_move(second[follows], first[follows]) if np.count_nonzero(follows) >= MIN_AGREEING else move
     best = max(best, int(np.count_nonzero(_apart(first, second, move) < tolerance_mm)))
     angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(move[:3, :3])[0])))
-    centre = sensor.left.centre
-    shift = float(np.linalg.norm(move[:3, :3] @ centre + move[:3, 3] - centre))
-    return Explanation(best - 3, f"{{}} was moved as a whole, by about {angle:.1f} degrees and {shift:.0f} mm")
+    off = float(np.median(np.linalg.norm(second @ (move[:3, :3] - np.eye(3)).T + move[:3, 3], axis=1)))
+    what = f"turned by about {angle:.1f} degrees, and what it sees is {off:.0f} mm off"
+    return Explanation(best - 3, f"{{}} was moved as a whole: {what}")
 
 
 def _apart(first: NDArray[np.float64], second: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:

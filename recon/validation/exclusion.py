@@ -21,7 +21,7 @@ from recon.validation.sphere import SphereFit, SphereParameters, moved_centre
 
 N_SECTORS = 8
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out
-MAX_RING_SHIFT = 1.5  # likewise for the inner or outer half of the cap
+MAX_RING_SHIFT = 2.5  # likewise for the inner or outer half of the cap; slices of whole disparities reach 2.4
 MAX_SENSOR_SHIFT = 2.5  # likewise from the middle of the sensors' centres
 REFERENCE_RADIUS = 150.0
 N_RINGS = 3  # with the sectors, cells of equal numbers of points
@@ -34,6 +34,7 @@ USUAL_PERCENTILE = (
 )
 LEAST_USUAL = 0.5  # of a limit; what is usual for a sound sensor lies below, and the limit stands
 UNUSUAL = 5.0  # times what is usual, beyond which a sample is worse than its sensor
+REMARKED = 0.6  # of a limit, from which on a value is remarked on
 MIN_SURFACE_SHARE = 0.55  # of the points around a ball; less and clusters of wrong depth outweigh its surface
 
 
@@ -56,16 +57,17 @@ class Parts:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is beyond its limit.
+    """One thing that is beyond its limit, or near it.
 
     Parameters
     ----------
     sentence : what was found, and the limit
-    is_usual : whether most samples of the same sensor are like that; it is then no reason to leave this one out
+    is_remark : whether it is only near the limit, or most samples of the same sensor are like that; it is then no
+        reason to leave this one out
     """
 
     sentence: str
-    is_usual: bool = False
+    is_remark: bool = False
 
 
 def examine_parts(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters | None = None) -> Parts:
@@ -100,12 +102,12 @@ def _coherent_error(errors: NDArray[np.float32], sector: NDArray[np.int64], pola
 def findings(
     fits: Mapping[str, SphereFit], parts: Mapping[str, Parts], usual: Mapping[str, Parts] | None = None
 ) -> dict[str, list[Finding]]:
-    """What is beyond its limit in each sensor's reconstruction of one placed ball; empty lists for the good ones.
+    """What is beyond its limit, or near it, in each sensor's reconstruction of one placed ball; nothing for good ones.
 
     Parameters
     ----------
     fits, parts : per sensor; `parts` from `examine_parts`
-    usual : per sensor, from `usual_parts`; without it every finding is a reason to leave the reconstruction out
+    usual : per sensor, from `usual_parts`; without it whatever is beyond a limit is a reason to leave out
     """
     found: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
     for sensor, own in parts.items():
@@ -121,7 +123,7 @@ def findings(
             ("coherent_error", coherent_limit, "a sixth of its surface is off together by {:.2f} mm or more"),
         ):
             value = getattr(own, name)
-            if value > limit:
+            if value > REMARKED * limit:
                 typical = getattr(usual[sensor], name) if usual and sensor in usual else None
                 found[sensor].append(_beyond(words.format(value), value, limit, typical))
     for sensor, apart in sensor_shifts(fits).items():
@@ -133,10 +135,12 @@ def findings(
 
 
 def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:
+    if value <= limit:
+        return Finding(f"{words}, near the limit of {limit:.3g} mm", is_remark=True)
     if typical is None or typical < LEAST_USUAL * limit or value > UNUSUAL * typical:
         return Finding(f"{words}, over {limit:.3g} mm")
     sentence = f"{words}, over {limit:.3g} mm, but three in four samples of this sensor reach {typical:.2f} mm"
-    return Finding(sentence, is_usual=True)
+    return Finding(sentence, is_remark=True)
 
 
 def usual_parts(samples: Sequence[Parts]) -> Parts | None:

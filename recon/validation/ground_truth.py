@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from recon.mesh import read_surface
 from recon.validation.measured import TEXT_SUFFIXES, read_measured
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.sampling import cell_means
 from recon.validation.triangles import TriangleTree
 
 N_SAMPLES = 250_000
@@ -115,12 +116,15 @@ class MeshSettings:
     table_threshold : mm, that of the F-score in `measures`; None for the middle one
     subject : what the mesh is of
     seed : of the samples on the surfaces
+    cell : mm; then `sampled` compares the means of the points in cells of this size, as the evaluation of Tanks and
+        Temples does with half its threshold; None for the points themselves
     """
 
     thresholds: tuple[float, ...]
     table_threshold: float | None = None
     subject: Subject = field(default_factory=Subject)
     seed: int = 1
+    cell: float | None = None
 
     @property
     def chosen(self) -> float:
@@ -141,6 +145,8 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
     if settings.chosen not in thresholds:
         raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
+    if settings.cell is not None and not settings.cell > 0:
+        raise ValueError(f"the cells are {settings.cell:g} mm wide, expected a positive length")
     rng = np.random.default_rng(settings.seed)
     shapes = read_shape(mesh), read_shape(truth)
     measured, real = (sample_evenly(shape, N_SAMPLES, rng) for shape in shapes)
@@ -158,11 +164,16 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
             "completeness_to": "triangles" if len(shapes[0].faces) else "points",
             "spacing_mm": _spacing(real),
             "seed": settings.seed,
+            "cell_mm": settings.cell,
         },
         **exact,
-        "sampled": compare_points(measured, real, thresholds),
+        "sampled": compare_points(_thinned(measured, settings), _thinned(real, settings), thresholds),
     }
     return report | {"measures": _measures(report, settings)}
+
+
+def _thinned(points: NDArray[np.float64], settings: MeshSettings) -> NDArray[np.float64]:
+    return points if settings.cell is None else cell_means(points, settings.cell)
 
 
 def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:

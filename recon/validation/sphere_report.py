@@ -89,8 +89,8 @@ def _left_out(report: Mapping[str, Any]) -> Section:
     ]
     text = (
         "Every reconstruction, with the reasons for which it was left out. The rule can be overruled by name with "
-        "--keep and --drop. Remarks are what is beyond a limit but usual for its sensor, which is then said to be "
-        "less good than the limits suppose; it leaves nothing out."
+        "--keep and --drop. Remarks are what is near a limit, or beyond it but usual for its sensor, which is "
+        "then less good than the limits suppose; they leave nothing out."
     )
     return Section("Reconstructions", text, rows)
 

@@ -130,7 +130,7 @@ def _rows(measured: Sequence[_Measured], settings: SphereSettings) -> list[dict[
 
 def _row(one: _Measured, found: Sequence[Finding], settings: SphereSettings) -> dict[str, Any]:
     name = one.cloud.name
-    reasons = [finding.sentence for finding in found if not finding.is_usual]
+    reasons = [finding.sentence for finding in found if not finding.is_remark]
     row: dict[str, Any] = {
         "name": name,
         "sample": one.cloud.sample,
@@ -140,7 +140,7 @@ def _row(one: _Measured, found: Sequence[Finding], settings: SphereSettings) -> 
         "failure": one.failure,
         "is_excluded": bool(one.failure) or name in settings.drop or (bool(reasons) and name not in settings.keep),
         "reasons": [*reasons, *(["left out on request"] if name in settings.drop else [])],
-        "remarks": [finding.sentence for finding in found if finding.is_usual],
+        "remarks": [finding.sentence for finding in found if finding.is_remark],
     }
     if one.fit is None or one.parts is None:
         return row

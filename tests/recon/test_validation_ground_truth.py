@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from recon.cli import app
@@ -44,6 +45,45 @@ def test_scores_follow_their_definition() -> None:
     assert (low["precision"], low["recall"]) == (0.5, 0.25)
     assert low["f_score"] == pytest.approx(2 * 0.5 * 0.25 / 0.75)
     assert (high["precision"], high["recall"]) == (1.0, 0.5)
+
+
+def by_the_book(rec: NDArray[np.float64], truth: NDArray[np.float64], threshold: float) -> tuple[float, float, float]:
+    """Precision, recall and F-score as Tanks and Temples publishes them, point by point and cell by cell, in per cent.
+
+    Source: Knapitsch et al. (2017), equations 1 to 5, and the thinning of both clouds to cells of half the threshold.
+    """
+    thinned = []
+    for points in (rec, truth):
+        cells: dict[tuple[int, ...], list[NDArray[np.float64]]] = {}
+        low = points.min(axis=0) - threshold / 4
+        for point in points:
+            cells.setdefault(tuple(int(index) for index in np.floor((point - low) / (threshold / 2))), []).append(point)
+        thinned.append(np.array([np.mean(own, axis=0) for own in cells.values()]))
+    shares = []
+    for points, others in (thinned, thinned[::-1]):
+        within = sum(min(np.linalg.norm(others - point, axis=1)) < threshold for point in points)
+        shares.append(100.0 * within / len(points))
+    precision, recall = shares
+    return precision, recall, 2 * precision * recall / (precision + recall)
+
+
+@pytest.mark.parametrize("threshold", [4.0, 8.0])
+def test_scores_are_those_of_tanks_and_temples(tmp_path: Path, threshold: float) -> None:
+    rng = np.random.default_rng(4)
+    truth = rng.uniform(0, 100, (1500, 3)) * (1, 1, 0.02)
+    rec = np.concatenate([truth[:900] + rng.normal(0, 3, (900, 3)), rng.uniform(0, 100, (300, 3))])
+    for name, points in (("rec", rec), ("truth", truth)):
+        np.savetxt(tmp_path / f"{name}.xyz", points)
+    settings = MeshSettings((threshold,), cell=threshold / 2)
+    (score,) = measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", settings)["sampled"]["scores"]
+    found = [100 * score[name] for name in ("precision", "recall", "f_score")]
+    assert found == pytest.approx(by_the_book(rec, truth, threshold), abs=0.1)
+
+
+@pytest.mark.parametrize("cell", [0.0, -2.0])
+def test_cells_without_a_width_are_refused(tmp_path: Path, cell: float) -> None:
+    with pytest.raises(ValueError, match="expected a positive length"):
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", MeshSettings((1.0,), cell=cell))
 
 
 def test_nothing_within_the_threshold_scores_zero() -> None:
