@@ -14,6 +14,7 @@ from command_line import Command
 
 import app.experiment
 import recon.experiment
+import recon.validation.ground_truth
 from app.experiment import people, true_abilities
 from app.experiment_report import conclusions
 from app.experiment_sections import Results
@@ -189,6 +190,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     scale = recon.experiment.Scale((120, 214), (240, 240), 1, 5.0, 2, 1, (160, 90), 25.0, 0.4)
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
     monkeypatch.setattr(recon.experiment, "SCENES", ("ball", "face"))
+    monkeypatch.setattr(recon.validation.ground_truth, "N_SAMPLES", 5000)
     for name, value in {"N_PEOPLE": 6, "N_MEN": 3, "N_TRAINED": 3, "LACKING": 2}.items():
         monkeypatch.setattr(app.experiment, name, value)
 

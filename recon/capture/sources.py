@@ -291,10 +291,11 @@ def _bounds(
         return np.stack([turned.min(axis=0), turned.max(axis=0)])
     centre = sensors[0].left.camera.centre
     ahead = sensors[0].left.camera.rotation[2]
-    example = ", ".join(f"{value:.0f}" for value in centre + 2500.0 * ahead)
+    middle = centre + 2500.0 * ahead
+    example = ",".join(f"{value:.0f}" for value in (*(middle - 1000.0), *(middle + 1000.0)))
     raise CaptureError(
-        f"nothing tells the bounds of the space to reconstruct; give them in mm (2.5 m before the first camera is "
-        f"{example})"
+        "nothing tells the bounds of the space to reconstruct; give them by --bounds x0,y0,z0,x1,y1,z1 in mm (2 m "
+        f"around what is 2.5 m before the first camera: --bounds={example})"
     )
 
 
