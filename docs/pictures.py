@@ -1,0 +1,92 @@
+"""The pictures of the front page, from what `reconstudy demo` has made: `python docs/pictures.py demo`."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from playwright.sync_api import Page, sync_playwright
+
+from app.files import write_bytes
+from app.main import running_server
+from app.operate import list_studies
+from app.settings import Settings
+from recon.preview import webp
+from recon.render.sheet import contact_sheet
+
+PICTURES = Path(__file__).parent / "pictures"
+LARGEST = 200_000  # bytes
+SCREEN = {"width": 1366, "height": 768}
+WIDTH = 1100  # pixels on the page
+UPPER_BODY = np.s_[40:250, 125:335]  # of a model's picture: where the approaches differ most
+
+
+def main(demo: Path) -> None:
+    """Write the four pictures."""
+    front = demo / "front"
+    recorded = sorted(front.glob("recording_*.webp"))
+    depths = [front / f"depth_{method}.webp" for method in ("id", "dr", "pm")]
+    models = [front / f"model_{depth}_{fusion}.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")]
+    keep("recording", sheet([*recorded, *depths], np.s_[:], columns=6))
+    keep("models", sheet(models, UPPER_BODY, columns=3))
+    scores = read(demo / "analysis" / "figures" / "scores.png")
+    keep("scores", scores[:, scores.shape[1] // 2 :])  # the demo has one dataset: the panel of all is the same
+    keep("trial", trial(demo))
+
+
+def sheet(paths: list[Path], part: Any, *, columns: int) -> NDArray[np.uint8]:
+    """A part of each picture beside each other, under the names of what they show."""
+    labels = [path.stem.replace("_", " ", 1) for path in paths]
+    return contact_sheet([read(path)[part] for path in paths], labels, columns=columns, width=WIDTH // columns)
+
+
+def read(path: Path) -> NDArray[np.uint8]:
+    """A picture, uint8 (H, W, 3), RGB."""
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise SystemExit(f"{path}: is no picture; run `reconstudy demo` first")
+    return np.asarray(picture, np.uint8)
+
+
+def trial(demo: Path) -> NDArray[np.uint8]:
+    """What a participant sees in the middle of a trial."""
+    settings = Settings(data_dir=demo / "study", database_url=None)
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    with running_server(settings) as url, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        page = browser.new_page(viewport=SCREEN)
+        page.goto(f"{url}/s/{list_studies(settings)[0]['invitations'][0]}")
+        enter_trials(page)
+        picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
+        browser.close()
+    return np.asarray(picture, np.uint8)
+
+
+def enter_trials(page: Page) -> None:
+    """From the welcome to the middle of the first exposure, by keyboard."""
+    for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
+        page.locator(f"[data-view={view}]").wait_for()
+        page.keyboard.press("Enter")
+    page.locator("#trial[data-state=exposure]").wait_for()
+    page.wait_for_timeout(1500)
+
+
+def keep(name: str, picture: NDArray[np.uint8]) -> None:
+    """Write a picture as WebP, no wider than the page."""
+    width = min(WIDTH, picture.shape[1])
+    height = round(picture.shape[0] * width / picture.shape[1])
+    scaled = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    content = webp(scaled)
+    if len(content) > LARGEST:
+        raise SystemExit(f"{name}: {len(content)} bytes, expected at most {LARGEST}")
+    write_bytes(PICTURES / f"{name}.webp", content)
+    print(f"{name}.webp: {len(content)} bytes")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "demo"))
