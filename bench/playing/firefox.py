@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+PATIENCE_S = 300  # with a browser that starts on a busy machine
+
 
 class Firefox:
     """A browser without a screen; its packets are JSON with their length before them."""
@@ -46,7 +48,7 @@ class Firefox:
     def _connect(self, port: int) -> Any:
         for _ in range(600):
             try:
-                return socket.create_connection(("127.0.0.1", port), timeout=60).makefile("rwb")
+                return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S).makefile("rwb")
             except OSError:
                 time.sleep(0.1)
         raise RuntimeError("Firefox does not open its port within a minute")

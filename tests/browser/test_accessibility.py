@@ -59,6 +59,7 @@ def test_axe_finds_nothing_serious_on_any_page_in_german(new_study: NewStudy, sh
     assert page.evaluate("document.documentElement.lang") == "de"
     views = page.evaluate("[...document.querySelectorAll('[data-view]')].map((view) => view.dataset.view)")
     assert len(views) > 25
+    page.evaluate("document.getElementById('trial-label').textContent = 'Paar 1 von 3'")  # a trial names itself
     for view in views:
         page.evaluate(SHOW, view)
         check_accessibility(page)

@@ -116,11 +116,7 @@ def test_practice_asks_for_a_switch_in_each_pair(
     visitor.votes("1")
     visitor.sees("practice-again")
     page.keyboard.press("Enter")
-    for _ in ("an obvious pair", "an identical one"):
-        visitor.is_in("exposure")
-        page.keyboard.press("Space")
-        visitor.votes("2")
-    visitor.sees("practice-done")
+    visitor.practises()
     assert study.read("votes") == []
     page.keyboard.press("Enter")
     visitor.is_in("exposure")

@@ -96,21 +96,5 @@ def comes_to_the_trials(study: Study, page: Page, visitor: Visitor) -> None:
     passes_screening(visitor)
     visitor.sees("practice")
     page.keyboard.press("Enter")
-    practises(page, visitor)
+    visitor.practises()
     page.keyboard.press("Enter")
-
-
-def practises(page: Page, visitor: Visitor) -> None:
-    """A busy machine may miss an exposure; then the pair comes again."""
-    for _ in ("an obvious pair", "an identical one"):
-        is_switched = False
-        while not is_switched:
-            visitor.is_in("exposure")
-            page.keyboard.press("Space")
-            visitor.votes("2")
-            again = page.locator("[data-view=practice-again]:visible")
-            page.locator("#trial[data-state=exposure], [data-view=practice-done]:visible").or_(again).first.wait_for()
-            is_switched = not again.is_visible()
-            if not is_switched:
-                page.keyboard.press("Enter")
-    visitor.sees("practice-done")

@@ -83,6 +83,22 @@ class Visitor:
         self.page.keyboard.press("Space")
         return before, self.reads_screen()
 
+    def practises(self) -> None:
+        """Both pairs; a busy machine may miss an exposure, and then the pair comes again."""
+        again = self.page.locator("[data-view=practice-again]:visible")
+        others = self.page.locator("#trial[data-state=exposure], [data-view=practice-done]:visible")
+        for _ in ("an obvious pair", "an identical one"):
+            is_switched = False
+            while not is_switched:
+                self.is_in("exposure")
+                self.page.keyboard.press("Space")
+                self.votes("2")
+                others.or_(again).first.wait_for()
+                is_switched = not again.is_visible()
+                if not is_switched:
+                    self.page.keyboard.press("Enter")
+        self.sees("practice-done")
+
     def finishes_first_trial(self, study: Study) -> dict[str, Any]:
         """Votes on the trial that is over soon; its viewing record."""
         self.votes("2")
