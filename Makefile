@@ -3,6 +3,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app recon migrations tests bench docs/reference.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+# Tests run in a process for each core, file by file, so that what a file's tests share is made once.
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 
 .DEFAULT_GOAL := help
@@ -27,14 +29,14 @@ test: setup
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest
+	pytest $(PARALLEL)
 
 check: setup
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest -m "not slow and not browser"
+	pytest $(PARALLEL) -m "not slow and not browser"
 
 bench: setup
 	@for script in bench/*.py; do echo "== $$script"; python $$script || exit 1; done

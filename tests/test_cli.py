@@ -87,6 +87,7 @@ def commands_of(*group: str) -> Iterator[tuple[str, ...]]:
     yield from walk(typer.main.get_command(app), group)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [(), *commands_of()], ids=" ".join)
 def test_every_command_explains_itself(command: Command, path: tuple[str, ...]) -> None:
     told = command(*path, "--help")
@@ -100,6 +101,7 @@ def test_the_contract_names_its_commands() -> None:
     assert single | groups <= {path[0] for path in commands_of() if len(path) == 1}
 
 
+@pytest.mark.slow
 def test_help_and_server_load_no_reconstruction_backend() -> None:
     heavy = "{'cv2', 'numba', 'pyrender', 'trimesh', 'skimage', 'open3d'}"
     code = f"import sys, app.cli, app.main; sys.exit(' '.join({heavy} & set(sys.modules)))"
@@ -259,6 +261,7 @@ def test_a_video_that_cannot_be_decoded_is_named(command: Command, stimuli: Path
         assert len(told.err.strip().splitlines()[-1]) < 400
 
 
+@pytest.mark.slow
 def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tmp_path: Path) -> None:
     command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
     (tmp_path / "abilities.json").write_text('{"id_fa": -3, "id_fb": 3}')
@@ -273,6 +276,7 @@ def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tm
 VOTES = "participant,dataset,item_a,item_b,choice\np1,ball,x,y,a\np2,ball,x,y,b\np3,ball,x,y,a\np4,ball,x,y,none\n"
 
 
+@pytest.mark.slow
 def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Path) -> None:
     (tmp_path / "votes.csv").write_text(VOTES)
     told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json")
@@ -317,6 +321,7 @@ identical_pairs = 1
 """
 
 
+@pytest.mark.slow
 def test_a_studys_options_come_from_a_file_and_from_the_command(
     command: Command, stimuli: Path, tmp_path: Path
 ) -> None:
@@ -351,6 +356,7 @@ def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path)
     assert "the reference 'truth' is not among them" in told.err
 
 
+@pytest.mark.slow
 def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     command: Command, stimuli: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -381,6 +387,7 @@ def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> N
     assert "there is no study 'none'" in command("study", "invite", "none").err
 
 
+@pytest.mark.slow
 def test_balance_is_told(command: Command, stimuli: Path) -> None:
     command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
     assert command("simulate", "--study", "tiny", "--participants", 3).code == 0

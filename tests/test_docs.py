@@ -76,6 +76,7 @@ def test_every_setting_that_is_named_exists(page: Path) -> None:
     assert set(re.findall(rf"\b{prefix}[A-Z_]+\b", page.read_text(encoding="utf-8"))) <= known
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_setting(tmp_path: Path) -> None:
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)],

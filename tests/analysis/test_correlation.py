@@ -69,6 +69,7 @@ def test_a_constant_measure_has_no_correlation() -> None:
     assert row["pearson"] is row["spearman"] is row["kendall"] is row["pairs_correct"] is None
 
 
+@pytest.mark.slow
 def test_an_analysis_reports_a_good_measure_with_its_interval() -> None:
     abilities = np.linspace(-1, 1, 5)
     votes = simulate_votes(StudyPlan(5, 3, 20), abilities, np.random.default_rng(1))

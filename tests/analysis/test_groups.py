@@ -35,6 +35,7 @@ def split_test(votes: VotesTable) -> ModelTest:
     return found
 
 
+@pytest.mark.slow
 def test_alike_groups_differ_by_chance_only_as_often_as_they_should() -> None:
     tests = [split_test(simulated(seed)) for seed in range(150)]
     rejected = np.mean([test.p_participant is not None and test.p_participant < 0.05 for test in tests])
@@ -86,6 +87,7 @@ def test_a_grouping_of_nobody_who_voted_is_refused(of: dict[str, str]) -> None:
         analyse(simulated(2), AnalysisSettings(groups={"age": of}))
 
 
+@pytest.mark.slow
 def test_groups_are_read_from_a_file_and_stand_in_the_report(tmp_path: Path) -> None:
     frame_from_votes(simulated(2)).to_csv(tmp_path / "votes.csv", index=False)
     lines = [f"{name},{group},yes" for name, group in TWENTY.items()]

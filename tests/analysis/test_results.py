@@ -161,6 +161,7 @@ def any_votes(seed: int) -> VotesTable:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 100_000), st.sampled_from(list(TIE_MODELS)), st.booleans(), st.sampled_from([0, 10]), st.booleans()
@@ -246,6 +247,7 @@ def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path)
                 assert clustered == pytest.approx(wanted["se_cluster"][level], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
     from frames import frame_from_votes
 

@@ -50,6 +50,7 @@ def is_closed(faces: np.ndarray) -> bool:
     return bool(np.array_equal(forward, backward) and (np.diff(forward) > 0).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("voxel", [2.0, 4.0])
 def test_a_sphere_is_closed_and_has_its_radius_and_normals(voxel: float) -> None:
     mesh = surface_from_cloud(sphere(), SurfaceParameters(voxel_mm=voxel))
@@ -198,6 +199,7 @@ def test_points_in_one_place_are_refused() -> None:
         surface_from_cloud(cloud)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("voxel", [0.05, 1e-7])
 def test_a_voxel_that_memory_cannot_hold_is_refused_with_one_that_fits(voxel: float) -> None:
     cloud = sphere()

@@ -68,6 +68,7 @@ def half_written(folder: Path) -> list[Path]:
     return list(folder.rglob(".*.part*"))
 
 
+@pytest.mark.slow
 def test_a_sensor_that_sees_nothing_in_a_frame_is_left_out_of_it(command: Command, capture: Path) -> None:
     empty_mask(capture, "S2", 1)
     run = capture.parent / "run"
@@ -108,6 +109,7 @@ def test_a_frame_that_no_sensor_sees_is_named_and_can_be_left_out(command: Comma
     assert told.code == 0, told.err
 
 
+@pytest.mark.slow
 def test_the_filter_remembers_nothing_across_a_frame_without_foreground(command: Command, capture: Path) -> None:
     empty_mask(capture, "S2", 1)
     run = capture.parent / "run"
@@ -197,6 +199,7 @@ def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture
     assert not list(small_disk.rglob("*.mp4"))
 
 
+@pytest.mark.slow
 def test_a_missing_egl_names_the_package_to_install(command: Command, capture: Path) -> None:
     run = capture.parent / "run"
     assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0

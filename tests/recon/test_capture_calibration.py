@@ -31,6 +31,7 @@ def calibrated(board: Board, rig: Rig, seen: dict[str, list[dict[str, Corners]]]
     return calibrate_rig(board, pairs, {name: (left, right) for name, (left, right) in seen.items()})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth(seed: int) -> None:
     rig = studio_rig()
@@ -41,6 +42,7 @@ def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth(seed: int) -> N
     assert error["rotation_deg"] < 0.05
 
 
+@pytest.mark.slow
 def test_exact_corners_give_the_exact_rig_and_the_world_is_the_first_left_camera_with_y_up() -> None:
     rig = studio_rig(n_sensors=2)
     found = calibrated(COARSE, rig, corners_seen(COARSE, rig, n_views=30, noise_px=0.0, seed=4))
@@ -75,6 +77,7 @@ def test_views_that_are_all_alike_are_refused() -> None:
         calibrate_camera("S1/left", COARSE, (1280, 720), alike)
 
 
+@pytest.mark.slow
 def test_sensors_that_share_no_view_are_named() -> None:
     rig = studio_rig(n_sensors=2)
     seen = corners_seen(COARSE, rig, n_views=24, noise_px=0.1, seed=6)
@@ -130,6 +133,7 @@ def test_a_board_that_is_hidden_but_for_a_corner_is_refused() -> None:
         BOARD.find(np.ascontiguousarray(np.pad(picture[:200, :200], 100, constant_values=255)))
 
 
+@pytest.mark.slow
 def test_a_chessboard_that_looks_the_same_turned_round_cannot_join_sensors() -> None:
     rig = studio_rig(n_sensors=2)
     seen = corners_seen(COARSE, rig, n_views=24, noise_px=0.1, seed=6)

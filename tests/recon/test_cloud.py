@@ -49,6 +49,7 @@ def towards(sensor: Rectification, *, tilt: tuple[float, float]) -> np.ndarray:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(a=st.floats(-0.8, 0.8), b=st.floats(-0.8, 0.8), distance=st.floats(-60, 60))
 def test_a_plane_becomes_points_on_it_with_its_normal(a: float, b: float, distance: float) -> None:
@@ -134,6 +135,7 @@ def test_points_seen_too_obliquely_are_left_out() -> None:
     assert 0 < len(cloud) < disparity.size
 
 
+@pytest.mark.slow
 def test_a_map_without_a_surface_is_refused() -> None:
     sensor = studio_sensor()
     empty = np.full((SIZE[1], SIZE[0]), np.nan, np.float32)

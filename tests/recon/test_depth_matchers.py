@@ -25,6 +25,7 @@ def shifted_pair(disparity: int, *, n_disparities: int = 12, min_disparity: int 
     )
 
 
+@pytest.mark.slow
 @every_matcher
 @pytest.mark.parametrize(("disparity", "min_disparity"), [(0, 0), (5, 0), (11, 0), (-3, -6), (7, 4)])
 def test_a_shifted_picture_has_its_shift_as_disparity(matcher: Matcher, disparity: int, min_disparity: int) -> None:

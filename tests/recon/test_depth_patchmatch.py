@@ -87,6 +87,7 @@ def slanted_pair() -> tuple[StereoPair, NDArray[np.float32]]:
     return StereoPair(stretched[0], stretched[1], 24), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", [PmParameters(), PmParameters(is_seeded=False, sweeps=5)])
 def test_a_slanted_floor_is_found_to_a_tenth_of_a_pixel(parameters: PmParameters) -> None:
     pair, truth = slanted_pair()

@@ -36,6 +36,7 @@ def chosen(
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("n_disparities", [16, 9, 1])
 def test_the_winner_and_its_parabola_are_those_of_the_plain_reference(seed: int, n_disparities: int) -> None:

@@ -28,6 +28,7 @@ def bands(length: int, work: Callable[[int, int], None]) -> None:
     work(length // 2, length)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_surface_is_refined_as_by_the_plain_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)

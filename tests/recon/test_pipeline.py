@@ -61,6 +61,7 @@ def digests(folder: Path, pattern: str) -> dict[str, str]:
     return {str(path.relative_to(folder)): file_digest(path) for path in sorted(folder.rglob(pattern))}
 
 
+@pytest.mark.slow
 def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
     described = read_run(run)
     assert described.approaches == ("id_fa", "id_fb")
@@ -69,6 +70,7 @@ def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
     assert len(digests(run / "clouds", "*.ply")) == 4
 
 
+@pytest.mark.slow
 def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: Capture, tmp_path: Path) -> None:
     write_models([run], tmp_path, None, lambda *_: None)
     found = read_models(tmp_path)
@@ -82,6 +84,7 @@ def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: 
         write_models([run], tmp_path, 7, lambda *_: None)
 
 
+@pytest.mark.slow
 def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
     sheet = read_image(run / "previews/0000.png")
     assert sheet.shape[0] > 2 * 480  # a row of four pictures for each of two approaches
@@ -152,6 +155,7 @@ def test_runs_killed_at_random_moments_end_with_the_same_files(capture: Capture,
     assert not list(tmp_path.rglob(".*.part*"))
 
 
+@pytest.mark.slow
 def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tmp_path: Path) -> None:
     manifest = read_json(render([run], tmp_path / "set", SMALL))
     assert [entry["approach"] for entry in manifest["stimuli"]] == ["id_fa", "id_fb"]
@@ -164,6 +168,7 @@ def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tm
         assert entry["model_frames"] == 2
 
 
+@pytest.mark.slow
 def test_rendering_again_makes_the_same_videos(run: Path, tmp_path: Path) -> None:
     render([run], tmp_path / "one", SMALL)
     render([run], tmp_path / "two", SMALL)
@@ -181,6 +186,7 @@ def test_worker_processes_share_a_video_and_make_the_same_bytes(run: Path, tmp_p
     assert not (tmp_path / "two/.parts").exists()
 
 
+@pytest.mark.slow
 def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: Path) -> None:
     films = [Film(read_run(run), approach, LONG) for approach in ("id_fa", "id_fb")]
     make_part(films[0], tmp_path / "set", films[0].parts[1], threads=1)

@@ -83,6 +83,7 @@ def picture(mesh: Mesh, background: str, renderer: str, size: tuple[int, int] = 
     return next(render_frames([mesh], path[1:2], scene, renderer=renderer))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [(200, 120, 60), (3, 250, 128), (255, 255, 255)])
 def test_a_fully_ambient_render_returns_the_captured_colours(renderer: str, colour: tuple[int, int, int]) -> None:
     shown = picture(uniform(ball(), colour), "plain", renderer)
@@ -90,6 +91,7 @@ def test_a_fully_ambient_render_returns_the_captured_colours(renderer: str, colo
     assert shown[0, 0].tolist() == [128, 128, 128]
 
 
+@pytest.mark.slow
 def test_a_vertex_is_shown_where_the_camera_projects_it(renderer: str) -> None:
     path = cameras()
     for offset in ((0, 0, 0), (113, 57, -90), (-201, -140, 150)):
@@ -103,6 +105,7 @@ def test_a_vertex_is_shown_where_the_camera_projects_it(renderer: str) -> None:
         np.testing.assert_allclose(middle, path[0].project((CENTRE + offset)[None])[0], atol=0.12)
 
 
+@pytest.mark.slow
 def test_the_two_renderers_show_the_same_picture() -> None:
     need_opengl()
     for background in BACKGROUNDS:
@@ -112,6 +115,7 @@ def test_the_two_renderers_show_the_same_picture() -> None:
         assert (difference > 2).mean() < 0.01  # only on outlines, where samples lie elsewhere in a pixel
 
 
+@pytest.mark.slow
 def test_the_inside_of_an_open_surface_is_seen_and_darker_than_its_outside(renderer: str) -> None:
     whole = uniform(ball(), (180, 180, 180))
     towards_camera = whole.normals[whole.faces].mean(axis=1)[:, 2]
@@ -147,6 +151,7 @@ def test_a_surface_does_not_shade_itself_but_what_lies_behind_it() -> None:
     assert front[half:][facing[half:]].max() < front[:half][facing[:half]].min()
 
 
+@pytest.mark.slow
 def test_the_floor_is_darkest_where_the_model_touches_it(renderer: str) -> None:
     body = trimesh.creation.icosphere(3, 60)
     body.apply_translation((0, 60, 0))

@@ -49,6 +49,7 @@ def test_neighbouring_faces_cover_every_sample_exactly_once(seed: int, n: int, g
     assert (alone == BRIGHT).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_picture_is_that_of_a_slow_ray_caster(seed: int) -> None:

@@ -23,6 +23,7 @@ def digest(folder: Path) -> str:
     return content.hexdigest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_every_scene_becomes_a_capture_that_can_be_read_back(scene: str, tmp_path: Path) -> None:
     synthesise(tmp_path / "out", SynthParameters(scene, n_sensors=2, n_frames=2, size=TINY))

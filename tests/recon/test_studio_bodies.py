@@ -153,6 +153,7 @@ def test_a_scene_returns_to_its_start_without_a_jump(name: str) -> None:
         np.testing.assert_allclose(p, q, atol=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ball", "box", "people", "standing", "face"])
 def test_nothing_in_a_scene_jumps_between_frames(name: str) -> None:
     moments = [SCENES[name](np.zeros(3)).moment(i / 400) for i in range(401)]

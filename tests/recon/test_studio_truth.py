@@ -51,6 +51,7 @@ def nearest_hit(origin: NDArray[np.float64], ray: NDArray[np.float64], corners: 
     return float(t[hit].min()) if hit.any() else np.inf
 
 
+@pytest.mark.slow
 def test_depth_is_where_a_ray_meets_the_mesh(quiet: Capture) -> None:
     mesh = read_truth_mesh(quiet, 1)
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
@@ -150,6 +151,7 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     return synthesise(tmp_path_factory.mktemp("studio") / "bent", parameters)
 
 
+@pytest.mark.slow
 def test_a_point_seen_through_two_lenses_is_at_one_depth(bent: Capture) -> None:
     (stream,) = bent.sensors
     assert stream.left.camera.dist[0] == pytest.approx(-0.2, rel=0.3)

@@ -48,6 +48,7 @@ def corner_cloud(
     return (points @ axes + middle).astype(np.float32), axes, middle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_angles_edges_and_place_are_right_at_6_mm_noise(seed: int) -> None:
     points, axes, middle = corner_cloud(seed)
@@ -85,6 +86,7 @@ def test_the_order_of_the_size_does_not_matter() -> None:
     assert np.linalg.norm(fit.centre - middle) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -111,6 +113,7 @@ def test_the_end_of_blurred_points_is_where_they_would_end_without_blur() -> Non
     assert np.isnan(end_of_points(rng.uniform(-100, 100, 40_000), 35.0, 1.0, 30.0)[0])
 
 
+@pytest.mark.slow
 def test_sensors_are_measured_alone_and_together(tmp_path: Path) -> None:
     points, _, middle = corner_cloud(4, n=20_000)
     paths = [tmp_path / "1.xyz", tmp_path / "2.xyz", tmp_path / "3.xyz"]
@@ -129,6 +132,7 @@ def test_sensors_are_measured_alone_and_together(tmp_path: Path) -> None:
         measure_cuboids(named_clouds(paths[2:], ()), settings)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_whole_report(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "cloud.xyz", corner_cloud(1, n=20_000)[0])
     out = tmp_path / "out"

@@ -101,6 +101,7 @@ def test_samples_are_spread_by_area() -> None:
     assert np.allclose(points[is_large].mean(axis=0), (1, 1, 5), atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_shifted_square_is_off_by_its_shift(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
     report = measure_mesh(mesh, truth, MeshSettings((2.5, 3.5)))
@@ -108,6 +109,7 @@ def test_a_shifted_square_is_off_by_its_shift(tmp_path: Path) -> None:
     assert [score["f_score"] for score in report["scores"]] == [0.0, 1.0]
 
 
+@pytest.mark.slow
 def test_half_of_the_truth_is_half_complete(tmp_path: Path) -> None:
     half = square(0.0)
     half = Mesh(half.vertices * np.array([0.5, 1, 1], np.float32), half.faces, half.normals, half.colours)
@@ -136,6 +138,7 @@ def test_a_mesh_without_colours_is_still_a_mesh(tmp_path: Path) -> None:
     assert np.array_equal(read_shape(tmp_path / "bare.ply").faces, square(0.0).faces)
 
 
+@pytest.mark.slow
 def test_distances_to_a_mesh_are_not_inflated_by_samples(tmp_path: Path) -> None:
     vertices, faces = ball(100.0, 8.0)
     measured = Mesh(
@@ -151,6 +154,7 @@ def test_distances_to_a_mesh_are_not_inflated_by_samples(tmp_path: Path) -> None
     assert report["sampled"]["accuracy"]["mean_mm"] > 0.3
 
 
+@pytest.mark.slow
 def test_the_report_lists_measures_of_an_approach(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
     report = measure_mesh(mesh, truth, MeshSettings((2.5, 3.5), 3.5, Subject("ball", ("pm_fb",))))
@@ -171,6 +175,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
         measure_mesh(tmp_path / "bad.ply", tmp_path / "bad.ply", MeshSettings((0.0,)))
 
 
+@pytest.mark.slow
 def test_the_command_writes_its_report(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))
     out = tmp_path / "out"

@@ -84,6 +84,7 @@ def test_a_symmetric_shape_is_said_to_fit_in_several_places() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -105,6 +106,7 @@ def test_parameters_are_checked() -> None:
         RegistrationParameters(trim=2.0)
 
 
+@pytest.mark.slow
 def test_the_command_measures_signed_distances(tmp_path: Path) -> None:
     vertices, faces = lump()
     model = write_coloured(tmp_path / "lump.ply", vertices, faces, np.full(vertices.shape, 128, np.uint8))

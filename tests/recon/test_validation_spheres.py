@@ -57,6 +57,7 @@ def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
         named_clouds(paths, SENSORS)
 
 
+@pytest.mark.slow
 def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
     paths = write_caps(tmp_path)
     report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
@@ -77,6 +78,7 @@ def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None
         assert all(row["ci_low"] <= row["inliers"] <= row["ci_high"] for row in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", ["wedge", "patch", "pushed"])
 def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Path, spoil: str) -> None:
     clouds = named_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
@@ -196,6 +198,7 @@ def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_the_command_prints_its_report_as_json(tmp_path: Path) -> None:
     paths = [str(path) for path in write_caps(tmp_path, 1)]
     sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]

@@ -29,6 +29,7 @@ def motion(seed: int) -> NDArray[np.float64]:
     return np.vstack([np.column_stack([turn, rng.uniform(-500, 500, 3)]), (0, 0, 0, 1)])
 
 
+@pytest.mark.slow
 def test_pairs_at_a_distance_are_those_of_the_full_search() -> None:
     points = np.random.default_rng(1).uniform(0, 100, (150, 3))
     distances = np.linalg.norm(points[:, None] - points, axis=2)
@@ -37,6 +38,7 @@ def test_pairs_at_a_distance_are_those_of_the_full_search() -> None:
     assert found == expected
 
 
+@pytest.mark.slow
 def test_congruent_bases_are_those_of_the_full_search() -> None:
     points = np.random.default_rng(2).uniform(0, 100, (60, 3))
     first, second = pairs_at_distance(points, 60.0, 4.0, 9999), pairs_at_distance(points, 50.0, 4.0, 9999)
@@ -70,6 +72,7 @@ def test_a_model_of_any_shape_is_found_among_outliers(seed: int) -> None:
     assert np.linalg.norm(off, axis=1).mean() < 25.0  # near enough for a refinement; the shape is 300 mm long
 
 
+@pytest.mark.slow
 def test_every_trial_is_made_unless_the_time_is_over() -> None:
     model = shape(1000)
     parameters = Super4PCSParameters(delta=8.0, n_trials=7)
@@ -89,6 +92,7 @@ def test_the_same_seed_gives_the_same_registration() -> None:
     assert np.array_equal(first.cloud_from_model, second.cloud_from_model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("outliers", [0.05, 0.4])
 def test_each_method_finds_the_centre_to_a_millimetre(method: str, outliers: float) -> None:

@@ -52,6 +52,7 @@ def test_what_was_written_before_an_error_is_undone(database: Database) -> None:
     assert n_tokens(database) == 0
 
 
+@pytest.mark.slow
 def test_postgresql_acknowledges_what_is_on_disk(postgres: PostgresServer) -> None:
     url = postgres.new_database("asynchronous")
     setting = open_database(url)

@@ -88,6 +88,7 @@ def test_a_new_database_is_not_ready(tmp_path: Path) -> None:
     database.dispose()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("revision", REVISIONS[:-1])
 def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str], revision: str) -> None:
     database = open_database(new_database_url())

@@ -61,6 +61,7 @@ def test_a_vote_is_counted_once_when_it_is_sent_many_times_at_once(
     assert n_votes(database) == 1
 
 
+@pytest.mark.slow
 def test_a_second_vote_on_a_trial_is_refused(database: Database, of: Participant, now: datetime) -> None:
     trial = serve_next(database, of)
     sent = vote_on(trial)

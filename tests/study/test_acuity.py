@@ -51,6 +51,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     assert np.mean([one.low <= 0.3 <= one.high for one in people(0.3, AcuityTest())]) >= 0.92
 
 
+@pytest.mark.slow
 def test_a_display_that_cannot_draw_the_limit_says_so() -> None:
     """The paper's display at its distance: two pixels are larger than the gap of logMAR 0."""
     smallest = smallest_size(FULL_HD_27_INCH_MM, 900)

@@ -117,6 +117,7 @@ def test_a_test_begins_with_the_control_plate_and_mixes_the_others() -> None:
     assert {one.gap for plan in plans for one in plan} == {NOTHING, *DIRECTIONS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lacks", "failed"), [(None, set()), ("protan", {"protan"}), ("deutan", {"deutan"}), ("tritan", {"tritan"})]
 )

@@ -69,6 +69,7 @@ def test_all_studies_are_listed_and_lead_to_their_invitations(experimenter: Dash
     assert f"{experimenter.base_url}/s/{study['invitation']}".replace("//s/", "/s/") in page
 
 
+@pytest.mark.slow
 def test_results_show_scores_triads_and_downloads(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     page = experimenter.get(f"/admin/studies/{taken['slug']}/results").text
     assert "Circular triads" in page
@@ -79,6 +80,7 @@ def test_results_show_scores_triads_and_downloads(experimenter: Dashboard, taken
         assert experimenter.get(path).status_code == 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scores", "scores_depth", "preferences", "triads"])
 def test_every_figure_is_there_as_picture_print_and_numbers(
     experimenter: Dashboard, taken: dict[str, Any], name: str

@@ -101,6 +101,7 @@ def analyst(own_server: str, bearer: dict[str, str]) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_has_the_same_columns_and_rows_in_every_format(
     analyst: httpx.Client, taken: dict[str, Any], name: str
@@ -134,6 +135,7 @@ def test_what_has_not_changed_is_not_sent_again(analyst: httpx.Client, taken: di
         assert analyst.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_spreadsheet_computes_nothing_from_a_csv(
     own_server: str, own: Settings, analyst: httpx.Client, taken: dict[str, Any]
 ) -> None:
@@ -186,6 +188,7 @@ OPEN_TO_ALL = r"/admin/(setup/|login/|sign-in)"
 RANKS = ("stranger", "viewer", "experimenter", "owner")
 
 
+@pytest.mark.slow
 def test_each_role_and_a_stranger_get_only_what_is_theirs(
     own: Settings, own_server: str, taken: dict[str, Any]
 ) -> None:

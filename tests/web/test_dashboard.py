@@ -63,6 +63,7 @@ def own_server(own: Settings) -> Iterator[str]:
         yield url
 
 
+@pytest.mark.slow
 def test_a_study_is_created_from_a_stimulus_set_and_pauses_until_it_is_opened(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
         assert "tiny" in eva.get("/admin/studies/new").text
@@ -274,6 +275,7 @@ def test_a_preview_walks_the_whole_study_and_leaves_no_vote(
     assert "P001" in experimenter.get(base).text
 
 
+@pytest.mark.slow
 def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any]
 ) -> None:
@@ -293,6 +295,7 @@ def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     assert experimenter.act(f"{person}/include").status_code == 409
 
 
+@pytest.mark.slow
 def test_what_a_participant_gave_can_be_exported_and_erased(
     experimenter: Dashboard, analyst: httpx.Client, server: str, token: str, new_study: NewStudy
 ) -> None:
@@ -364,6 +367,7 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
         damaged.write_bytes(content)
 
 
+@pytest.mark.slow
 def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     page = experimenter.get(f"/admin/studies/{taken['slug']}/design", params={"participants": 6, "effect": 1}).text
     assert "as planned" in page

@@ -27,6 +27,7 @@ def front(tmp_path: Path, stimulus_set: Path) -> Iterator[tuple[httpx.Client, di
         yield client, paths
 
 
+@pytest.mark.slow
 def test_the_front_page_leads_to_participants_and_experimenters(front: tuple[httpx.Client, dict[str, str]]) -> None:
     client, paths = front
     page = client.get("/")
@@ -39,6 +40,7 @@ def test_the_front_page_leads_to_participants_and_experimenters(front: tuple[htt
     assert client.get("/?code=abc").headers["location"] == "/s/abc"
 
 
+@pytest.mark.slow
 def test_the_front_page_shows_only_its_own_pictures(front: tuple[httpx.Client, dict[str, str]]) -> None:
     client, _ = front
     assert client.get("/front/recording_S1.webp").content == b"picture"

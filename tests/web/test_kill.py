@@ -11,6 +11,7 @@ from typing import Any
 from uuid import uuid4
 
 import httpx
+import pytest
 
 from app import operate
 from app.settings import Settings
@@ -28,6 +29,7 @@ serve(Settings(data_dir=Path(sys.argv[1])), port=0, on_start=lambda base_url: pr
 """
 
 
+@pytest.mark.slow
 def test_votes_acknowledged_before_a_kill_are_there_after_it(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     study = operate.create_study(settings, stimulus_set, "Killed")

@@ -73,6 +73,7 @@ def nginx(folder: Path, settings: Settings, server: str) -> Iterator[str]:
         process.wait(START_TIMEOUT_S)
 
 
+@pytest.mark.slow
 def test_nginx_sends_the_videos_and_keeps_the_inner_addresses_inside(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", media_accel="/pairs/")
     study = operate.create_study(settings, stimulus_set, "Proxied")
@@ -107,6 +108,7 @@ def bucket() -> Iterator[str]:
         yield endpoint
 
 
+@pytest.mark.slow
 def test_browsers_are_sent_to_a_signed_address_of_the_object_store(
     bucket: str, stimulus_set: Path, tmp_path: Path
 ) -> None:

@@ -17,6 +17,7 @@ from app.settings import Settings
 from app.store.migrate import newest_version
 
 
+@pytest.mark.slow
 def test_a_study_is_as_long_as_its_shortest_video_unless_told(
     study: dict[str, Any], stimulus_set: Path, tmp_path: Path
 ) -> None:
@@ -27,6 +28,7 @@ def test_a_study_is_as_long_as_its_shortest_video_unless_told(
     assert study["seed"] == 1
 
 
+@pytest.mark.slow
 def test_studies_are_listed_with_progress(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     assert operate.list_studies(settings) == []
@@ -93,6 +95,7 @@ def test_another_database_must_be_upgraded_by_hand(tmp_path: Path) -> None:
     assert operate.list_studies(settings) == []
 
 
+@pytest.mark.slow
 def test_the_server_loads_nothing_heavy_at_its_start() -> None:
     heavy = "{'open3d', 'cv2', 'numba', 'pyrender', 'altair', 'pandas', 'scipy', 'matplotlib'}"
     code = f"import app.main, sys; print(sorted({heavy} & sys.modules.keys()))"

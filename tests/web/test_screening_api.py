@@ -67,6 +67,7 @@ def rows(analyst: httpx.Client, study: dict[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.slow
 def test_artificial_participants_are_measured_as_they_are(
     client: httpx.Client, analyst: httpx.Client, both_tests: dict[str, Any]
 ) -> None:
@@ -85,6 +86,7 @@ def test_artificial_participants_are_measured_as_they_are(
     assert text.startswith("participant,session,test,verdict,logmar,")
 
 
+@pytest.mark.slow
 def test_whole_studies_are_simulated_with_their_screening(
     server: str, token: str, analyst: httpx.Client, screened: NewStudy
 ) -> None:
@@ -93,6 +95,7 @@ def test_whole_studies_are_simulated_with_their_screening(
     assert {row["verdict"] for row in rows(analyst, study)} == {"passed"}
 
 
+@pytest.mark.slow
 def test_the_rule_of_a_study_may_end_it_for_who_fails(
     client: httpx.Client, analyst: httpx.Client, screened: NewStudy
 ) -> None:

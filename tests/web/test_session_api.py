@@ -21,6 +21,7 @@ def sessions(study: dict[str, Any]) -> str:
     return f"/api/v1/studies/{study['slug']}/sessions"
 
 
+@pytest.mark.slow
 def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, Any]) -> None:
     answer = client.post(sessions(study), json={"invitation": study["invitation"]})
     assert answer.status_code == 201

@@ -77,6 +77,7 @@ def test_a_preference_may_differ_between_datasets(
         simulate(server, study["slug"], study["invitation"], token, 1, {"ball/id_fa": 1.0} | rest)
 
 
+@pytest.mark.slow
 def test_everybody_may_be_somebody_else(
     server: str, token: str, analyst: httpx.Client, settings: Settings, stimulus_set: Path
 ) -> None:

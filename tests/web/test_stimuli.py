@@ -175,6 +175,7 @@ def media_dir(checked: StimulusSet, tmp_path_factory: pytest.TempPathFactory) ->
     return media_dir
 
 
+@pytest.mark.slow
 def test_a_pair_holds_both_stimuli_and_the_guard_band(checked: StimulusSet, media_dir: Path) -> None:
     for pair in prepare_pairs(checked, FilmMaker(media_dir)):
         found = frames(media_dir / pair.file)

@@ -37,6 +37,7 @@ def create(settings: Settings, stimulus_set: Path) -> Create:
     return make
 
 
+@pytest.mark.slow
 def test_checks_are_shown_and_recorded_and_change_no_score(
     server: str, token: str, analyst: httpx.Client, create: Create
 ) -> None:
@@ -61,6 +62,7 @@ def test_checks_are_shown_and_recorded_and_change_no_score(
         assert (check["n_identical"], check["n_repeated"]) == (4, 2)
 
 
+@pytest.mark.slow
 def test_a_study_with_all_repetitions_is_balanced(server: str, token: str, settings: Settings, create: Create) -> None:
     study = create(both_orders=True, repeated_pairs=1, identical_pairs=1)
     simulate(server, study["slug"], study["invitation"], token, 3, ABILITIES, 0.0)
@@ -125,6 +127,7 @@ def decoded(client: httpx.Client, url: str, folder: Path) -> NDArray[np.uint8]:
     return frames(folder / "film.mp4")
 
 
+@pytest.mark.slow
 def test_each_strip_alone_is_served_under_names_that_tell_nothing(
     client: httpx.Client, create: Create, tmp_path: Path
 ) -> None:
@@ -187,6 +190,7 @@ def test_a_vote_tells_analysts_how_the_pair_was_shown(
     assert page.count(">two videos<") == 1
 
 
+@pytest.mark.slow
 def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, create: Create) -> None:
     study = create(second_codec="vp9", optional_stages=["practice"])
     assert "vp09.00.51.08" in client.get(f"/s/{study['invitation']}").text

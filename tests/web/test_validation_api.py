@@ -66,6 +66,7 @@ def test_attaching_again_replaces_the_value(
     assert (values["ball", "id_fa"], values["box", "id_fa"]) == (0.5, 3.0)
 
 
+@pytest.mark.slow
 def test_measures_stand_beside_the_scores(
     server: str,
     token: str,

@@ -26,6 +26,7 @@ def path(trial: dict[str, Any]) -> str:
     return f"/api/v1/session/trials/{trial['trial']}/vote"
 
 
+@pytest.mark.slow
 def test_a_vote_that_is_sent_again_gets_the_same_answer(
     participant: httpx.Client, trial: dict[str, Any], vote_body: VoteBody
 ) -> None:
