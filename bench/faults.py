@@ -182,8 +182,13 @@ def sqlite_rows(folder: Path, arguments: argparse.Namespace, rng: Random) -> Row
         yield "SQLite NORMAL, power cut", lambda: power_cuts(2, 500, "NORMAL", rng)
 
 
-def postgresql_rows(postgres: PostgresServer, arguments: argparse.Namespace, rng: Random) -> Rows:
-    """As `sqlite_rows`."""
+def postgresql_rows(arguments: argparse.Namespace, rng: Random) -> Rows:
+    """As `sqlite_rows`, on a server that lives as long."""
+    with PostgresServer() as postgres:
+        yield from _rows_on(postgres, arguments, rng)
+
+
+def _rows_on(postgres: PostgresServer, arguments: argparse.Namespace, rng: Random) -> Rows:
     n_votes, n_few, numbers = arguments.votes, max(arguments.kills // 5, 1), count()
 
     def row(fault: Fault, n_faults: int, *options: str, **kept: Any) -> dict[str, Any]:
@@ -203,8 +208,8 @@ def nothing(_server: StudyServer) -> None:
 
 def measure(arguments: argparse.Namespace) -> Iterator[tuple[str, dict[str, Any]]]:
     rng = Random(7)
-    with tempfile.TemporaryDirectory() as folder, PostgresServer() as postgres:
-        rows = chain(sqlite_rows(Path(folder), arguments, rng), postgresql_rows(postgres, arguments, rng))
+    with tempfile.TemporaryDirectory() as folder:
+        rows = chain(sqlite_rows(Path(folder), arguments, rng), postgresql_rows(arguments, rng))
         for name, make in rows:
             if all(word in name for word in arguments.only):
                 yield name, make()
