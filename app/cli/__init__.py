@@ -1,0 +1,50 @@
+"""The one command of the product: studies and analysis here, the reconstruction backend's commands mounted.
+
+What a command needs is imported when it runs, so that `--help` is quick and the server loads no backend.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from app.cli import experiments, results, server, studies
+from app.errors import UnavailableError
+from recon.cli import app as recon_app
+
+BACKEND_PACKAGES = ("cv2", "numba", "pyrender", "skimage", "trimesh")
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Objective and subjective evaluation of multi-stereo 3D reconstruction.",
+)
+for part in (recon_app, experiments.app, studies.app, server.app, results.app):
+    app.add_typer(part)
+
+
+def main() -> None:
+    """Run the command line: exit 0 done, 1 it failed with a sentence that says why, 2 wrong use."""
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        if error.name not in BACKEND_PACKAGES:
+            raise
+        _fail(
+            f"this command needs the reconstruction backend ({error.name} is missing): pip install 'reconstudy[recon]'"
+        )
+    except KeyboardInterrupt:
+        _fail("interrupted", code=130)
+    except (ValueError, OSError, RuntimeError) as error:
+        if "RECONSTUDY_DEBUG" in os.environ:
+            raise
+        _fail(str(error))
+    except UnavailableError as error:
+        _fail(error.detail)
+
+
+def _fail(sentence: str, code: int = 1) -> None:
+    print(f"reconstudy: {sentence}", file=sys.stderr)
+    sys.exit(code)

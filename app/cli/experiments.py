@@ -1,0 +1,189 @@
+"""Commands that do the whole way at once: the demo, and the paper's experiment."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from app.cli.results import score_sentences
+from app.cli.shared import counted
+from recon.console import JsonOption, ProgressLine, print_result
+
+if TYPE_CHECKING:
+    from app.settings import Settings
+    from app.timetable import Step
+
+DEMO_SECONDS = 5.0
+DEMO_FRAMES = 6
+
+app = typer.Typer()
+experiment_app = typer.Typer(no_args_is_help=True, help="Whole experiments, from the recording to the report.")
+app.add_typer(experiment_app, name="experiment")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for everything that is made; starting again resumes.")] = Path(
+        "demo"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
+    participants: Annotated[int, typer.Option(min=0, help="Simulated participants.")] = 8,
+    serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until interrupted.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
+    from app.demo import ability_sentence, demo_front, demo_scores
+    from app.main import running_server
+    from app.settings import Settings
+    from app.timetable import Timetable
+
+    settings, front = Settings(data_dir=out / "study", database_url=None), out / "front"
+    progress = ProgressLine(note=lambda: timetable.left())
+    timetable = Timetable(_demo_steps(out, settings, participants, progress), out / "seconds.json")
+    progress.say(f"The whole way once, from a recording to scores, into {out}: {timetable.left()}.")
+    timetable.run(progress.say)
+    with running_server(settings, port=_free_port(port), front=front) as url:
+        links = {name: url + path for name, path in demo_front(settings, out, front, DEMO_FRAMES).items()}
+        analysis = demo_scores(out)
+        scores = "" if analysis is None else (
+            f"\nScores in natural log-odds, best first (simulated participants prefer {ability_sentence()}):\n"
+            f"{score_sentences(analysis)}\nReport: {out / 'analysis/report.html'}\n"
+        )  # fmt: skip
+        sentences = (
+            f"{scores}\nBegin here:          {url}\nAs a participant:    {links['participant']}\n"
+            f"As an experimenter:  {links['experimenter']}"
+        )
+        result = {"out": str(out), "url": url, **links, **({"scores": analysis["scores"]} if analysis else {})}
+        print_result(result, sentences, as_json=as_json)
+        if serve:
+            progress.say("Serving until you press Ctrl-C; started again, it serves within seconds.")
+            _wait_for_interrupt()
+
+
+def _demo_steps(out: Path, settings: Settings, participants: int, progress: ProgressLine) -> list[Step]:
+    """The demo's work, with seconds on two idle cores; each step makes only what is missing."""
+    from app.demo import demo_analysis, demo_study, demo_votes
+    from app.main import running_server
+    from app.timetable import Step
+    from recon.capture.format import CAPTURE_FILE
+    from recon.capture.segment import segment_capture
+    from recon.flythrough import RenderOptions
+    from recon.pipeline import ReconstructOptions, reconstruct, render
+    from recon.preview import write_stage_pictures
+    from recon.run import read_run
+    from recon.studio import SynthParameters, synthesise
+
+    capture, run, stimuli = out / "capture", out / "run", out / "stimuli"
+
+    def record() -> None:
+        if not (capture / CAPTURE_FILE).exists():
+            parameters = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
+            synthesise(capture, parameters, progress=progress)
+            segment_capture(capture, progress=progress)
+
+    def make_models() -> None:
+        reconstruct(capture, run, ReconstructOptions(), progress)
+        write_stage_pictures(read_run(run.resolve()), 0, out / "front")
+
+    def film() -> None:
+        options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
+        render([run], stimuli, options, progress)
+
+    def make_study() -> None:
+        demo_study(settings, stimuli, DEMO_SECONDS, counted(progress))
+
+    def take_votes() -> None:
+        with running_server(settings) as url:
+            demo_votes(settings, url, participants, counted(progress))
+            demo_analysis(settings, url, out / "analysis")
+
+    return [
+        Step("record a moving person with three synthetic stereo sensors", 8, record, f"{capture}/S2/left/0000.png"),
+        Step("reconstruct it by six approaches: depth, clouds, models", 55, make_models, f"{run}/previews/0000.png"),
+        Step("film every model from the same moving camera", 40, film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("make a study of the films: pairs, orders, an invitation", 25, make_study),
+        Step(
+            f"let {participants} artificial people vote over HTTP, and turn votes into scores",
+            8,
+            take_votes,
+            f"{out}/analysis/report.html" if participants else "",
+        ),
+    ]
+
+
+@experiment_app.command("paper")
+def experiment_paper(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for all that is made; starting again resumes.")],
+    scale: Annotated[str, typer.Option(help="small: minutes; full: full HD, 15 s, hours to days.")] = "small",
+    workers: Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")] = 1,
+    cluster: Annotated[str | None, typer.Option(help="A Dask scheduler whose workers do the heavy work.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """The paper's experiment on synthetic recordings and artificial people, and a report beside the paper's numbers."""
+    from app.experiment import StudyPart, study_step
+    from app.experiment_report import read_results, write_experiment_report
+    from app.timetable import Step, Timetable, duration
+    from recon.experiment import SCALES, Experiment, measured_pace, steps
+
+    if scale not in SCALES:
+        raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
+    experiment, study = Experiment(out.resolve(), SCALES[scale], workers, cluster), StudyPart(out.resolve())
+    progress = ProgressLine(note=lambda: timetable.left())
+    pace = measured_pace(ProgressLine()) if scale == "full" else 1.0
+    timetable = Timetable(
+        [
+            *(Step(name, seconds, partial(do, progress)) for name, seconds, do in steps(experiment, pace)),
+            study_step(study, pace * experiment.scale.film_megapixels, counted(progress)),
+        ],
+        out / "seconds.json",
+    )
+    progress.say(f"Into {out}: {timetable.left()} on this machine{' alone' if cluster else ''}.")
+    if scale == "full" and not yes:
+        _ask_to_go_on(f"It takes about {duration(timetable.seconds_left())}")
+    seconds = timetable.run(progress.say)
+    report = write_experiment_report(read_results(study, seconds), scale)
+    progress.close()
+    _tell_of_experiment(out, report, as_json=as_json)
+
+
+def _ask_to_go_on(sentence: str) -> None:
+    """Go on if a person says so; a script says --yes beforehand."""
+    if not sys.stdin.isatty():
+        raise typer.BadParameter(f"{sentence}, and nobody can be asked here: add --yes to start it")
+    typer.confirm(f"{sentence}. Start?", abort=True, err=True)
+
+
+def _tell_of_experiment(out: Path, report: Mapping[str, Any], *, as_json: bool) -> None:
+    lines = [
+        f"  {'agrees ' if check['agrees'] else 'DIFFERS'} {check['question']}: put in {check['put_in']}, came out "
+        f"{check['came_out']}"
+        for check in report["checks"]
+    ]
+    sentences = ["Conclusions, and the truth that was put in:", *lines, f"Report: {out / 'report.html'}"]
+    print_result({"report": str(out / "report.html"), **report}, "\n".join(sentences), as_json=as_json)
+
+
+def _free_port(wanted: int) -> int:
+    """The wanted port, or 0 (any free one) if another program has it."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            return 0
+    return wanted
+
+
+def _wait_for_interrupt() -> None:
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        print(file=sys.stderr)

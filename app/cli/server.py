@@ -1,0 +1,137 @@
+"""Commands of the server and its upkeep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.cli.shared import DEFAULT_URL, UrlOption
+from recon.console import JsonOption, print_result
+
+app = typer.Typer()
+admin_app = typer.Typer(no_args_is_help=True, help="Experimenters.")
+token_app = typer.Typer(no_args_is_help=True, help="Tokens with which analysts fetch results.")
+db_app = typer.Typer(no_args_is_help=True, help="The database.")
+app.add_typer(admin_app, name="admin")
+app.add_typer(token_app, name="token")
+app.add_typer(db_app, name="db")
+
+
+@app.command()
+def serve(
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
+    workers: Annotated[int, typer.Option(min=1, help="Processes; more than one needs PostgreSQL.")] = 1,
+) -> None:
+    """Serve all studies until interrupted."""
+    from app.main import serve as serve_studies
+    from app.operate import list_studies, set_up_path
+    from app.settings import Settings
+
+    settings = Settings()
+
+    def announce(url: str) -> None:
+        print(f"Serving at {url} until you press Ctrl-C.", flush=True)
+        for study in list_studies(settings):
+            for code in study["invitations"]:
+                print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
+        print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME --url {url}`)", flush=True)
+        if path := set_up_path(settings):
+            print(f"  set up the first experimenter, once: {url}{path}", flush=True)
+
+    serve_studies(settings, host, port, workers=workers, on_start=announce)
+
+
+@admin_app.command("add")
+def admin_add(
+    experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
+    role: Annotated[
+        str | None, typer.Option(help="viewer, experimenter or owner; default: as it is, or owner for a new one.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """A sign-in link for an experimenter, good for a week; an older link of theirs ends."""
+    from app.operate import add_experimenter
+    from app.settings import Settings
+    from app.store.experimenters import ROLES
+
+    if role is not None and role not in ROLES:
+        raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
+    added = add_experimenter(Settings(), experimenter, next((known for known in ROLES if known == role), None))
+    added["link"] = url + added["path"]
+    print_result(added, f"{added['name']} signs in with {added['link']}", as_json=as_json)
+
+
+@token_app.command("add")
+def token_add(
+    token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
+    scope: Annotated[
+        list[str] | None, typer.Option(help="read, personal or audit; may be repeated; default: all of them.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """A bearer token for fetching results over REST; it is shown this once."""
+    from app.operate import add_token
+    from app.settings import Settings
+    from app.store.tokens import SCOPES
+
+    if unknown := sorted(set(scope or ()) - SCOPES.keys()):
+        raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
+    added = add_token(Settings(), token_name, tuple(scope or SCOPES))
+    print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
+
+
+@app.command()
+def backup(
+    file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
+    media: Annotated[bool, typer.Option("--media", help="The pair videos too.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write all that is stored to a file, as it is at one moment; the server may run."""
+    from app.settings import Settings
+    from app.upkeep import back_up
+
+    result = back_up(Settings(), file, with_media=media)
+    n_rows = sum(result["tables"].values())
+    print_result(result, f"{n_rows} rows and {result['videos']} videos are in {file}.", as_json=as_json)
+
+
+@app.command()
+def restore(
+    file: Annotated[Path, typer.Argument(help="What `reconstudy backup` wrote, on either kind of database.")],
+    replace: Annotated[bool, typer.Option("--replace", help="Drop the studies that the database holds.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring a backup back, all of it or nothing; the server may run."""
+    from app.settings import Settings
+    from app.upkeep import restore as restore_backup
+
+    result = restore_backup(Settings(), file, replace=replace)
+    print_result(
+        result, f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.", as_json=as_json
+    )
+
+
+@db_app.command("check")
+def db_check(as_json: JsonOption = False) -> None:
+    """Everything wrong with the database and the videos it names; exit 1 if anything is."""
+    from app.settings import Settings
+    from app.upkeep import check
+
+    result = check(Settings())
+    print_result(result, "\n".join(result["faults"]) or "Nothing is wrong.", as_json=as_json)
+    if result["faults"]:
+        raise typer.Exit(1)
+
+
+@db_app.command("upgrade")
+def db_upgrade(as_json: JsonOption = False) -> None:
+    """Bring the database to the newest version."""
+    from app.operate import upgrade_database
+    from app.settings import Settings
+
+    result = upgrade_database(Settings())
+    print_result(result, f"The database is at version {result['version']}.", as_json=as_json)

@@ -1,0 +1,262 @@
+"""Commands about stimulus sets and studies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from app.cli.shared import DEFAULT_URL, UrlOption, counted
+from recon.console import JsonOption, ProgressLine, print_result
+
+app = typer.Typer()
+stimuli_app = typer.Typer(no_args_is_help=True, help="Stimulus sets.")
+study_app = typer.Typer(no_args_is_help=True, help="Studies: create, import, export, invite, balance, list.")
+app.add_typer(stimuli_app, name="stimuli")
+app.add_typer(study_app, name="study")
+
+
+@stimuli_app.command("check")
+def stimuli_check(
+    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check a stimulus set: files, digests, and that every video can be decoded."""
+    from app.stimuli import read_stimulus_set
+
+    progress = ProgressLine()
+    found = read_stimulus_set(stimulus_set, counted(progress))
+    progress.close()
+    result = {"name": found.name, "datasets": list(found.datasets), "conditions": list(found.conditions)}
+    sentence = f"{len(found.stimuli)} videos of {len(found.datasets)} datasets are whole: {stimulus_set}"
+    print_result(result, sentence, as_json=as_json)
+
+
+@stimuli_app.command("import")
+def stimuli_import(
+    folder: Annotated[Path, typer.Argument(help="Folder with DATASET/CONDITION.mp4, and conditions.csv for factors.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set, new.")],
+    practice: Annotated[
+        str | None, typer.Option(help="The dataset to practise on, with two videos; it is not compared.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a stimulus set of somebody else's videos."""
+    from app.stimulus_import import import_stimuli
+
+    progress = ProgressLine()
+    found = import_stimuli(folder, out, practice=practice, progress=counted(progress))
+    progress.close()
+    result = {
+        "name": found.name,
+        "path": str(out),
+        "datasets": list(found.datasets),
+        "conditions": list(found.conditions),
+        "factors": found.factors,
+        "videos": len(found.stimuli),
+    }
+    sentence = (
+        f"{len(found.stimuli)} videos: {len(found.conditions)} conditions of {len(found.datasets)} datasets: {out}\n"
+        f"A study of it: reconstudy study create {out} --name NAME"
+    )
+    print_result(result, sentence, as_json=as_json)
+
+
+@study_app.command("create")
+def study_create(
+    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    study_name: Annotated[str, typer.Option("--name", help="What participants and experimenters read.")],
+    exposure: Annotated[
+        float | None, typer.Option(help="Seconds a pair is shown; default: as long as the shortest video.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everybody's order; default: drawn.")] = None,
+    options_file: Annotated[
+        Path | None,
+        typer.Option("--options", help="TOML: optional_stages (practice, interview), consent, questions, …"),
+    ] = None,
+    both_orders: Annotated[
+        bool, typer.Option("--both-orders", help="Show every pair twice, with A and B exchanged the second time.")
+    ] = False,
+    repeated_pairs: Annotated[
+        int | None, typer.Option(min=0, help="Pairs of each dataset that come again, to see whether choices repeat.")
+    ] = None,
+    identical_pairs: Annotated[
+        int | None, typer.Option(min=0, help="Pairs of each dataset that hold one stimulus twice, to check attention.")
+    ] = None,
+    free_exposure: Annotated[
+        bool,
+        typer.Option("--free-exposure", help="Let the participant end the exposure; the videos repeat until then."),
+    ] = False,
+    reference: Annotated[
+        str | None, typer.Option(help="Condition to show as the reference beside every pair, and not to compare.")
+    ] = None,
+    second_codec: Annotated[
+        str | None, typer.Option(help="vp9 or av1: make every film in this codec too, for browsers without H.264.")
+    ] = None,
+    fallback: Annotated[
+        str | None,
+        typer.Option(help="Where no film of both plays: webcodecs (default), 'two videos' (flagged), or ''."),
+    ] = None,
+    break_every: Annotated[
+        int | None, typer.Option(min=0, help="Trials after which a break is offered; 0: never; default: 25.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Create a study of a stimulus set, with an open invitation."""
+    from app.operate import create_study, read_options
+    from app.settings import Settings
+
+    given = {
+        "both_orders": both_orders or None,
+        "repeated_pairs": repeated_pairs,
+        "identical_pairs": identical_pairs,
+        "free_exposure": free_exposure or None,
+        "reference": reference,
+        "second_codec": second_codec,
+        "fallback": fallback,
+        "break_every": break_every,
+    }
+    options = read_options(options_file, {name: value for name, value in given.items() if value is not None})
+    progress = ProgressLine()
+    study = create_study(
+        Settings(),
+        stimulus_set,
+        study_name,
+        exposure_s=exposure,
+        seed=seed,
+        options=options,
+        progress=counted(progress),
+    )
+    progress.close()
+    _tell_of_study(study, url, as_json=as_json)
+
+
+@study_app.command("import")
+def study_import(
+    file: Annotated[Path, typer.Argument(help="TOML: name, stimuli, exposure_s, seed, [options]; see study export.")],
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of the stimulus set; default: the one that the file names.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Create a study as a study file says, with an open invitation."""
+    from app.operate import import_study
+    from app.settings import Settings
+
+    progress = ProgressLine()
+    study = import_study(Settings(), file, stimuli=stimuli, progress=counted(progress))
+    progress.close()
+    _tell_of_study(study, url, as_json=as_json)
+
+
+@study_app.command("export")
+def study_export(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: standard output.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a study as a study file, from which `study import` makes it again."""
+    from app.operate import export_study
+    from app.settings import Settings
+
+    text = export_study(Settings(), study)
+    if out is not None:
+        out.write_text(text, encoding="utf-8")
+    result = {"study": study, "toml": text, "file": str(out) if out else None}
+    print_result(result, f"Wrote {out}." if out else text.rstrip(), as_json=as_json)
+
+
+@study_app.command("invite")
+def study_invite(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    places: Annotated[
+        int | None, typer.Option(min=1, help="For so many participants; default: as many as come.")
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    as_json: JsonOption = False,
+) -> None:
+    """Make another invitation to a study."""
+    from app.operate import add_invitation
+    from app.settings import Settings
+
+    made = add_invitation(Settings(), study, places=places)
+    made["link"] = url + made["path"]
+    people = "as many participants as come" if places is None else f"{places} participant{'s' * (places > 1)}"
+    print_result(made, f"For {people}: {made['link']}", as_json=as_json)
+
+
+@study_app.command("balance")
+def study_balance(
+    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Whether everybody's order follows from the seed, and whether labels, first looks and datasets are balanced."""
+    from app.operate import study_balance as balance_of
+    from app.settings import Settings
+
+    report = balance_of(Settings(), study)
+    print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
+
+
+@study_app.command("attach")
+def study_attach(
+    results: Annotated[
+        list[Path], typer.Argument(help="Folders that `reconstudy validate` and `reconstudy models` wrote.")
+    ],
+    study: Annotated[str | None, typer.Option(help="The study's slug; default: the only one there is.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Attach objective measures, reports and models to a study; again: they are replaced."""
+    from app.operate import attach_results
+    from app.settings import Settings
+
+    found = attach_results(Settings(), results, study)
+    sentences = []
+    if found["measures"]:
+        sentences.append(f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}")
+    if found["models"]:
+        sentences.append(f"Attached {found['models']} models to {found['study']}")
+    if found["ignored"]:
+        sentences.append(f"The study does not compare {', '.join(found['ignored'])}: left out.")
+    print_result(found, "\n".join(sentences), as_json=as_json)
+
+
+@study_app.command("list")
+def study_list(as_json: JsonOption = False) -> None:
+    """All studies with their progress, the newest first."""
+    from app.operate import list_studies
+    from app.settings import Settings
+
+    found = list_studies(Settings())
+    lines = [_study_sentence(study) for study in found] or [
+        "There is no study yet; `reconstudy study create` makes one."
+    ]
+    print_result({"studies": found}, "\n".join(lines), as_json=as_json)
+
+
+def _study_sentence(study: Mapping[str, Any]) -> str:
+    return (
+        f"{study['slug']} ({study['state']}): {study['n_finished']} of {study['n_started']} participants finished, "
+        f"{study['n_votes']} votes; invitations {', '.join(study['invitations'])}"
+    )
+
+
+def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
+    study["link"] = url + study["path"]
+    sentences = (
+        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
+        f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
+    )
+    print_result(study, sentences, as_json=as_json)
+
+
+def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
+    yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
+    yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
+    for rule in report["rules"]:
+        verdict = "ok" if rule["ok"] else "NO"
+        yield f"  {verdict} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"
