@@ -14,7 +14,8 @@ from recon.capture.format import CaptureError, expected_pictures, frame_pictures
 from recon.capture.matches import Matches, match_pictures
 from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
-from recon.capture.sensor_check import SensorCheck, SensorReport, check_sensor, measured_frames
+from recon.capture.sensor_check import SensorCheck, check_sensor, measured_frames
+from recon.capture.sensor_report import SensorReport
 from recon.capture.synchrony import synchrony_problems
 
 SCHEMA_VERSION = 1

@@ -23,6 +23,7 @@ from recon.capture.format import (
 )
 from recon.capture.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
+from recon.capture.sensor_report import Rows, SensorReport
 from recon.rig import Camera, Sensor, bounds_corners
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
@@ -31,85 +32,10 @@ MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds; the r
 MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
-TEXTURES = {"good": 0.7, "fair": 0.4, "poor": 0.0}  # by the textured share of what the bounds show
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
 DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
 NOISE_KERNEL = np.array([[1.0, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6.0  # Immerkaer, 1996: keeps noise, drops edges
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
-
-
-@dataclass(frozen=True)
-class Rows:
-    """How well matched points of a rectified pair lie in the same row.
-
-    Parameters
-    ----------
-    n_matches : number of matched points
-    vertical_error_px : median of |row left - row right|, None without matches
-    disparity_px : median disparity, None without matches
-    inside : share of the points whose disparity is one of the bounds, None without matches
-    """
-
-    n_matches: int
-    vertical_error_px: float | None
-    disparity_px: float | None
-    inside: float | None = None
-
-
-@dataclass(frozen=True)
-class SensorReport:
-    """One sensor's geometry; what could not be found out is None.
-
-    Parameters
-    ----------
-    rectified_size : (width, height), pixels
-    depth_per_disparity_mm : mm of depth per pixel of disparity at the centre of the bounds
-    expected_error_mm : standard deviation of depth to expect there
-    textured : share of what the bounds (or masks) show that has enough texture to be matched
-    mask_coverage : share of foreground pixels, mean over all frames, (left, right)
-    """
-
-    id: str
-    baseline_mm: float
-    rectified_size: tuple[int, int] | None = None
-    n_disparities: int | None = None
-    depth_per_disparity_mm: float | None = None
-    expected_error_mm: float | None = None
-    textured: float | None = None
-    rows: Rows | None = None
-    mask_coverage: tuple[float, float] | None = None
-
-    @property
-    def texture(self) -> str:
-        """In one word: good, fair, poor or unknown."""
-        return (
-            "unknown" if self.textured is None else next(word for word, low in TEXTURES.items() if self.textured >= low)
-        )
-
-    def verdict(self) -> str:
-        """What accuracy to expect, in plain words."""
-        if self.expected_error_mm is None or self.textured is None:
-            return f"{self.id}: no accuracy can be expected before the problems are solved"
-        advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
-        return (
-            f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
-            f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
-        )
-
-    def as_line(self) -> str:
-        """The figures in one line."""
-        parts = [f"{self.id}: baseline {self.baseline_mm:.2f} mm"]
-        if self.rectified_size is not None:
-            width, height = self.rectified_size
-            parts.append(f"rectified {width}x{height}, {self.n_disparities} disparities")
-            parts.append(f"{self.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
-        if self.rows is not None and self.rows.vertical_error_px is not None:
-            parts.append(
-                f"median vertical error {self.rows.vertical_error_px:.3f} px on {self.rows.n_matches} matched points"
-            )
-        if self.mask_coverage is not None:
-            parts.append("masks cover {:.1%} and {:.1%}".format(*self.mask_coverage))
-        return ", ".join(parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,81 @@
+"""What is reported of one sensor: the figures of its geometry and texture, and a plain verdict of what to expect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+TEXTURES = {"good": 0.7, "fair": 0.4, "poor": 0.0}  # by the textured share of what the bounds show
+
+
+@dataclass(frozen=True)
+class Rows:
+    """How well matched points of a rectified pair lie in the same row.
+
+    Parameters
+    ----------
+    n_matches : number of matched points
+    vertical_error_px : median of |row left - row right|, None without matches
+    disparity_px : median disparity, None without matches
+    inside : share of the points whose disparity is one of the bounds, None without matches
+    """
+
+    n_matches: int
+    vertical_error_px: float | None
+    disparity_px: float | None
+    inside: float | None = None
+
+
+@dataclass(frozen=True)
+class SensorReport:
+    """One sensor's geometry; what could not be found out is None.
+
+    Parameters
+    ----------
+    rectified_size : (width, height), pixels
+    depth_per_disparity_mm : mm of depth per pixel of disparity at the centre of the bounds
+    expected_error_mm : standard deviation of depth to expect there
+    textured : share of what the bounds (or masks) show that has enough texture to be matched
+    mask_coverage : share of foreground pixels, mean over all frames, (left, right)
+    """
+
+    id: str
+    baseline_mm: float
+    rectified_size: tuple[int, int] | None = None
+    n_disparities: int | None = None
+    depth_per_disparity_mm: float | None = None
+    expected_error_mm: float | None = None
+    textured: float | None = None
+    rows: Rows | None = None
+    mask_coverage: tuple[float, float] | None = None
+
+    @property
+    def texture(self) -> str:
+        """In one word: good, fair, poor or unknown."""
+        return (
+            "unknown" if self.textured is None else next(word for word, low in TEXTURES.items() if self.textured >= low)
+        )
+
+    def verdict(self) -> str:
+        """What accuracy to expect, in plain words."""
+        if self.expected_error_mm is None or self.textured is None:
+            return f"{self.id}: no accuracy can be expected before the problems are solved"
+        advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
+        return (
+            f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
+            f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
+        )
+
+    def as_line(self) -> str:
+        """The figures in one line."""
+        parts = [f"{self.id}: baseline {self.baseline_mm:.2f} mm"]
+        if self.rectified_size is not None:
+            width, height = self.rectified_size
+            parts.append(f"rectified {width}x{height}, {self.n_disparities} disparities")
+            parts.append(f"{self.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
+        if self.rows is not None and self.rows.vertical_error_px is not None:
+            parts.append(
+                f"median vertical error {self.rows.vertical_error_px:.3f} px on {self.rows.n_matches} matched points"
+            )
+        if self.mask_coverage is not None:
+            parts.append("masks cover {:.1%} and {:.1%}".format(*self.mask_coverage))
+        return ", ".join(parts)
