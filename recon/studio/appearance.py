@@ -108,11 +108,11 @@ def _eye(
     if abs(ex) > 17.0 or abs(ey) > 12.0 or z < 60.0:
         return r, g, b
     arch = max(0.0, 1.0 - (ex / 13.5) ** 2)
-    top = 4.4 * arch * (1.0 - 1.9 * look[19])
+    top = arch * (3.7 - 8.1 * look[19])  # the upper lid covers the iris's edge, or the look is a stare
     bottom = -4.4 * arch
     soft = 0.5 + 0.5 * fp
     opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.2)
-    white = 0.62
+    white = 0.46
     radius = np.sqrt((x - np.sign(x) * 32.0) ** 2 + (ey - 0.5) ** 2)
     iris = _step(5.8 - radius, -soft, soft)
     pupil = _step(2.4 - radius, -soft, soft)

@@ -179,7 +179,7 @@ def _arm(g: float) -> list[Part]:
     ]
     thumb = wrist + 30.0 * ARM + 30.0 * across
     return [
-        Part("upper_arm_l", tuple(shoulder), None, (58 * g, 60 * g, 56 * g), 40),
+        Part("upper_arm_l", tuple(shoulder), None, (53 * g, 52 * g, 52 * g), 40),
         Part("upper_arm_l", tuple(shoulder), tuple(elbow), (51 * g, 43 * g), 40),
         Part("forearm_l", tuple(elbow), tuple(wrist), (43 * g, 29 * g), 20),
         Part("forearm_l", tuple(0.72 * elbow + 0.28 * wrist), None, (46 * g, 46 * g, 44 * g), 30),
