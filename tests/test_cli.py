@@ -196,6 +196,7 @@ BROKEN = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "problem"), BROKEN, ids=[change.__name__ for change, _ in BROKEN])
 def test_a_broken_calibration_stops_before_anything_is_made(
     command: Command, capture: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None], problem: str

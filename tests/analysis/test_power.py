@@ -18,6 +18,7 @@ def test_simulated_votes_have_the_abilities_and_ties_put_in() -> None:
     assert fit.tie_parameter == pytest.approx(np.log(2 * 0.3 / 0.7), abs=0.06)
 
 
+@pytest.mark.slow
 def test_power_grows_with_the_effect_and_with_people_and_keeps_its_size() -> None:
     small = StudyPlan(4, 1, 10)
     assert power(small, 1e-9, 1, 300) < 0.1

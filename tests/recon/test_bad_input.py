@@ -87,6 +87,7 @@ def test_a_sensor_that_sees_nothing_in_a_frame_is_left_out_of_it(command: Comman
     assert told.code == 0, told.err
 
 
+@pytest.mark.slow
 def test_a_sensor_with_black_pictures_in_a_frame_is_left_out_of_it(command: Command, capture: Path) -> None:
     black(capture, "S2", 1)
     run = capture.parent / "run"

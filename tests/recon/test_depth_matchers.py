@@ -36,6 +36,7 @@ def test_a_shifted_picture_has_its_shift_as_disparity(matcher: Matcher, disparit
     assert np.mean(np.abs(visible - disparity) <= 0.3) > 0.95
 
 
+@pytest.mark.slow
 @every_matcher
 def test_no_match_points_outside_the_right_image_or_the_range(matcher: Matcher) -> None:
     noise = StereoPair(texture(seed=1), texture(seed=2), 12, 3)

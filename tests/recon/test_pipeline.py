@@ -92,6 +92,7 @@ def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000
 
 
+@pytest.mark.slow
 def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Capture, run: Path) -> None:
     before = digests(run, "*.ply")
     lost = run / "clouds/id/S1/0001.ply"

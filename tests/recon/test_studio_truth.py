@@ -65,6 +65,7 @@ def test_depth_is_where_a_ray_meets_the_mesh(quiet: Capture) -> None:
     np.testing.assert_allclose(depth[rows[chosen], columns[chosen]], expected, atol=0.06)
 
 
+@pytest.mark.slow
 def test_the_right_picture_warped_by_depth_matches_the_left(quiet: Capture) -> None:
     for stream in quiet.sensors:
         left, right = (picture.astype(np.float32) for picture in read_frame(quiet, stream.id, 0))
@@ -172,6 +173,7 @@ def test_a_point_seen_through_two_lenses_is_at_one_depth(bent: Capture) -> None:
     assert np.abs(straight - seen).max() > 3.0  # pixels: the lens matters
 
 
+@pytest.mark.slow
 def test_matches_fit_the_calibration_only_with_its_distortion(bent: Capture) -> None:
     (stream,) = bent.sensors
     matches = match_pictures(*read_frame(bent, "S1", 0))

@@ -86,6 +86,7 @@ def cube(rng: np.random.Generator) -> NDArray[np.float64]:
     return points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [plane, block, cylinder, cube])
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_no_sphere_is_not_reported_as_one(shape: object, seed: int) -> None:
@@ -101,6 +102,7 @@ def test_a_sphere_of_another_radius_is_not_reported(other: float) -> None:
         fit_sphere(points, RADIUS)
 
 
+@pytest.mark.slow
 def test_two_spheres_are_refused_with_both_places() -> None:
     first, _ = cap(1)
     second, _ = cap(2)

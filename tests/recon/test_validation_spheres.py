@@ -70,6 +70,7 @@ def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
     assert {row["sensor"] for row in report["table"]} == {*SENSORS, "combined"}
 
 
+@pytest.mark.slow
 def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None:
     report = measure_spheres(named_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
     for sensor in (*SENSORS, "combined"):
@@ -167,6 +168,7 @@ def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
         measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("9/S1",)))
 
 
+@pytest.mark.slow
 def test_a_cloud_without_a_sphere_is_a_failure_beside_the_others(tmp_path: Path) -> None:
     paths = write_caps(tmp_path, 1)
     np.savetxt(paths[1], np.random.default_rng(0).uniform(-300, 300, (5000, 3)))
@@ -185,6 +187,7 @@ def test_an_unreadable_cloud_is_named(tmp_path: Path, content: str, suffix: str)
         measure_spheres(named_clouds([path], ()), SETTINGS)
 
 
+@pytest.mark.slow
 def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
     report = measure_spheres(named_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
     page = write_sphere_report(report, tmp_path / "out").read_text(encoding="utf-8")
@@ -214,6 +217,7 @@ def test_thresholds_are_steps_of_two_and_a_half_unless_asked_for() -> None:
     assert parse_thresholds("1:2:0.5") == (1.0, 1.5, 2.0)
 
 
+@pytest.mark.slow
 def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path: Path) -> None:
     points, centre = simulate_cap(CapParameters(n_points=6000, outliers=0.0), np.random.default_rng(1))
     rng = np.random.default_rng(2)

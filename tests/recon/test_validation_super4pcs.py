@@ -100,6 +100,7 @@ def test_each_method_finds_the_centre_to_a_millimetre(method: str, outliers: flo
     assert np.linalg.norm(METHODS[method](points, 150.0, 1).centre - centre) < 1.0
 
 
+@pytest.mark.slow
 def test_super4pcs_reports_no_sphere_where_there_is_none() -> None:
     rng = np.random.default_rng(5)
     with pytest.raises(FitError):

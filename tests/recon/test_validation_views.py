@@ -123,6 +123,7 @@ def test_true_depths_of_two_sensors_agree_and_shifted_ones_are_off_by_the_shift(
     assert np.median(shifted[np.abs(shifted) < 30]) == pytest.approx(-10, abs=1.0)
 
 
+@pytest.mark.slow
 def test_the_floor_is_nearer_to_the_truth_than_the_model(capture: Capture, run: Path) -> None:
     mesh = true_mesh(capture, 0, "fb", CloudParameters(), SurfaceParameters(voxel_mm=12.0))
     truth = read_truth_mesh(capture, 0)

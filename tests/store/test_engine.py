@@ -142,6 +142,7 @@ def test_who_lacks_the_driver_of_postgresql_is_told_what_to_install(monkeypatch:
         open_database("postgresql://reader:secret@host/study")
 
 
+@pytest.mark.slow
 def test_a_database_that_is_away_is_unavailable(postgres: PostgresServer) -> None:
     database = open_database(postgres.new_database("there").replace("there", "away"))
     with pytest.raises(UnavailableError), database.reading():

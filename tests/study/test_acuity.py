@@ -37,6 +37,7 @@ def people(threshold: float, test: AcuityTest) -> list[Acuity]:
     return [judge(simulate_test(threshold, test, rng), test) for _ in range(N_PEOPLE)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threshold", [-0.1, 0.1])
 def test_24_rings_measure_to_0_065_and_misjudge_3_percent_at_most(threshold: float) -> None:
     test = AcuityTest(limit=0.0)
@@ -47,6 +48,7 @@ def test_24_rings_measure_to_0_065_and_misjudge_3_percent_at_most(threshold: flo
     assert np.mean([one.verdict != right for one in found]) <= 0.03
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     assert np.mean([one.low <= 0.3 <= one.high for one in people(0.3, AcuityTest())]) >= 0.92
 

@@ -34,6 +34,7 @@ LIMIT = 0.0
 N_PEOPLE = 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("away", [-0.1, 0.1])
 def test_a_display_that_just_certifies_the_limit_decides_as_well(away: float) -> None:
     """No ring is smaller than the limit itself, people slip twice in a hundred, and 3 % of decisions may be wrong."""

@@ -39,6 +39,7 @@ def ask(rows: Iterable[Mapping[str, Any]], kind: Format, **changes: Any) -> Resp
     return table(rows, COLUMNS, chosen, "votes")
 
 
+@pytest.mark.slow
 def test_a_table_that_does_not_fit_into_memory_is_whole_in_every_format() -> None:
     n = 3 * ROWS_AT_ONCE + 7
     as_json, as_csv, as_parquet = (content_of(ask(votes(n), kind)) for kind in ("json", "csv", "parquet"))
@@ -52,6 +53,7 @@ def test_a_table_that_does_not_fit_into_memory_is_whole_in_every_format() -> Non
     assert pyarrow.parquet.read_table(io.BytesIO(as_parquet)).to_pylist() == rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["json", "csv"])
 def test_memory_does_not_grow_with_the_rows(kind: Format) -> None:
     tracemalloc.start()

@@ -117,6 +117,7 @@ def test_a_table_has_the_same_columns_and_rows_in_every_format(
         assert list(as_json[0]) == list(as_csv[0]) == as_parquet.column_names
 
 
+@pytest.mark.slow
 def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     path = f"/api/v1/studies/{taken['slug']}/votes"
     whole = rows(analyst, path)

@@ -62,6 +62,7 @@ def crawler(client: httpx.Client) -> Crawler:
     return Crawler(client)
 
 
+@pytest.mark.slow
 def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
     client: httpx.Client, crawler: Crawler, settings: Settings, tmp_path: Path
 ) -> None:

@@ -229,6 +229,7 @@ def test_what_participants_see_stays_once_somebody_has_begun(
     assert "Thank you." in allowed.text
 
 
+@pytest.mark.slow
 def test_a_duplicate_has_the_pairs_and_nobody_in_it(
     experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any]
 ) -> None:
@@ -352,6 +353,7 @@ def test_a_replay_divides_the_time_between_the_two() -> None:
     assert looks_of({}, 1000) == ()
 
 
+@pytest.mark.slow
 def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Settings, stimulus_set: Path) -> None:
     operate.create_study(own, stimulus_set, "Films", exposure_s=0.4)
     with signed_in(own_server, own, "Eva") as eva:

@@ -38,6 +38,7 @@ def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     assert "There is nothing at this address." in answer.text
 
 
+@pytest.mark.slow
 def test_what_nobody_foresaw_is_logged_and_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     app = create_app(Settings(data_dir=tmp_path))
 

@@ -287,6 +287,7 @@ def test_guessing_tokens_is_slowed_down(tmp_path: Path) -> None:
         assert statuses == [401] * 30 + [429]
 
 
+@pytest.mark.slow
 def test_the_api_limits_how_often_one_asks(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, api_requests_per_minute=3)
     bearer = {"Authorization": f"Bearer {operate.add_token(settings, 'eager')['token']}"}

@@ -21,6 +21,7 @@ NewStudy = Callable[[], dict[str, Any]]
 ABILITIES = {"id_fa": -12.0, "id_fb": 0.0, "pm_fb": 12.0}
 
 
+@pytest.mark.slow
 def test_the_better_item_wins_whatever_its_label(
     server: str, token: str, analyst: httpx.Client, new_study: NewStudy
 ) -> None:
@@ -45,6 +46,7 @@ def test_the_better_item_wins_whatever_its_label(
     assert Counter(vote["choice"] for vote in votes) == {"a": 12, "b": 12}  # labels are balanced over four
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_choices(
     server: str, token: str, analyst: httpx.Client, new_study: NewStudy
 ) -> None:
@@ -117,6 +119,7 @@ def test_a_server_that_is_not_there_is_named(token: str) -> None:
         simulate("http://127.0.0.1:9", "x", "x", token, 1, ABILITIES)
 
 
+@pytest.mark.slow
 def test_artificial_participants_take_every_stage_that_a_study_has(
     server: str, token: str, settings: Settings, stimulus_set: Path
 ) -> None:
@@ -134,6 +137,7 @@ def test_artificial_participants_take_every_stage_that_a_study_has(
     assert listed["n_finished"] == 1
 
 
+@pytest.mark.slow
 def test_a_stage_is_not_completed_without_what_it_asks_for(
     client: httpx.Client, settings: Settings, stimulus_set: Path
 ) -> None:

@@ -48,6 +48,7 @@ def test_a_set_is_read_from_its_folder_or_its_manifest(folder: Path) -> None:
     assert by_folder.conditions == ("id_fa", "id_fb", "pm_fb")
 
 
+@pytest.mark.slow
 def test_progress_is_told_to_the_end(folder: Path, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     stimulus_set = read_stimulus_set(folder, lambda done, total, _: told.append((done, total)))
@@ -200,6 +201,7 @@ def test_the_guard_band_repeats_the_outermost_rows(tmp_path: Path) -> None:
     assert abs(rows[47] - rows[48 + 2 * half]) > 100
 
 
+@pytest.mark.slow
 def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: StimulusSet, media_dir: Path) -> None:
     for pair in prepare_pairs(checked, FilmMaker(media_dir)):
         path = media_dir / pair.file
@@ -239,6 +241,7 @@ def test_a_master_is_what_pairs_are_made_from(folder: Path, tmp_path: Path) -> N
     assert frames(tmp_path / "pairs" / pair.file).min() >= 252  # white, while the videos are grey
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", ["vp9", "av1"])
 def test_a_second_codec_holds_the_same_frames(checked: StimulusSet, media_dir: Path, codec: str) -> None:
     for pair in prepare_pairs(

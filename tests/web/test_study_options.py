@@ -101,6 +101,7 @@ def test_a_reference_that_was_not_there_cannot_have_been_looked_at(
     assert is_problem(participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=body), 422)
 
 
+@pytest.mark.slow
 def test_each_strip_of_a_film_is_its_stimulus(stimulus_set: Path, tmp_path: Path) -> None:
     from test_stimuli import frames
 

@@ -122,6 +122,7 @@ def test_a_backup_is_of_one_moment_while_votes_come_in(here: Settings, tmp_path:
         found.dispose()
 
 
+@pytest.mark.slow
 def test_studies_are_not_replaced_unless_one_says_so(here: Settings, tmp_path: Path) -> None:
     back_up(here, tmp_path / "backup.zip")
     before = rows_of(here)
