@@ -45,7 +45,7 @@ PEOPLE_S, FILM_MPX_S, N_FILMS = 45.0, 0.05, 75  # on two idle cores of 2026
 
 OPTIONS = {
     "optional_stages": ["screening", "practice", "interview"],
-    "screening": {"on_failure": "stop"},
+    "screening": {"on_failure": "stop", "colour_misses": 2},  # of 5: by slips alone nobody misses more
     "questions": [
         {"name": "age", "kind": "number", "minimum": 16, "maximum": 120},
         {"name": "sex", "kind": "choice", "options": ["female", "male", "other", "unsaid"]},
@@ -163,7 +163,7 @@ def people(abilities: Mapping[str, float]) -> list[Person]:
         own = {name: sensitivity * ability + taste[name.split("/")[1]] for name, ability in abilities.items()}
         observer = Observer(acuity=float(rng.uniform(-0.2, 0.0)))
         crowd.append(Person(own, observer, {"age": age, "sex": sex, "trained": is_trained}))
-    crowd.insert(LACKING, Person(observer=Observer(lacks="deutan")))
+    crowd.insert(LACKING, Person(observer=Observer(lacks="deutan", slips=0.0)))
     return crowd
 
 

@@ -105,9 +105,9 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
             demo_analysis(settings, url, out / "analysis")
 
     return [
-        Step("record a moving person with three synthetic stereo sensors", 8, record, f"{capture}/S2/left/0000.png"),
-        Step("reconstruct it by six approaches: depth, clouds, models", 55, make_models, f"{run}/previews/0000.png"),
-        Step("film every model from the same moving camera", 40, film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("record a moving person with three synthetic stereo sensors", 12, record, f"{capture}/S2/left/0000.png"),
+        Step("reconstruct it by six approaches: depth, clouds, models", 75, make_models, f"{run}/previews/0000.png"),
+        Step("film every model from the same moving camera", 25, film, f"{stimuli}/ball/pm_fb.mp4"),
         Step("make a study of the films: pairs, orders, an invitation", 25, make_study),
         Step(
             f"let {participants} artificial people vote over HTTP, and turn votes into scores",

@@ -32,10 +32,12 @@ class Observer:
     ----------
     acuity : logMAR; smaller is better
     lacks : the axis whose cone is missing; None: normal colour vision
+    slips : share of plates that are answered by a slip of the finger
     """
 
     acuity: float = -0.1
     lacks: Axis | None = None
+    slips: float = LAPSING
 
     def answer_ring(self, picture: NDArray[np.uint8], size: float, rng: np.random.Generator) -> int:
         """The direction that is seen, or guessed.
@@ -57,7 +59,7 @@ class Observer:
         ----------
         picture : uint8 (H, W, 3), sRGB
         """
-        if rng.random() < LAPSING:
+        if rng.random() < self.slips:
             return int(rng.choice(DIRECTIONS))
         place, features = self._look(picture)
         contrast = {gap: _contrast(features, is_on_ring(place, len(picture), gap)) for gap in DIRECTIONS}
