@@ -20,7 +20,7 @@ STYLE = (
     f"body{{font:15px/1.5 {FONT};max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}}"
     "table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}"
     "th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #ddd}th{border-bottom:2px solid #222}"
-    "td:first-child,th:first-child{text-align:left}figure{margin:1.5rem 0}figcaption{color:#555}"
+    "td:first-child,th:first-child,td.words,th.words{text-align:left}figure{margin:1.5rem 0}figcaption{color:#555}"
     "img,svg{max-width:100%;height:auto}h1,h2{line-height:1.2}"
 )
 
@@ -137,8 +137,12 @@ def _section_html(section: Section) -> str:
 
 def _table_html(rows: Sequence[Mapping[str, Any]]) -> str:
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
-    lines = ["".join(f"<td>{html.escape(_cell(row.get(column)))}</td>" for column in columns) for row in rows]
+    words = {column: ' class="words"' for row in rows for column in columns if isinstance(row.get(column), list)}
+    head = "".join(f'<th scope="col"{words.get(column, "")}>{html.escape(column)}</th>' for column in columns)
+    lines = [
+        "".join(f"<td{words.get(column, '')}>{html.escape(_cell(row.get(column)))}</td>" for column in columns)
+        for row in rows
+    ]
     return (
         f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(f'<tr>{line}</tr>' for line in lines)}</tbody></table>"
     )
