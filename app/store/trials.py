@@ -32,6 +32,7 @@ from app.study.trial import reveal
 from app.study.votes import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
+ROWS_AT_ONCE = 2000  # from the database; tables of any length pass through
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,8 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     query = _records().where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
-    for row in connection.execute(query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)):
+    ordered = query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)
+    for row in connection.execute(ordered.execution_options(yield_per=ROWS_AT_ONCE)):  # PostgreSQL would send all
         items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
         viewing = row.viewing if row.voided_at is None else row.void_viewing
         technique = (viewing or {}).get("technique")
