@@ -262,7 +262,7 @@ async def in_chromium(name: str, of: Study, n: int) -> dict[str, Any]:
 PAINTS = """(() => {
     window.presses = []; window.paints = [];
     addEventListener("pointerdown", (event) => presses.push(event.timeStamp), { capture: true });
-    addEventListener("MozAfterPaint", (event) => paints.push(event.paintTimeStamp));
+    addEventListener("MozAfterPaint", (event) => paints.push(event.paintTimeStamp ?? performance.now()));
 })()"""
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from playwright.sync_api import Page
 
-NO_STACKED = """{
+NO_STACKED = r"""{
 const canPlay = HTMLMediaElement.prototype.canPlayType;
 HTMLMediaElement.prototype.canPlayType = function (type) {
-    return type.includes("avc1.640032") ? "" : canPlay.call(this, type);
+    return /avc1\.640032|vp09|av01/.test(type) ? "" : canPlay.call(this, type);
 }; }"""
 NO_DECODER = "delete window.VideoDecoder;"
 MISSING = {"stacked": "", "webcodecs": NO_STACKED, "two videos": NO_STACKED + NO_DECODER}
