@@ -39,7 +39,7 @@ from recon.validation.triangles import TriangleTree
 
 RADIUS = 150.0
 AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))
-FIRST_SEED = 5000
+FIRST_SEED = 70_000
 PEER_TRIALS = 200
 SENSORS = ("S1", "S2", "S3")
 UNUSED_VOXEL_MM = 12.0  # of meshes that nobody looks at
