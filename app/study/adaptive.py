@@ -62,7 +62,7 @@ def adaptive_pairs(
     slot : the participant's; with the seed it decides between pairs that promise the same
     """
     chosen: set[int] = set()
-    for dataset in dict.fromkeys(pair.dataset for pair in pairs):
+    for number, dataset in enumerate(dict.fromkeys(pair.dataset for pair in pairs), start=1):
         own = [pair for pair in pairs if pair.dataset == dataset and not pair.is_identical]
         place = {stimulus: index for index, stimulus in enumerate(sorted({s for pair in own for s in pair.stimuli}))}
         wins, ties = np.zeros((len(place), len(place))), np.zeros((len(place), len(place)))
@@ -71,7 +71,7 @@ def adaptive_pairs(
             wins[top, bottom], wins[bottom, top], ties[top, bottom] = votes.get(pair.key, (0, 0, 0))
             ties[bottom, top] = ties[top, bottom]
         by_stimuli = {frozenset((place[pair.top], place[pair.bottom])): pair.key for pair in own}
-        found = choose_pairs(wins, ties, n_pairs, np.random.default_rng([seed, slot, dataset]))
+        found = choose_pairs(wins, ties, n_pairs, np.random.default_rng([seed, slot, number]))
         chosen.update(by_stimuli[frozenset(both)] for both in found)
     return [pair for pair in pairs if pair.is_identical or pair.key in chosen]
 

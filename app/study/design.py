@@ -62,16 +62,16 @@ def participant_order(
     swap_labels, swap_first = _flips(seed, slot)
     n_first_a = 0  # how much oftener A was shown first than B, so far
     orders: dict[int, list[PlannedTrial]] = {}
-    for dataset in datasets:
+    for number, dataset in enumerate(datasets, start=1):  # by their place: the same study elsewhere has other keys
         own = [pair for pair in pairs if pair.dataset == dataset]
         main = [pair for pair in own if not pair.is_identical]
-        labels = balanced_labels(main, _rng(seed, _LABELS, slot // FLIPS, dataset), first_a_so_far=n_first_a)
+        labels = balanced_labels(main, _rng(seed, _LABELS, slot // FLIPS, number), first_a_so_far=n_first_a)
         n_first_a += sum(1 if trial.first_shown == "a" else -1 for trial in labels)
         trials = [_flip(trial, swap_labels=swap_labels, swap_first=swap_first) for trial in labels]
-        repeated = _in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, dataset), slot)
+        repeated = _in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, number), slot)
         alone = [pair for pair in own if pair.is_identical]
-        identical = _in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, dataset), slot)
-        rngs = _rng(seed, _PAIRS, slot, dataset), _rng(seed, _PLACES, slot, dataset)
+        identical = _in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, number), slot)
+        rngs = _rng(seed, _PAIRS, slot, number), _rng(seed, _PLACES, slot, number)
         orders[dataset] = _dataset_trials(own, trials, repeated, identical, rngs, both_orders=repetition.both_orders)
     return [trial for dataset in _dataset_order(datasets, seed, slot) for trial in orders[dataset]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -55,6 +56,14 @@ def test_everybody_sees_every_pair_once(design: list[int], seed: int, slot: int)
 @given(designs, seeds, slots)
 def test_an_order_follows_from_seed_and_slot_alone(design: list[int], seed: int, slot: int) -> None:
     assert participant_order(pairs_of(design), seed, slot) == participant_order(pairs_of(design), seed, slot)
+
+
+@given(designs, seeds, slots)
+def test_a_study_has_the_same_orders_in_another_database(design: list[int], seed: int, slot: int) -> None:
+    pairs = pairs_of(design)
+    there = [PlannedPair(50 + one.key, 70 + one.dataset, 900 + one.top, 900 + one.bottom) for one in pairs]
+    order = participant_order(there, seed, slot)
+    assert [replace(trial, pair=trial.pair - 50) for trial in order] == participant_order(pairs, seed, slot)
 
 
 @given(designs, seeds, slots)
