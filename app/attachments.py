@@ -28,6 +28,7 @@ from app.store.reports import replace_report
 from app.store.studies import Study
 
 LONGEST_SUBJECT = 500
+WHOLE_STUDY = "the whole study"  # what a report that names no approach is about
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ def attach(
 ) -> dict[str, Any]:
     """Attach reports and folders of models, in place of earlier ones of the same; what is of other studies is left out.
 
+    A report that names no approach is of the study as a whole: it is shown, and has nothing to compare with scores.
+
     Parameters
     ----------
     paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
@@ -65,13 +68,15 @@ def attach(
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
     compared = Compared(study, datasets, conditions)
     reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
+    _check_distinct([report for _, report in reports])
     measures, strangers = _suited_measures(compared, [report for _, report in reports])
     models, foreign = _suited_models(compared, [path for path in paths if holds_models(path)])
     kept = [(report, _keep_report(settings, path)) for path, report in reports]
     for model in models:
         _keep_model(settings, model)
     names = list(dict.fromkeys(one.measure for one in measures))
-    detail = {"measures": names, "reports": len(kept), "models": len(models)}
+    ignored = list(dict.fromkeys([*strangers, *foreign]))
+    detail = {"measures": names, "reports": len(kept), "models": len(models), "ignored": ignored}
     with database.writing() as connection:
         replace_measurements(connection, study.id, measures, now)
         for report, digest in kept:
@@ -79,12 +84,13 @@ def attach(
                 replace_report(connection, study.id, report.kind, subject_of(report.measures), digest, now)
         replace_models(connection, study.id, models, now)
         record(connection, by, Entry("results attached", study.id, study.slug, detail), now)
-    ignored = list(dict.fromkeys([*strangers, *foreign]))
-    return {"study": study.slug, "n_values": len(measures), **detail, "ignored": ignored}
+    return {"study": study.slug, "n_values": len(measures), **detail}
 
 
 def subject_of(measures: Sequence[Measure]) -> str:
     """What a report is about, such as "ball: pm_fa, pm_fb"."""
+    if not measures:
+        return WHOLE_STUDY
     by_dataset: dict[str, dict[str, None]] = {}
     for one in measures:
         by_dataset.setdefault(one.dataset, {})[one.approach] = None
@@ -101,10 +107,19 @@ def model_file(settings: Settings, sha256: str) -> Path:
     return settings.data_dir / "models" / f"{sha256}.ply"
 
 
+def _check_distinct(reports: Sequence[Report]) -> None:
+    whole = [report.kind for report in reports if not report.measures]
+    if twice := sorted({kind for kind in whole if whole.count(kind) > 1}):
+        raise ValueError(
+            f"{whole.count(twice[0])} reports of kind {twice[0]} name no approach, expected one, as each would replace "
+            "the other; evaluate again with --approach NAME"
+        )
+
+
 def _suited_measures(compared: Compared, reports: Sequence[Report]) -> tuple[list[Measure], list[str]]:
     measures = [one for report in reports for one in report.measures]
     suited, strangers = expanded(measures, compared.datasets, compared.conditions)
-    if reports and not suited:
+    if measures and not suited:
         raise compared.refusal(strangers)
     return suited, strangers
 

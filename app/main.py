@@ -26,6 +26,7 @@ from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import api, health, media, pages, participant, screening, trials
 from app.web.admin import (
+    attach,
     design,
     edit,
     interview,
@@ -118,6 +119,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         admin_results.router,
         objective.router,
         models.router,
+        attach.router,
         edit.router,
         pages.router,
     ):

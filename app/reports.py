@@ -43,7 +43,7 @@ class Report(BaseModel):
     model_config = ConfigDict(extra="ignore", strict=True)
 
     kind: Annotated[str, Field(pattern=r"^[a-z]{1,20}$")] = "measures"
-    measures: Sequence[Measure]
+    measures: Sequence[Measure]  # none where it is of sensors or objects, whatever the approach
 
 
 def read_report(path: Path) -> Report:
@@ -56,7 +56,7 @@ def read_report(path: Path) -> Report:
     Raises
     ------
     ValueError
-        If it cannot be read, or lists no measure.
+        If it cannot be read, or has nothing to show: no measure, table or figure.
     """
     file = path / REPORT if path.is_dir() else path
     try:
@@ -65,9 +65,9 @@ def read_report(path: Path) -> Report:
         raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
     except (OSError, ValidationError) as error:
         raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
-    if not found.measures:
+    if not found.measures and not report_files(path):
         raise ValueError(
-            f"{file}: lists no measure, because it does not say of which approach it is; evaluate again with "
+            f"{file}: lists no measure and comes without tables and figures; attach its folder, or evaluate again with "
             "--approach NAME, the approach as the study calls it"
         )
     return found

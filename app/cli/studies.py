@@ -218,6 +218,8 @@ def study_attach(
     sentences = []
     if found["measures"]:
         sentences.append(f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}")
+    elif found["reports"]:
+        sentences.append(f"Attached {found['reports']} reports to {found['study']}; they name no approach to compare")
     if found["models"]:
         sentences.append(f"Attached {found['models']} models to {found['study']}")
     if found["ignored"]:

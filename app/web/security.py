@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -32,7 +33,7 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
-UPLOAD_PATH = "/admin/stimuli/upload"
+UPLOAD_PATH = re.compile(r"/admin/(stimuli|studies/[a-z0-9-]+)/upload")
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
@@ -111,7 +112,7 @@ class BodyLimit:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["path"] == UPLOAD_PATH:
+        if scope["type"] != "http" or UPLOAD_PATH.fullmatch(scope["path"]):
             await self.app(scope, receive, send)
             return
         n_received = 0

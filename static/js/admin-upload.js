@@ -1,4 +1,4 @@
-// The page of stimulus sets: sends a zip file and leads to the page that tells how its check goes.
+// A form that takes a zip file, of stimuli or of results: sends it and leads to the page that tells how its check goes.
 
 const form = /** @type {HTMLFormElement | null} */ (document.getElementById("upload-form"));
 const state = document.getElementById("upload-state");
@@ -19,7 +19,7 @@ form?.addEventListener("submit", (event) => {
     else fail(answer.detail);
   });
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));
-  request.open("PUT", "/admin/stimuli/upload");
+  request.open("PUT", form.dataset.to);
   request.setRequestHeader("X-CSRF-Token", form.dataset.formToken);
   request.setRequestHeader("Content-Type", "application/zip");
   request.send(file);

@@ -183,7 +183,7 @@ NEEDED = {  # the role that each route of the dashboard takes
     r"/admin/(users|tokens|settings)(/.*)?": "owner",
     r"/admin/(audit|studies/new|stimuli/upload)": "experimenter",
     r"/admin/studies/\{slug\}/(participants|votes|invitations|edit|models)(/.*)?": "experimenter",
-    r"/admin/studies/\{slug\}/(state|duplicate|preview|results/groups(/.*)?)": "experimenter",
+    r"/admin/studies/\{slug\}/(state|duplicate|preview|upload|results/groups(/.*)?)": "experimenter",
     r"POST /admin/studies/\{slug\}/stimuli": "experimenter",
     r"/admin/studies/\{slug\}(/live|/design|/results|/objective|/objective/scores|/figures/.*)?": "viewer",
     r"GET /admin/studies/\{slug\}/(stimuli.*|objective/\{digest\}/\{name\})": "viewer",

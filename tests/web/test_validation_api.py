@@ -11,6 +11,7 @@ from typing import Any
 
 import httpx
 import pytest
+from dashboard import signed_in
 
 from app import operate
 from app.settings import Settings
@@ -66,6 +67,22 @@ def test_attaching_again_replaces_the_value(
     assert (values["ball", "id_fa"], values["box", "id_fa"]) == (0.5, 3.0)
 
 
+def test_a_report_that_names_no_approach_is_shown_for_the_study_as_a_whole(
+    server: str, analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
+    study, folder = new_study(), write_report(tmp_path / "cuboid", [])
+    (folder / "edges.csv").write_text("sensor,error\nS1,2.5\n", encoding="utf-8")
+    found = operate.attach_results(settings, [folder], study["slug"])
+    assert (found["reports"], found["n_values"]) == (1, 0)
+    assert analyst.get(f"/api/v1/studies/{study['slug']}/validation").json() == []
+    with signed_in(server, settings, "Whole") as dashboard:
+        page = dashboard.get(f"/admin/studies/{study['slug']}/objective").text
+        assert "the whole study" in page
+        assert "Edges" in page
+    with pytest.raises(ValueError, match="2 reports of kind mesh name no approach"):
+        operate.attach_results(settings, [folder, folder], study["slug"])
+
+
 @pytest.mark.slow
 def test_measures_stand_beside_the_scores(
     server: str,
@@ -96,7 +113,7 @@ def test_measures_stand_beside_the_scores(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"measures": []}, "lists no measure"),
+        ({"measures": []}, "lists no measure and comes without tables"),
         ({"kind": "mesh"}, "measures: Field required"),
         ({"measures": [accuracy("ball", "id_fa", 1.0) | {"direction": "up"}]}, "measures.0.direction"),
         ({"measures": [accuracy("statue", "id_fa", 1.0)]}, "compares id_fa, id_fb, pm_fb in ball, box"),

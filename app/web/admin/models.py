@@ -22,7 +22,8 @@ def models_page(request: Request, person: Looking, study: AStudy, database: Stor
     with database.reading() as connection:
         found = model_records(connection, study.id)
     shown = [_shown(row, f"/admin/studies/{study.slug}/models") for row in found]
-    context = {"models": shown, "datasets": list(dict.fromkeys(row["dataset"] for row in found))}
+    datasets = list(dict.fromkeys(row["dataset"] for row in found))
+    context = {"models": shown, "datasets": datasets, "largest_mb": settings(request).largest_upload_mb}
     return study_page(request, "models", person, study, context)
 
 

@@ -26,7 +26,8 @@ def objective_page(request: Request, person: Person, study: AStudy, database: St
         found = report_records(connection, study.id)
         measures = measurement_records(connection, study.id)
     reports = [report_view(row, report_folder(settings(request), row["digest"])) for row in found]
-    return study_page(request, "objective", person, study, {"reports": reports, "measures": measures})
+    context = {"reports": reports, "measures": measures, "largest_mb": settings(request).largest_upload_mb}
+    return study_page(request, "objective", person, study, context)
 
 
 @router.get("/scores")
