@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
+CELLS_A_SIDE = 32  # their numbers fit into 16 bits
 
 
 def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE) -> NDArray[np.float32]:
@@ -27,6 +28,17 @@ def first_in_cells(points: NDArray[np.floating], cell: float) -> NDArray[np.int6
     cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     keys = (cells[:, 0] * 2_000_003 + cells[:, 1]) * 2_000_003 + cells[:, 2]
     return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def order_by_cells(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """The rows (N,) of points (N, 3) so that neighbours follow each other: by cells, CELLS_A_SIDE along each axis."""
+    if not len(points):
+        return np.zeros(0, np.int64)
+    low = points.min(axis=0)
+    length = float(np.max(points.max(axis=0) - low)) or 1.0
+    cells = np.minimum((points - low) * (CELLS_A_SIDE / length), CELLS_A_SIDE - 1).astype(np.uint16)
+    keys = (cells[:, 0] * CELLS_A_SIDE + cells[:, 1]) * CELLS_A_SIDE + cells[:, 2]
+    return np.argsort(keys, kind="stable")  # 16 bits are sorted by their digits, in linear time
 
 
 def cell_means(points: NDArray[np.floating], cell: float) -> NDArray[np.float64]:

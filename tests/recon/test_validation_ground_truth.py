@@ -23,6 +23,7 @@ from recon.validation.ground_truth import (
     sample_evenly,
 )
 from recon.validation.measures import Subject
+from recon.validation.sampling import order_by_cells
 
 
 def square(height: float, side: float = 100.0) -> Mesh:
@@ -36,6 +37,13 @@ def test_distances_are_those_of_the_full_search() -> None:
     points, others = rng.random((200, 3)), rng.random((300, 3))
     expected = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
     assert np.allclose(nearest_distances(points, others), expected)
+
+
+@pytest.mark.parametrize("points", [np.random.default_rng(2).random((500, 3)) - 0.5, np.ones((4, 3)), np.zeros((0, 3))])
+def test_the_order_by_cells_holds_every_row_once_and_neighbours_together(points: NDArray[np.float64]) -> None:
+    order = order_by_cells(points)
+    assert np.array_equal(np.sort(order), np.arange(len(points)))
+    assert np.all(np.diff(np.floor(32 * (points - points.min(axis=0, initial=0)))[order, 0]) >= -1)
 
 
 def test_scores_follow_their_definition() -> None:

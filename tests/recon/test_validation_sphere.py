@@ -16,6 +16,7 @@ from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.curves import inlier_curve
 from recon.validation.measured import FitError
 from recon.validation.sphere import fit_sphere
+from recon.validation.sphere_kernels import tukey_sums
 
 RADIUS = 150.0
 
@@ -45,6 +46,23 @@ def test_without_noise_the_centre_is_exact() -> None:
 def test_the_same_seed_gives_the_same_fit() -> None:
     points, _ = cap()
     assert np.array_equal(fit_sphere(points, RADIUS).centre, fit_sphere(points, RADIUS).centre)
+
+
+@pytest.mark.parametrize("place", [0.0, 20_000.0])
+def test_the_sums_of_a_step_are_those_of_the_plain_formula(place: float) -> None:
+    rng = np.random.default_rng(3)
+    points = (place + rng.normal(0, 90, (5000, 3))).astype(np.float32)
+    centre, radius, cutoff = place + np.array([1.0, -2.0, 0.5]), 150.0, 12.0
+    points[0] = centre
+    offsets = points.astype(np.float64) - centre
+    distances = np.linalg.norm(offsets, axis=1)
+    near = np.abs(distances - radius) < cutoff
+    errors = distances[near] - radius
+    weights = (1 - (errors / cutoff) ** 2) ** 2
+    terms = np.column_stack([offsets[near] / distances[near, None], np.ones(len(errors))])
+    matrix = (terms * weights[:, None]).T @ terms
+    expected = [*matrix[np.triu_indices(4)], *(terms.T @ (weights * errors)), np.count_nonzero(near)]
+    assert np.allclose(tukey_sums(points, centre, radius, cutoff), expected, rtol=1e-5, atol=2e-3)
 
 
 def test_errors_are_distances_to_the_centre_minus_the_radius() -> None:
