@@ -28,7 +28,7 @@ class Room:
     shift: float = 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     tx, ty, tz = x - fx, y - fy, z - fz
@@ -48,13 +48,13 @@ def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
     return float(a + tx * (c - a))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _step(value: float, low: float, high: float) -> float:
     t = min(1.0, max(0.0, (value - low) / (high - low)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: float, footprint: float) -> float:
     """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
     if cell < 0.5 * footprint:
@@ -64,7 +64,7 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
     return float(fade * _noise(volume, x * inverse, y * inverse + 0.37 * cell, z * inverse))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def room_plate(
     slopes: NDArray[np.float64],
     camera_to_world: NDArray[np.float64],

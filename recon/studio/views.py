@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,11 +71,33 @@ def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
 
 
 def _floor_cells(camera: Camera, slopes: NDArray[np.float64], floor_y: float) -> NDArray[np.float32]:
+    cells: NDArray[np.float32] = _cells_below(
+        slopes, np.ascontiguousarray(camera.rotation.T), camera.centre, floor_y, FLOOR_CELLS, FLOOR_HALF_MM
+    )
+    return cells
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _cells_below(
+    slopes: NDArray[np.float64],
+    camera_to_world: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    floor_y: float,
+    n_cells: int,
+    half: float,
+) -> NDArray[np.float32]:
     """The ray eye + t d of a pixel meets the floor at t = (eye_y - floor_y) / -d_y."""
-    rays = slopes @ camera.rotation[:2] + camera.rotation[2]  # (H, W, 3), world
-    down = -rays[..., 1]
-    t = (camera.centre[1] - floor_y) / np.where(down > 0, down, np.inf)
-    scale = FLOOR_CELLS / (2 * FLOOR_HALF_MM)
-    cells = scale * (camera.centre[[0, 2]] + t[..., None] * rays[..., [0, 2]] + FLOOR_HALF_MM)
-    inside = (down > 0) & (cells >= 0).all(axis=-1) & (cells < FLOOR_CELLS - 1).all(axis=-1)
-    return np.where(inside[..., None], cells, -1.0).astype(np.float32)
+    cells = np.full(slopes.shape, -1.0, np.float32)
+    turn, scale = camera_to_world, n_cells / (2.0 * half)
+    for row in range(slopes.shape[0]):
+        for column in range(slopes.shape[1]):
+            x, y = slopes[row, column, 0], slopes[row, column, 1]
+            down = -(turn[1, 0] * x + turn[1, 1] * y + turn[1, 2])
+            if down <= 0.0:
+                continue
+            t = (eye[1] - floor_y) / down
+            u = scale * (eye[0] + t * (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) + half)
+            v = scale * (eye[2] + t * (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2]) + half)
+            if 0.0 <= u < n_cells - 1 and 0.0 <= v < n_cells - 1:
+                cells[row, column, 0], cells[row, column, 1] = u, v
+    return cells
