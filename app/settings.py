@@ -22,7 +22,7 @@ class Settings(BaseSettings):
         default=None,
         description="folder of the stimulus sets that the dashboard offers; unset: stimuli in the data folder",
     )
-    largest_upload_mb: int = Field(default=4096, ge=1, description="of a zipped stimulus set, and of what is in it")
+    largest_upload_mb: int = Field(default=4096, ge=1, description="of an uploaded zip file, and of what is in it")
     api_requests_per_minute: int = Field(default=1200, ge=1, description="of one token or experimenter")
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
 

@@ -1,7 +1,8 @@
-"""Backup, restore and check of a server's database and pair videos."""
+"""Backup, restore and check of a server's database, pair videos, and attached reports and models."""
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,19 +10,24 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
+from app.attachments import model_file, report_folder
 from app.files import whole_file
+from app.reports import PLAIN_NAME
 from app.settings import Settings
 from app.stimuli import file_digest
 from app.store.backup import faults_of, read_tables, write_tables
 from app.store.designs import film_files
 from app.store.engine import Database, open_database
 from app.store.keys import utc_now
+from app.store.models import model_digests
+from app.store.reports import report_digests
 
 MEDIA = "media/"
+ATTACHED = re.compile(rf"reports/[0-9a-f]{{64}}/{PLAIN_NAME.pattern}|models/[0-9a-f]{{64}}\.ply")  # in the data folder
 
 
 def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict[str, Any]:
-    """Write all rows, and the pair videos if wanted, to one file; the server may run."""
+    """Write all rows, and pair videos, reports and models if wanted, to one file; the server may run."""
     with (
         _database(settings) as database,
         whole_file(path) as temporary,
@@ -31,7 +37,11 @@ def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict
         videos = sorted(_films(database)) if with_media else []
         for name in videos:
             archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
-    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, "videos": len(videos)}
+        attached = _attached(settings, database) if with_media else []
+        for file in attached:
+            archive.write(file, file.relative_to(settings.data_dir).as_posix())
+    counts = {"videos": len(videos), "attached": len(attached)}
+    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, **counts}
 
 
 def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
@@ -54,7 +64,11 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
         for name in videos:
             with whole_file(settings.media_dir / name) as temporary:
                 _extract(archive, MEDIA + name, temporary)
-    return {"tables": tables, "videos": len(videos)}
+        attached = [name for name in archive.namelist() if ATTACHED.fullmatch(name)]
+        for name in attached:
+            with whole_file(settings.data_dir / name) as temporary:
+                _extract(archive, name, temporary)
+    return {"tables": tables, "videos": len(videos), "attached": len(attached)}
 
 
 def check(settings: Settings) -> dict[str, Any]:
@@ -74,6 +88,14 @@ def check(settings: Settings) -> dict[str, Any]:
 def _extract(archive: ZipFile, name: str, path: Path) -> None:
     with archive.open(name) as source, path.open("wb") as target:
         shutil.copyfileobj(source, target)
+
+
+def _attached(settings: Settings, database: Database) -> list[Path]:
+    """The files of all reports and models that studies have."""
+    with database.reading() as connection:
+        reports, models = report_digests(connection), model_digests(connection)
+    of_reports = [file for digest in reports for file in sorted(report_folder(settings, digest).iterdir())]
+    return [*of_reports, *(model_file(settings, sha256) for sha256 in models)]
 
 
 def _films(database: Database) -> dict[str, str]:

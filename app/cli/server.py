@@ -87,7 +87,7 @@ def token_add(
 @app.command()
 def backup(
     file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
-    media: Annotated[bool, typer.Option("--media", help="The pair videos too.")] = False,
+    media: Annotated[bool, typer.Option("--media", help="The pair videos, attached reports and models too.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write all that is stored to a file, as it is at one moment; the server may run."""

@@ -27,6 +27,11 @@ def replace_models(connection: Connection, study_id: int, models: Sequence[Model
         connection.execute(insert(model).values(**place, **facts, attached_at=now))
 
 
+def model_digests(connection: Connection) -> list[str]:
+    """Of the files of every study's models."""
+    return sorted(set(connection.scalars(select(model.c.sha256))))
+
+
 def model_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """`dataset, condition, kind, sha256, n_points, n_faces, error_limit_mm, attached_at`, in the study's order."""
     rows = connection.execute(

@@ -18,6 +18,11 @@ def replace_report(connection: Connection, study_id: int, kind: str, subject: st
     connection.execute(insert(report).values(**values))
 
 
+def report_digests(connection: Connection) -> list[str]:
+    """Of the files of every study's reports."""
+    return sorted(set(connection.scalars(select(report.c.digest))))
+
+
 def report_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """`kind, subject, digest, attached_at`."""
     columns = (report.c[name] for name in ("kind", "subject", "digest", "attached_at"))

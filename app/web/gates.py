@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -11,7 +12,7 @@ from typing import Annotated, Literal
 from fastapi import Depends, Form, Header, Request
 from limits import RateLimitItemPerMinute
 
-from app.errors import ForbiddenError, NoSessionError, NotFoundError, UnauthorisedError
+from app.errors import ForbiddenError, NoSessionError, NotFoundError, StudyError, UnauthorisedError
 from app.settings import Settings
 from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.designs import has_single_films
@@ -25,6 +26,9 @@ from app.store.vote_writer import VoteWriter
 from app.study.options import StudyOptions, parse_options
 from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
+log = logging.getLogger(__name__)
+
+NOTED_IDS = ("slug", "label", "trial", "stage", "media")  # in addresses; no codes or links, which let people in
 PARTICIPANT_COOKIE = "session"
 EXPERIMENTER_COOKIE = "experimenter"
 SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
@@ -205,6 +209,20 @@ def _with_role(request: Request, role: Role) -> Experimenter:
         record_alone(database(request), person.name, entry, now(request))
         raise ForbiddenError(f"This takes the role {role}; yours is {person.role}. An owner can change it.")
     return person
+
+
+def note_refusal(request: Request, reason: str) -> None:
+    """An entry in the audit log on an id or invitation that leads nowhere; not too many of one address."""
+    if not throttle(request).limiter.hit(WRONG_CODES, "audit", address(request)):
+        return
+    person: Experimenter | None = getattr(request.state, "person", None)
+    route = getattr(request.scope.get("route"), "path", "")
+    given = {name: str(request.path_params[name])[:80] for name in NOTED_IDS if name in request.path_params}
+    entry = Entry("not found", subject=route, detail={"reason": reason, **given})
+    try:
+        record_alone(database(request), person.name if person else STRANGER, entry, now(request))
+    except StudyError as error:  # the refusal is answered all the same
+        log.warning("a refusal could not be noted: %s", error)
 
 
 def study_called(request: Request, slug: str) -> Study:

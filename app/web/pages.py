@@ -18,7 +18,7 @@ from fastapi.responses import RedirectResponse, Response
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
 from app.web.entry import entry_token, is_own_form, remember_entry
-from app.web.gates import Store, address, entrance, throttle
+from app.web.gates import Store, address, entrance, note_refusal, throttle
 from app.web.participant import remember
 from app.web.throttle import WRONG_CODES
 from app.web.trial_views import FILM_TYPES
@@ -48,6 +48,7 @@ def participant_page(request: Request, code: str) -> Response:
         throttle(request).count(WRONG_CODES, address(request))
     if found is None or state in STATUS_OF_MESSAGE:
         log.warning("an invitation's page was refused: %s", state)
+        note_refusal(request, f"invitation {state}")
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
     return _page(
         request,

@@ -15,11 +15,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import StudyError, TooManyError, UnavailableError
 from app.web.entry import entry_token, remember_entry
+from app.web.gates import note_refusal
 
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
 PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz", "/metrics")  # addresses that people do not read
+NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
     404: "There is nothing at this address.",
@@ -73,6 +75,8 @@ class UnforeseenErrors:
 def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
     _log_refusal(request, error.status, error.detail)
+    if error.status in NOWHERE:
+        note_refusal(request, error.detail)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)

@@ -115,3 +115,21 @@ def test_a_browser_that_was_turned_away_is_logged_and_uses_nothing_up(
     assert answer.status_code == 204
     assert f"study {study['slug']}: turned away, cannot show the films: 'Old Browser'" in caplog.text
     assert is_problem(client.post(path, json={"invitation": "nobodys"}), 404)
+
+
+def test_forged_ids_and_used_invitations_leave_an_entry(
+    participant: httpx.Client, study: dict[str, Any], settings: Settings, server: str, vote_body: VoteBody
+) -> None:
+    code = operate.add_invitation(settings, study["slug"], places=1)["invitation"]
+    for _ in range(2):
+        httpx.post(server + sessions(study), json={"invitation": code})
+    body = vote_body({"first_shown": "a"})
+    assert participant.put("/api/v1/session/trials/no-such-trial/vote", json=body).status_code == 404
+    with signed_in(server, settings, "Auditor", "experimenter") as dashboard:
+        assert dashboard.get(f"/admin/studies/{study['slug']}/participants/P999").status_code == 404
+        log = dashboard.get("/admin/audit?search=not+found").text
+    assert "P999" in log
+    assert "Auditor" in log
+    assert "no-such-trial" in log
+    assert "This invitation has been used." in log
+    assert code not in log

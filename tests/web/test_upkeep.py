@@ -9,6 +9,7 @@ from typing import Any
 from zipfile import ZipFile
 
 import pytest
+import shapes
 from seeding import NOW, seed_voters
 from sqlalchemy import delete, insert, select, text, update
 
@@ -154,13 +155,25 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
         restore(here, tmp_path / "no.zip")
 
 
+def files_below(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 @pytest.mark.slow
 def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_path: Path) -> None:
     here, there = (Settings(data_dir=tmp_path / name) for name in ("here", "there"))
     operate.create_study(here, stimulus_set, "Whole")
     assert check(here) == {"faults": [], "videos": 12}  # a film of both halves for six pairs, and six single ones
-    assert back_up(here, tmp_path / "backup.zip", with_media=True)["videos"] == 12
+    report = tmp_path / "report"
+    report.mkdir()
+    (report / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
+    (report / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
+    operate.attach_results(here, [report, shapes.write_folder(tmp_path / "models")])
+    saved = back_up(here, tmp_path / "backup.zip", with_media=True)
+    assert (saved["videos"], saved["attached"]) == (12, 5)
     restore(there, tmp_path / "backup.zip")
+    for folder in ("reports", "models"):
+        assert files_below(there.data_dir / folder) == files_below(here.data_dir / folder) != {}
     assert check(there) == {"faults": [], "videos": 12}
     first, second, *_ = sorted(there.media_dir.glob("*.mp4"))
     first.unlink()
