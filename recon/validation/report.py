@@ -87,12 +87,13 @@ def curve_chart(rows: Sequence[Mapping[str, Any]]) -> Any:
 
     base = alt.Chart(alt.Data(values=[dict(row) for row in rows]))
     x = alt.X("threshold_mm:Q", title="threshold, ± mm")
-    colour_of_band = alt.Fill("sensor:N", legend=None, scale=alt.Scale(range=list(PALETTE)), sort=None)
+    colour_of_band = alt.Color("sensor:N", legend=None, scale=alt.Scale(range=list(PALETTE)), sort=None)
     colour = alt.Color("sensor:N", title=None, scale=alt.Scale(range=list(PALETTE)), sort=None)
-    band = base.mark_area(opacity=0.15).encode(x=x, y="ci_low:Q", y2="ci_high:Q", fill=colour_of_band)
+    band = base.mark_area(opacity=0.15).encode(x=x, y="ci_low:Q", y2="ci_high:Q", color=colour_of_band)
     y = alt.Y("inliers:Q", title="inliers", scale=alt.Scale(zero=False), axis=alt.Axis(format="%"))
     line = base.mark_line().encode(x=x, y=y, color=colour, strokeDash=alt.StrokeDash("sensor:N", sort=None, title=None))
-    return (band + line).properties(width=460, height=280)
+    own = (band + line).resolve_scale(color="independent", strokeDash="independent")  # or the bands hide the legend
+    return own.properties(width=460, height=280)
 
 
 def curve_columns(table: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -21,6 +21,7 @@ from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
 from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
 from recon.validation.measured import FitError, named_clouds, read_measured
+from recon.validation.report import curve_chart, write_figure
 from recon.validation.sphere import fit_sphere
 from recon.validation.sphere_methods import SphereSettings
 from recon.validation.sphere_report import write_sphere_report
@@ -202,6 +203,16 @@ def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_curves_legend_names_each_sensor_once(tmp_path: Path) -> None:
+    rows = [
+        {"sensor": sensor, "threshold_mm": 5.0 * step, "inliers": 0.5, "ci_low": 0.4, "ci_high": 0.6}
+        for sensor in ("S1", "combined")
+        for step in (1, 2)
+    ]
+    svg = write_figure(tmp_path / "curve", curve_chart(rows))
+    assert (svg.count(">S1<"), svg.count(">combined<")) == (1, 1)
+
+
 def test_the_command_prints_its_report_as_json(tmp_path: Path) -> None:
     paths = [str(path) for path in write_caps(tmp_path, 1)]
     sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]
