@@ -268,9 +268,9 @@ def test_memory_does_not_grow_with_frames(renderer: str) -> None:
         with open("/proc/self/statm") as file:  # noqa: PTH123  # not a file on disk
             return int(file.read().split()[1]) * 4096 / 2**20
 
-    used_mib(30)  # until allocators and drivers have what they keep
+    used_mib(60)  # until allocators and drivers have what they keep
     before = used_mib(10)
-    assert used_mib(60) - before < 20  # keeping every mesh would take 40 MiB
+    assert used_mib(90) - before < 30  # keeping every mesh would take 60 MiB
 
 
 def test_a_mesh_around_the_camera_is_drawn_as_far_as_it_lies_before_it() -> None:

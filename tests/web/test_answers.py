@@ -8,6 +8,7 @@ import io
 import json
 import tracemalloc
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
@@ -31,7 +32,8 @@ def content_of(answer: Response) -> bytes:
     async def joined() -> bytes:
         return b"".join([bytes(part) async for part in answer.body_iterator])  # type: ignore[arg-type]  # bytes here
 
-    return asyncio.run(joined())
+    with ThreadPoolExecutor(1) as pool:  # a browser of other tests has an event loop in this thread
+        return pool.submit(lambda: asyncio.run(joined())).result()
 
 
 def ask(rows: Iterable[Mapping[str, Any]], kind: Format, **changes: Any) -> Response:
