@@ -35,6 +35,7 @@ USUAL_PERCENTILE = (
 LEAST_USUAL = 0.5  # of a limit; what is usual for a sound sensor lies below, and the limit stands
 UNUSUAL = 5.0  # times what is usual, beyond which a sample is worse than its sensor
 REMARKED = 0.6  # of a limit, from which on a value is remarked on
+MAX_MISSING = 0.05  # of a ball's picture; of the studio's matt ball nothing is missing
 MIN_SURFACE_SHARE = 0.55  # of the points around a ball; less and clusters of wrong depth outweigh its surface
 
 
@@ -141,6 +142,18 @@ def _beyond(words: str, value: float, limit: float, typical: float | None) -> Fi
         return Finding(f"{words}, over {limit:.3g} mm")
     sentence = f"{words}, over {limit:.3g} mm, but three in four samples of this sensor reach {typical:.2f} mm"
     return Finding(sentence, is_remark=True)
+
+
+def missing_remark(missing: float | None) -> list[Finding]:
+    """What is said of a reconstruction that has no points in a share of the ball's picture, None where it is unknown.
+
+    Points that are not there pull no fit, so that it is no reason to leave the others out; but nobody should believe
+    that the ratios hold where a highlight was left out.
+    """
+    if missing is None or missing <= MAX_MISSING:
+        return []
+    sentence = f"in {missing:.0%} of the ball's picture there are no points, over {MAX_MISSING:.0%}"
+    return [Finding(f"{sentence}: ratios say nothing about it", is_remark=True)]
 
 
 def usual_parts(samples: Sequence[Parts]) -> Parts | None:

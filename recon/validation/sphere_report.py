@@ -50,8 +50,11 @@ def write_sphere_report(report: Mapping[str, Any], out: Path) -> Path:
 def _summary(report: Mapping[str, Any]) -> Section:
     settings, rows = report["settings"], report["reconstructions"]
     n_used = sum(not row["is_excluded"] for row in rows)
+    named = ", ".join(row["name"] for row in report["flagged"]) or "none"
     text = (
         f"{len(rows)} reconstructions of a sphere of radius {settings['radius_mm']:g} mm, {n_used} of them used. "
+        f"Left out: {', '.join(row['name'] for row in report['excluded']) or 'none'}; failed: "
+        f"{', '.join(report['failed']) or 'none'}; flagged by remarks: {named}. "
         f"{METHOD_TEXT[settings['method']]} The signed error of a point is its distance to the fitted centre minus the "
         "radius; beyond the threshold, on either side, it is an outlier."
     )
@@ -82,6 +85,7 @@ def _left_out(report: Mapping[str, Any]) -> Section:
             "sector shift mm": row.get("sector_shift_mm"),
             "ring shift mm": row.get("ring_shift_mm"),
             "coherent mm": row.get("coherent_error_mm"),
+            "missing %": percent(row.get("missing_share")),
             "reasons": row["reasons"] + ([row["failure"]] if row["failure"] else []),
             "remarks": row["remarks"],
         }
@@ -89,8 +93,8 @@ def _left_out(report: Mapping[str, Any]) -> Section:
     ]
     text = (
         "Every reconstruction, with the reasons for which it was left out. The rule can be overruled by name with "
-        "--keep and --drop. Remarks are what is near a limit, or beyond it but usual for its sensor, which is "
-        "then less good than the limits suppose; they leave nothing out."
+        "--keep and --drop. Remarks flag what is near a limit, or beyond it but usual for its sensor, which "
+        "is then less good than the limits suppose, and parts of the ball without points; they leave nothing out."
     )
     return Section("Reconstructions", text, rows)
 

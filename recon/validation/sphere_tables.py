@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from recon.validation.curves import COMBINED, group_rows, inlier_curve
 from recon.validation.measured import FitError, read_measured
 from recon.validation.sampling import subsample
+from recon.validation.sight import meets_sphere
 from recon.validation.sphere import SphereParameters, refine_sphere
 from recon.validation.sphere_methods import SphereSettings
 
@@ -78,22 +79,3 @@ def _counted(row: Mapping[str, Any], settings: SphereSettings) -> NDArray[np.flo
     if viewpoint is None:
         return points
     return points[meets_sphere(points, np.asarray(viewpoint), np.asarray(row["centre_mm"]), settings.radius)]
-
-
-def meets_sphere(
-    points: NDArray[np.floating], viewpoint: NDArray[np.floating], centre: NDArray[np.float64], radius: float
-) -> NDArray[np.bool_]:
-    """Whether the line of sight through each of points (N, 3) meets a sphere.
-
-    Raises
-    ------
-    ValueError
-        If the viewpoint lies inside the sphere.
-    """
-    towards = centre - viewpoint
-    distance = float(np.linalg.norm(towards))
-    if distance <= radius:
-        raise ValueError(f"the viewpoint {np.round(viewpoint, 1).tolist()} mm lies inside the fitted sphere")
-    rays = points - viewpoint
-    cosine = (rays @ towards) / (np.linalg.norm(rays, axis=1) * distance + 1e-12)
-    return np.asarray(cosine >= np.sqrt(1 - (radius / distance) ** 2))

@@ -12,22 +12,27 @@ from numpy.typing import NDArray
 
 from recon.execute import Progress, silent
 from recon.validation.curves import N_REPLICATES, TABLE_THRESHOLD, table_measures
-from recon.validation.exclusion import Finding, Parts, examine_parts, findings, usual_parts
+from recon.validation.exclusion import Finding, Parts, examine_parts, findings, missing_remark, usual_parts
 from recon.validation.measured import FitError, MeasuredCloud, read_measured
+from recon.validation.sight import meets_sphere, missing_share
 from recon.validation.sphere import SphereFit, SphereParameters, surface_share
 from recon.validation.sphere_methods import METHODS, SphereSettings
-from recon.validation.sphere_tables import meets_sphere, sphere_table
+from recon.validation.sphere_tables import sphere_table
 
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """One reconstruction after its fit; without one, `failure` says why."""
+    """One reconstruction after its fit; without one, `failure` says why.
+
+    `missing` is the share of the ball's picture without points, None where nobody says where the sensor stands.
+    """
 
     cloud: MeasuredCloud
     n_points: int
     fit: SphereFit | None = None
     parts: Parts | None = None
     errors: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    missing: float | None = None
     failure: str = ""
 
 
@@ -72,6 +77,7 @@ def measure_spheres(
             for row in rows
             if row["is_excluded"] and not row["failure"]
         ],
+        "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
         "curve": sphere_table(rows, errors, settings, settings.thresholds),
         "measures": table_measures("sphere", table, settings.subject),
@@ -99,11 +105,13 @@ def _measure(cloud: MeasuredCloud, settings: SphereSettings) -> _Measured:
         points = read_measured(cloud.path, settings.unit)
         fit = METHODS[settings.method](points, settings.radius, settings.seed)
         viewpoint = settings.viewpoints.get(cloud.sensor)
+        missing = None
         if viewpoint is not None:
             points = points[meets_sphere(points, np.asarray(viewpoint), fit.centre, fit.radius)]
             fit = replace(fit, surface_share=surface_share(points, fit))
+            missing = missing_share(points, np.asarray(viewpoint), fit.centre, fit.radius)
         parts = examine_parts(points, fit, SphereParameters(seed=settings.seed))
-        return _Measured(cloud, len(points), fit, parts, fit.errors(points))
+        return _Measured(cloud, len(points), fit, parts, fit.errors(points), missing)
     except FitError as error:
         return _Measured(cloud, len(points), failure=str(error))
     except ValueError as error:
@@ -124,7 +132,9 @@ def _rows(measured: Sequence[_Measured], settings: SphereSettings) -> list[dict[
         fits = {one.cloud.sensor: one.fit for one in sample if one.fit is not None}
         parts = {one.cloud.sensor: one.parts for one in sample if one.parts is not None}
         found = findings(fits, parts, usual)
-        rows += [_row(one, found.get(one.cloud.sensor, []), settings) for one in sample]
+        rows += [
+            _row(one, [*found.get(one.cloud.sensor, []), *missing_remark(one.missing)], settings) for one in sample
+        ]
     return rows
 
 
@@ -151,6 +161,7 @@ def _row(one: _Measured, found: Sequence[Finding], settings: SphereSettings) -> 
         "scale_mm": one.fit.scale,
         "coverage": one.fit.coverage,
         "surface_share": one.fit.surface_share,
+        "missing_share": one.missing,
         "sector_shift_mm": parts.sector_shift,
         "ring_shift_mm": parts.ring_shift,
         "coherent_error_mm": parts.coherent_error,

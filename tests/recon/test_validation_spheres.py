@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 from pathlib import Path
 
@@ -17,11 +18,15 @@ from recon.capture.rectify import rectify, rectify_images
 from recon.capture.sources import ImportOptions
 from recon.cli import app
 from recon.mesh import Cloud, write_cloud
+from recon.pipeline import ReconstructOptions, reconstruct
+from recon.run import cloud_name
+from recon.surface import SurfaceParameters
 from recon.validate_cli import parse_thresholds, parse_viewpoint
 from recon.validation.caps import CapParameters, simulate_cap
-from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
+from recon.validation.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
 from recon.validation.measured import FitError, named_clouds, read_measured
 from recon.validation.report import curve_chart, write_figure
+from recon.validation.sight import missing_share
 from recon.validation.sphere import fit_sphere
 from recon.validation.sphere_methods import SphereSettings
 from recon.validation.sphere_report import write_sphere_report
@@ -159,6 +164,41 @@ def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out
     assert report["failed"] == []
     assert [row["name"] for row in report["excluded"]] == ["3/S1"]
     assert all(row["remarks"] for row in report["reconstructions"][:2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["id", "dr"])
+def test_of_real_shots_of_a_ball_by_our_matchers_the_bad_one_is_flagged_with_numbers(
+    real_data: Path, tmp_path: Path, method: str
+) -> None:
+    bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
+    import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
+    options = ReconstructOptions((method,), ("fb",), temporal=None, surface=SurfaceParameters(voxel_mm=30.0))
+    reconstruct(tmp_path / "capture", tmp_path / "run", options)
+    clouds = named_clouds([tmp_path / "run" / cloud_name(method, "S1", shot) for shot in range(4)], ("S1",))
+    settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
+    report = measure_spheres(clouds, settings)
+    page = write_sphere_report(report, tmp_path / "report").read_text(encoding="utf-8")
+    flagged = {row["name"]: row["remarks"] for row in report["flagged"]}
+    assert any(remark.startswith("without its inner or outer half") for remark in flagged["3/S1"])
+    assert any("of the ball's picture there are no points" in remark for remark in flagged["3/S1"])
+    assert all(html.escape(remark) in page for remark in flagged["3/S1"])
+
+
+def test_what_a_sensor_leaves_out_of_the_balls_picture_is_told() -> None:
+    points, centre = simulate_cap(
+        CapParameters(n_points=20_000, outliers=0.0, opening_deg=170), np.random.default_rng(1)
+    )
+    towards = (points - centre).mean(axis=0)
+    viewpoint = centre + 2000 * towards / np.linalg.norm(towards)
+    assert missing_share(points, viewpoint, centre, 150.0) < 0.02
+    place = centre + 150 * towards / np.linalg.norm(towards)
+    is_left = np.linalg.norm(points - place, axis=1) > 60  # a hole whose share of the picture is (60 / 150)^2 / 0.9^2
+    assert missing_share(points[is_left], viewpoint, centre, 150.0) == pytest.approx(0.2, abs=0.04)
+    assert missing_remark(None) == missing_remark(0.04) == []
+    (finding,) = missing_remark(0.2)
+    assert finding.is_remark
+    assert "20% of the ball's picture" in finding.sentence
 
 
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
