@@ -41,8 +41,7 @@ def missing_share(
     tangent = sine / np.sqrt(1 - sine**2)
     at = rays @ across.T / (rays @ towards * tangent)[:, None]  # (N, 2), of the outline's radius
     n_cells = int(np.clip(np.sqrt(len(at) / POINTS_A_CELL), 1, MOST_CELLS))
-    edges = np.linspace(-1, 1, n_cells + 1)
-    counts = np.histogram2d(*at.T, bins=(edges, edges))[0]
+    counts, edges, _ = np.histogram2d(at[:, 0], at[:, 1], n_cells, ((-1, 1), (-1, 1)))
     middles = (edges[1:] + edges[:-1]) / 2
     counts = counts[np.hypot(middles[:, None], middles) < INSIDE]
     occupied = counts[counts > 0]
