@@ -75,22 +75,16 @@ async def send_all(
     return tally
 
 
-async def send_at_rate(
-    port: int, bundles: Sequence[Sequence[Letter]], per_s: float, video: str, n_watchers: int, watched_mb_s: float
-) -> tuple[Tally, int]:
-    """Send votes at a rate while watchers fetch a video again and again; what was seen, and the bytes watched."""
-    tally, rng, watched = Tally(), Random(1), [0]
+async def send_at_rate(port: int, bundles: Sequence[Sequence[Letter]], per_s: float) -> Tally:
+    """Send votes at a rate, each bundle over a connection of its own."""
+    tally, rng = Tally(), Random(1)
     started = time.perf_counter()
-    watchers = [asyncio.create_task(_watch(port, video, watched_mb_s, watched)) for _ in range(n_watchers)]
     pause_s = len(bundles) / per_s
     async with asyncio.TaskGroup() as group:
         for number, bundle in enumerate(bundles):
             group.create_task(_send_slowly(port, bundle, tally, pause_s, rng.uniform(0, pause_s) + 0.001 * number))
     tally.seconds = time.perf_counter() - started
-    for watcher in watchers:
-        watcher.cancel()
-    await asyncio.gather(*watchers, return_exceptions=True)
-    return tally, watched[0]
+    return tally
 
 
 async def _send_slowly(port: int, bundle: Sequence[Letter], tally: Tally, pause_s: float, first_s: float) -> None:
@@ -100,22 +94,6 @@ async def _send_slowly(port: int, bundle: Sequence[Letter], tally: Tally, pause_
         await line.deliver(letter)
         due += pause_s
     line.close()
-
-
-async def _watch(port: int, video: str, mb_s: float, watched: list[int]) -> None:
-    reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=2**20)
-    try:
-        while True:
-            started = time.perf_counter()
-            writer.write(f"GET {video} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-            head = (await reader.readuntil(b"\r\n\r\n")).lower()
-            left = length = int(head.partition(b"content-length:")[2].partition(b"\r\n")[0])
-            while left:
-                left -= len(await reader.read(min(left, 2**20)))
-            watched[0] += length
-            await asyncio.sleep(max(0.0, length / (1e6 * mb_s) - (time.perf_counter() - started)))
-    finally:
-        writer.close()
 
 
 async def _send_bundle(port: int, bundle: Sequence[Letter], tally: Tally, repeat: float, rng: Random) -> None:

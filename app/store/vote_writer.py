@@ -5,11 +5,12 @@ A sync of the disk costs the same for one vote as for hundreds, and nobody is an
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Future
+from contextlib import suppress
 from types import TracebackType
 from typing import NamedTuple
 
@@ -23,9 +24,13 @@ MOST_WAITING = 2000  # some tenths of a second of work; whoever comes later is t
 LARGEST_BATCH = 256  # beyond it a transaction gains nothing, and a bad row costs more (bench/server.py)
 
 
+Answer = asyncio.Future[KeptVote]
+Outcome = KeptVote | Exception
+
+
 class _Waiting(NamedTuple):
     ballot: Ballot
-    answer: Future[KeptVote]
+    answer: Answer
 
 
 class VoteWriter:
@@ -51,15 +56,17 @@ class VoteWriter:
             self._changed.notify()
         self._thread.join()
 
-    def submit(self, ballot: Ballot) -> Future[KeptVote]:
+    def submit(self, ballot: Ballot) -> Answer:
         """Queue a vote; the answer comes once it is on disk, or is the error of `keep_votes`.
+
+        Whoever asks runs an event loop. A vote whose answer nobody waits for any more is kept all the same.
 
         Raises
         ------
         UnavailableError
             If too many wait, or the writer has ended.
         """
-        answer: Future[KeptVote] = Future()
+        answer: Answer = asyncio.get_running_loop().create_future()
         with self._changed:
             if self._is_closed or len(self._waiting) >= self._most_waiting:
                 raise UnavailableError("Too much arrives at once. Your answer is kept in your browser and sent again.")
@@ -73,7 +80,7 @@ class VoteWriter:
 
     def _run(self) -> None:
         while batch := self._next_batch():
-            self._answer([waiting for waiting in batch if waiting.answer.set_running_or_notify_cancel()])
+            _deliver(list(zip(batch, self._outcomes([waiting.ballot for waiting in batch]), strict=True)))
 
     def _next_batch(self) -> list[_Waiting]:
         """What waits, as soon as anything does; nothing at the end."""
@@ -81,22 +88,35 @@ class VoteWriter:
             self._changed.wait_for(lambda: self._waiting or self._is_closed)
             return [self._waiting.popleft() for _ in range(min(len(self._waiting), LARGEST_BATCH))]
 
-    def _answer(self, batch: Sequence[_Waiting]) -> None:
-        for waiting, outcome in zip(batch, self._outcomes(batch), strict=True):
-            if isinstance(outcome, KeptVote):
-                waiting.answer.set_result(outcome)
-            else:
-                waiting.answer.set_exception(outcome)
-
-    def _outcomes(self, batch: Sequence[_Waiting]) -> Sequence[KeptVote | Exception]:
+    def _outcomes(self, ballots: Sequence[Ballot]) -> Sequence[Outcome]:
         try:
-            return keep_votes(self._database, [waiting.ballot for waiting in batch])
+            return keep_votes(self._database, ballots)
         except UnavailableError as error:
-            return [error] * len(batch)
+            return [error] * len(ballots)
         except Exception as error:  # a row that no database takes must not fail its neighbours
-            if len(batch) == 1:
+            if len(ballots) == 1:
                 return [error]
             log.warning(
-                "a vote cannot be kept (%s); its batch of %d is kept one by one", type(error).__name__, len(batch)
+                "a vote cannot be kept (%s); its batch of %d is kept one by one", type(error).__name__, len(ballots)
             )
-            return [outcome for waiting in batch for outcome in self._outcomes([waiting])]
+            return [outcome for ballot in ballots for outcome in self._outcomes([ballot])]
+
+
+def _deliver(outcomes: Sequence[tuple[_Waiting, Outcome]]) -> None:
+    """Wake each event loop once for all of its answers: waking it for every single one costs more than the vote."""
+    of_loop: dict[asyncio.AbstractEventLoop, list[tuple[Answer, Outcome]]] = {}
+    for waiting, outcome in outcomes:
+        of_loop.setdefault(waiting.answer.get_loop(), []).append((waiting.answer, outcome))
+    for loop, answers in of_loop.items():
+        with suppress(RuntimeError):  # the loop is closed: nobody waits there
+            loop.call_soon_threadsafe(_answer, answers)
+
+
+def _answer(answers: Sequence[tuple[Answer, Outcome]]) -> None:
+    for answer, outcome in answers:
+        if answer.done():  # whoever asked went away
+            continue
+        if isinstance(outcome, KeptVote):
+            answer.set_result(outcome)
+        else:
+            answer.set_exception(outcome)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, exists, select
+from sqlalchemy import Connection, bindparam, exists, select
 
 from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
 from app.store.engine import Database, insert_or_ignore
@@ -38,6 +38,38 @@ class Ballot:
     trial: str
     sent: Vote
     received_at: datetime
+
+
+# Trials by their public ids, locked with their sessions in one order: no two writers wait for each other.
+_TARGETS = (
+    select(
+        trial.c.public_id,
+        trial.c.id,
+        trial.c.session_id,
+        session.c.token_hash,
+        trial.c.served_at,
+        trial.c.voided_at,
+        session.c.withdrawn_at,
+        assignment.c.position,
+        assignment.c.first_shown,
+        study.c.options,
+    )
+    .select_from(trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study))
+    .where(trial.c.public_id.in_(bindparam("trials", expanding=True)))
+    .order_by(session.c.id, trial.c.id)
+    .with_for_update(of=[session, trial], key_share=True)
+)
+_OPEN_TRIAL = select(trial.c.id).where(
+    trial.c.session_id == session.c.id,
+    trial.c.voided_at.is_(None),
+    ~exists().where(vote.c.trial_id == trial.c.id),
+)
+_LAST_OPEN_TRIAL = _OPEN_TRIAL.order_by(trial.c.assignment_id.desc()).limit(
+    1
+)  # found at once: votes begin at the first
+_ENDED = select(session.c.id).where(
+    session.c.id.in_(bindparam("sessions", expanding=True)), _LAST_OPEN_TRIAL.scalar_subquery().is_(None)
+)
 
 
 def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote | StudyError]:
@@ -109,27 +141,7 @@ class _Target:
 
 
 def _targets(connection: Connection, ballots: Sequence[Ballot]) -> dict[str, _Target]:
-    """Trials by their public ids, locked with their sessions in one order: no two writers wait for each other."""
-    rows = connection.execute(
-        select(
-            trial.c.public_id,
-            trial.c.id,
-            trial.c.session_id,
-            session.c.token_hash,
-            trial.c.served_at,
-            trial.c.voided_at,
-            session.c.withdrawn_at,
-            assignment.c.position,
-            assignment.c.first_shown,
-            study.c.options.label("study_options"),
-        )
-        .select_from(
-            trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study)
-        )
-        .where(trial.c.public_id.in_({ballot.trial for ballot in ballots}))
-        .order_by(session.c.id, trial.c.id)
-        .with_for_update(of=[session, trial], key_share=True)
-    )
+    rows = connection.execute(_TARGETS, {"trials": list({ballot.trial for ballot in ballots})})
     return {public_id: _Target(*rest) for public_id, *rest in rows}
 
 
@@ -209,11 +221,6 @@ def _end_sessions(connection: Connection, inserted: Sequence[tuple[Ballot, _Targ
     by_session = {target.session_id: (ballot, target) for ballot, target in inserted}
     if not by_session:
         return
-    has_open = select(trial.c.session_id).where(
-        trial.c.session_id.in_(by_session),
-        trial.c.voided_at.is_(None),
-        ~exists().where(vote.c.trial_id == trial.c.id),
-    )
-    for session_id in by_session.keys() - set(connection.scalars(has_open.distinct())):
+    for session_id in connection.scalars(_ENDED, {"sessions": list(by_session)}).all():
         ballot, target = by_session[session_id]
         end_trials(connection, session_id, parse_options(target.study_options), ballot.received_at)

@@ -83,6 +83,11 @@ def is_secure(request: Request) -> bool:
     return settings(request).secure_cookies or request.url.scheme == "https"
 
 
+def vote_writer(request: Request) -> VoteWriter:
+    found: VoteWriter = request.app.state.votes
+    return found
+
+
 def now(request: Request) -> datetime:
     moment: datetime = request.app.state.clock()
     return moment
@@ -274,18 +279,12 @@ async def _database(request: Request) -> Database:  # async, because FastAPI sen
     return database(request)
 
 
-async def _votes(request: Request) -> VoteWriter:
-    writer: VoteWriter = request.app.state.votes
-    return writer
-
-
 async def _now(request: Request) -> datetime:
     return now(request)
 
 
 Store = Annotated[Database, Depends(_database)]
 Now = Annotated[datetime, Depends(_now)]
-Votes = Annotated[VoteWriter, Depends(_votes)]
 ParticipantToken = Annotated[str, Depends(participant_token)]
 Participant = Annotated[SignedIn, Depends(participant)]
 Person = Annotated[Experimenter, Depends(experimenter)]

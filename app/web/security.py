@@ -43,17 +43,18 @@ class SecurityHeaders:
 
     def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
         self.app = app
-        self.headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else dict(HEADERS)
+        headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else dict(HEADERS)
         if media_origin is not None:  # from where a page fetches the pairs' videos
-            self.headers["Content-Security-Policy"] = f"{POLICY}; connect-src 'self' {media_origin}"
+            headers["Content-Security-Policy"] = f"{POLICY}; connect-src 'self' {media_origin}"
+        self.headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in self.headers.items():
-                    headers.setdefault(name, value)
-                headers.setdefault("Cache-Control", "no-cache" if scope["path"].startswith("/static/") else "no-store")
+                given = {name for name, _ in message["headers"]}
+                how_long = b"no-cache" if scope["path"].startswith("/static/") else b"no-store"
+                all_of_them = (*self.headers, (b"cache-control", how_long))
+                message["headers"] = [*message["headers"], *(pair for pair in all_of_them if pair[0] not in given)]
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)

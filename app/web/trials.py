@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel
 
 from app.errors import ConflictError, GoneError
@@ -17,7 +16,7 @@ from app.store.trials import mark_served, next_trials, void_trial
 from app.store.votes import Ballot
 from app.study.stages import SCREENED_OUT, TRIAL, is_past
 from app.study.votes import Vote
-from app.web.gates import Now, Participant, ParticipantToken, Store, Votes
+from app.web.gates import Now, Participant, ParticipantToken, Store, now, vote_writer
 from app.web.trial_views import OneTrialView, TrialView, TroubleBody, VoidBody, VoteBody, practice_view, trial_view
 
 log = logging.getLogger(__name__)
@@ -33,6 +32,29 @@ class VoteView(BaseModel):
     number: int
     choice: Literal["a", "b", "none"]
     received_at: datetime
+
+
+@router.put(
+    "/trials/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}}
+)
+async def vote(
+    trial: Annotated[str, Path(max_length=32)],
+    body: VoteBody,
+    token: ParticipantToken,
+    request: Request,
+    response: Response,
+) -> VoteView:
+    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
+    sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
+    kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request)))
+    response.status_code = 201 if kept.is_new else 200
+    return VoteView(
+        id=kept.vote.client_id,
+        trial=trial,
+        number=kept.number,
+        choice=kept.vote.choice,
+        received_at=kept.received_at,
+    )
 
 
 @router.get("/trials/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})
@@ -64,30 +86,6 @@ def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
     with database.reading() as connection:
         pairs = practice_pairs(connection, session.study_id)
     return [practice_view(session, one, len(pairs)) for one in pairs]
-
-
-@router.put(
-    "/trials/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}}
-)
-async def vote(
-    trial: Annotated[str, Path(max_length=32)],
-    body: VoteBody,
-    token: ParticipantToken,
-    response: Response,
-    votes: Votes,
-    now: Now,
-) -> VoteView:
-    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
-    sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
-    kept = await asyncio.wrap_future(votes.submit(Ballot(token, trial, sent, now)))
-    response.status_code = 201 if kept.is_new else 200
-    return VoteView(
-        id=kept.vote.client_id,
-        trial=trial,
-        number=kept.number,
-        choice=kept.vote.choice,
-        received_at=kept.received_at,
-    )
 
 
 @router.put("/trials/{trial}/void", status_code=204)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from dataclasses import replace
 
 import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
 from ballots import Participant, ballot_of, let_in, n_votes, serve_trials
 from sqlalchemy import event
 
 from app.errors import UnavailableError
 from app.store.engine import Database
 from app.store.invitations import Invitation
-from app.store.vote_writer import VoteWriter
+from app.store.vote_writer import Answer, VoteWriter
 from app.store.votes import Ballot, KeptVote
 
 MakeInvitation = Callable[[int | None], Invitation]
@@ -31,68 +32,94 @@ def ballots(database: Database, of: Participant) -> list[Ballot]:
 
 
 @pytest.fixture
-def commits(database: Database) -> Iterator[list[bool]]:
-    """For each commit whether every answer of `futures` was still open."""
-    found: list[bool] = []
-
-    def note(_connection: object) -> None:
-        found.append(not any(future.done() for future in FUTURES))
-
-    event.listen(database.engine, "commit", note)
-    yield found
-    event.remove(database.engine, "commit", note)
-    FUTURES.clear()
+def loop() -> Iterator[BlockingPortal]:
+    """Where those who send votes wait for their answers."""
+    with start_blocking_portal() as portal:
+        yield portal
 
 
-FUTURES: list[Future[KeptVote]] = []
+async def submit(writer: VoteWriter, ballots: list[Ballot]) -> list[Answer]:
+    return [writer.submit(ballot) for ballot in ballots]
+
+
+async def outcomes(answers: list[Answer]) -> list[KeptVote | BaseException]:
+    return await asyncio.wait_for(asyncio.gather(*answers, return_exceptions=True), TIMEOUT_S)
+
+
+def are_new(votes: list[KeptVote | BaseException]) -> bool:
+    return all(isinstance(vote, KeptVote) and vote.is_new for vote in votes)
 
 
 def test_all_that_wait_are_kept_by_one_commit_and_answered_after_it(
-    database: Database, ballots: list[Ballot], commits: list[bool]
+    database: Database, ballots: list[Ballot], loop: BlockingPortal
 ) -> None:
     writer = VoteWriter(database)
-    FUTURES.extend(writer.submit(ballot) for ballot in ballots)
+    answers = loop.call(submit, writer, ballots)
     assert writer.n_waiting == 6
+    were_open: list[bool] = []  # at each commit
+
+    def note(_connection: object) -> None:
+        were_open.append(not any(answer.done() for answer in answers))
+
+    event.listen(database.engine, "commit", note)
     with writer:
-        assert all(future.result(TIMEOUT_S).is_new for future in FUTURES)
-    assert commits == [True]
+        assert are_new(loop.call(outcomes, answers))
+    event.remove(database.engine, "commit", note)
+    assert were_open == [True]
     assert n_votes(database) == 6
 
 
-def test_a_row_that_no_database_takes_fails_alone(database: Database, ballots: list[Ballot]) -> None:
+def test_a_row_that_no_database_takes_fails_alone(
+    database: Database, ballots: list[Ballot], loop: BlockingPortal
+) -> None:
     ballots[2] = replace(ballots[2], sent=replace(ballots[2].sent, choice="neither"))  # refused by a CHECK, or too long
     writer = VoteWriter(database)
-    answers = [writer.submit(ballot) for ballot in ballots]
+    answers = loop.call(submit, writer, ballots)
     with writer:
-        errors = [answer.exception(TIMEOUT_S) for answer in answers]
-    assert [error is None for error in errors] == [True] * 2 + [False] + [True] * 3
+        found = loop.call(outcomes, answers)
+    assert [isinstance(outcome, KeptVote) for outcome in found] == [True] * 2 + [False] + [True] * 3
     assert n_votes(database) == 5
 
 
-def test_who_comes_to_a_full_queue_is_told_to_come_again(database: Database, ballots: list[Ballot]) -> None:
+def test_who_comes_to_a_full_queue_is_told_to_come_again(
+    database: Database, ballots: list[Ballot], loop: BlockingPortal
+) -> None:
     writer = VoteWriter(database, most_waiting=2)
-    waiting = [writer.submit(ballot) for ballot in ballots[:2]]
+    waiting = loop.call(submit, writer, ballots[:2])
     with pytest.raises(UnavailableError, match="sent again"):
-        writer.submit(ballots[2])
+        loop.call(submit, writer, ballots[2:3])
     with writer:
-        for answer in waiting:
-            answer.result(TIMEOUT_S)
-        assert writer.submit(ballots[2]).result(TIMEOUT_S).is_new
+        assert are_new(loop.call(outcomes, waiting))
+        assert are_new(loop.call(outcomes, loop.call(submit, writer, ballots[2:3])))
 
 
-def test_what_waits_at_the_end_is_kept_and_later_votes_are_refused(database: Database, ballots: list[Ballot]) -> None:
+def test_what_waits_at_the_end_is_kept_and_later_votes_are_refused(
+    database: Database, ballots: list[Ballot], loop: BlockingPortal
+) -> None:
     with VoteWriter(database) as writer:
-        answers = [writer.submit(ballot) for ballot in ballots]
-    assert all(answer.done() for answer in answers)
+        answers = loop.call(submit, writer, ballots)
     assert n_votes(database) == 6
+    assert are_new(loop.call(outcomes, answers))
     with pytest.raises(UnavailableError):
-        writer.submit(ballots[0])
+        loop.call(submit, writer, ballots[:1])
 
 
-def test_who_went_away_is_no_trouble_to_others(database: Database, ballots: list[Ballot]) -> None:
+def test_who_went_away_is_no_trouble_to_others(database: Database, ballots: list[Ballot], loop: BlockingPortal) -> None:
     writer = VoteWriter(database)
-    first, second = (writer.submit(ballot) for ballot in ballots[:2])
-    assert first.cancel()
+    first, second = loop.call(submit, writer, ballots[:2])
+    assert loop.call(first.cancel)
     with writer:
-        assert second.result(TIMEOUT_S).is_new
-    assert n_votes(database) == 1
+        assert are_new(loop.call(outcomes, [second]))
+    assert n_votes(database) == 2
+
+
+def test_a_loop_that_has_ended_is_no_trouble_to_others(
+    database: Database, ballots: list[Ballot], loop: BlockingPortal
+) -> None:
+    writer = VoteWriter(database)
+    with start_blocking_portal() as ended:
+        ended.call(submit, writer, ballots[:1])
+    answers = loop.call(submit, writer, ballots[1:])
+    with writer:
+        assert are_new(loop.call(outcomes, answers))
+    assert n_votes(database) == 6
