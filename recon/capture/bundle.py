@@ -1,13 +1,13 @@
-"""Poses of sensors and boards refined together, by the corners that all cameras found.
+"""Cameras and boards refined together, by all corners that were found.
 
 Source: Triggs et al., "Bundle adjustment - a modern synthesis" (1999), sections 4 and 6: Gauss-Newton steps damped
-after Levenberg and Marquardt, the boards' unknowns eliminated first, since each of them meets only the sensors'.
+after Levenberg and Marquardt, the boards' unknowns eliminated first, since each of them meets only the cameras'.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,8 +20,12 @@ SMALLEST_GAIN = 1e-9  # of the cost, share; a smaller one ends
 ROBUST_PX = 1.0  # beyond which an error counts linearly: corners are found to a third of it
 FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # of the diagonal
 CHANGE = 10.0  # of the damping, from step to step
+N_POSE = 6  # turn in radians, shift in mm
+N_LENS = 8  # fx, fy, cx, cy, k1, k2, p1, p2
+POSE, TANGENTIAL = slice(0, N_POSE), slice(N_POSE + 6, N_POSE + N_LENS)  # among a camera's unknowns
 
 Poses = dict[str, NDArray[np.float64]]
+Cameras = dict[str, Camera]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,43 +34,49 @@ class Sighting:
 
     Parameters
     ----------
-    sensor, board : names
-    camera : its `cam_from_world` is `camera_from_sensor`, from the sensor's left camera
+    camera, board : names
     points : float64 (N, 3), mm, corners on the board
     pixels : float64 (N, 2), where they were found
     """
 
-    sensor: str
+    camera: str
     board: str
-    camera: Camera
     points: NDArray[np.float64]
     pixels: NDArray[np.float64]
 
 
-def adjusted(sightings: Sequence[Sighting], sensors: Poses, boards: Poses, *, fixed: str) -> tuple[Poses, Poses]:
-    """The poses nearest to the corners found, with intrinsics and stereo poses held.
+def adjusted(
+    sightings: Sequence[Sighting],
+    cameras: Mapping[str, Camera],
+    boards: Mapping[str, NDArray[np.float64]],
+    *,
+    fixed: str,
+) -> tuple[Cameras, Poses]:
+    """The cameras and boards nearest to the corners found: poses, focal lengths, principal points and distortion.
 
     Parameters
     ----------
-    sensors : `sensor_from_world` 4x4 by name, to begin with
+    cameras : by name, to begin with, with five coefficients of distortion; where the tangential ones are zero they
+        stay zero, and k3 stays as it is
     boards : `world_from_board` 4x4 by name, likewise
-    fixed : the sensor that does not move, which ties down the world
+    fixed : the camera that does not move, which ties down the world; its lens is refined as the others'
 
     Returns
     -------
-    The sensors' and the boards' poses.
+    The cameras and the boards' poses.
     """
-    free = [name for name in sensors if name != fixed]
-    damping, cost = FIRST_DAMPING, _cost(sightings, sensors, boards)
+    cameras, boards = dict(cameras), dict(boards)
+    free = {name: _free_unknowns(camera, is_fixed=name == fixed) for name, camera in cameras.items()}
+    damping, cost = FIRST_DAMPING, _cost(sightings, cameras, boards)
     for _ in range(MAX_STEPS):
         system = _System(free, list(boards))
         for sighting in sightings:
-            system.add(sighting, sensors[sighting.sensor], boards[sighting.board])
+            system.add(sighting, cameras[sighting.camera], boards[sighting.board])
         while damping < LARGEST_DAMPING:
-            sensor_steps, board_steps = system.solved(damping)
+            camera_steps, board_steps = system.solved(damping)
             moved = (
-                sensors | {name: _turned_sensor(sensors[name], step) for name, step in sensor_steps.items()},
-                {name: _turned_board(boards[name], step) for name, step in board_steps.items()},
+                {name: _moved_camera(camera, camera_steps[name]) for name, camera in cameras.items()},
+                {name: _turned_board(pose, board_steps[name]) for name, pose in boards.items()},
             )
             moved_cost = _cost(sightings, *moved)
             if moved_cost <= cost:
@@ -74,81 +84,100 @@ def adjusted(sightings: Sequence[Sighting], sensors: Poses, boards: Poses, *, fi
             damping *= CHANGE
         else:
             break  # no step makes it better: the minimum, to rounding
-        gain, cost, (sensors, boards) = cost - moved_cost, moved_cost, moved
+        gain, cost, (cameras, boards) = cost - moved_cost, moved_cost, moved
         damping /= CHANGE
         if gain <= SMALLEST_GAIN * cost:
             break
-    return sensors, boards
+    return cameras, boards
+
+
+def reprojection_error(sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]) -> float:
+    """Root mean square distance between where corners were found and where they should be, pixels."""
+    return float(np.sqrt((_errors(sighting, camera, world_from_board) ** 2).sum(axis=1).mean()))
 
 
 class _System:
-    """Normal equations of small turns and shifts: 6 unknowns of each free sensor, 6 of each board."""
+    """Normal equations: the free unknowns of every camera, the pose of every board.
 
-    def __init__(self, sensors: Sequence[str], boards: Sequence[str]) -> None:
-        n = 6 * len(sensors)
-        self._sensors = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(sensors)}
-        self._matrix, self._right = np.zeros((n, n)), np.zeros(n)
-        self._own = {name: np.zeros((6, 6)) for name in boards}
-        self._shared = {name: np.zeros((n, 6)) for name in boards}
-        self._board_right = {name: np.zeros(6) for name in boards}
+    Parameters
+    ----------
+    free : by camera, bool (N_POSE + N_LENS,)
+    """
 
-    def add(self, sighting: Sighting, sensor_from_world: NDArray[np.float64], board: NDArray[np.float64]) -> None:
-        errors, by_sensor, by_board = _linearised(sighting, sensor_from_world, board)
+    def __init__(self, free: Mapping[str, NDArray[np.bool_]], boards: Sequence[str]) -> None:
+        ends = np.cumsum([0, *(int(which.sum()) for which in free.values())])
+        self._free = free
+        self._places = {name: slice(*ends[k : k + 2]) for k, name in enumerate(free)}
+        self._matrix, self._right = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
+        self._own = {name: np.zeros((N_POSE, N_POSE)) for name in boards}
+        self._shared = {name: np.zeros((ends[-1], N_POSE)) for name in boards}
+        self._board_right = {name: np.zeros(N_POSE) for name in boards}
+
+    def add(self, sighting: Sighting, camera: Camera, board: NDArray[np.float64]) -> None:
+        errors, by_camera, by_board = _linearised(sighting, camera, board)
+        place, by_camera = self._places[sighting.camera], by_camera[:, self._free[sighting.camera]]
         weights = 1 / np.sqrt(1 + (errors / ROBUST_PX) ** 2)  # of the soft L1 cost
         weighted = by_board * weights[:, None]
         self._own[sighting.board] += weighted.T @ by_board
         self._board_right[sighting.board] -= weighted.T @ errors
-        if sighting.sensor in self._sensors:
-            place = self._sensors[sighting.sensor]
-            self._matrix[place, place] += (by_sensor * weights[:, None]).T @ by_sensor
-            self._right[place] -= by_sensor.T @ (weights * errors)
-            self._shared[sighting.board][place] += by_sensor.T @ weighted
+        self._matrix[place, place] += (by_camera * weights[:, None]).T @ by_camera
+        self._right[place] -= by_camera.T @ (weights * errors)
+        self._shared[sighting.board][place] += by_camera.T @ weighted
 
     def solved(self, damping: float) -> tuple[Poses, Poses]:
-        """The steps (6,) of every free sensor and of every board: turn in radians, then shift in mm."""
+        """The steps (N_POSE + N_LENS,) of every camera, zero where it is held, and (N_POSE,) of every board."""
         matrix, right = _damped(self._matrix, damping), self._right.copy()
         inverses = {name: np.linalg.inv(_damped(own, damping)) for name, own in self._own.items()}
         for name, inverse in inverses.items():
             shared = self._shared[name] @ inverse
             matrix -= shared @ self._shared[name].T
             right -= shared @ self._board_right[name]
-        step = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+        step = np.linalg.solve(matrix, right)
         boards = {
             name: np.asarray(inverse @ (self._board_right[name] - self._shared[name].T @ step), dtype=np.float64)
             for name, inverse in inverses.items()
         }
-        return {name: step[place] for name, place in self._sensors.items()}, boards
+        cameras = {name: np.zeros(N_POSE + N_LENS) for name in self._places}
+        for name, place in self._places.items():
+            cameras[name][self._free[name]] = step[place]
+        return cameras, boards
+
+
+def _free_unknowns(camera: Camera, *, is_fixed: bool) -> NDArray[np.bool_]:
+    free = np.ones(N_POSE + N_LENS, dtype=np.bool_)
+    free[POSE] = not is_fixed
+    free[TANGENTIAL] = camera.dist[2:4].any()
+    return free
 
 
 def _linearised(
-    sighting: Sighting, sensor_from_world: NDArray[np.float64], world_from_board: NDArray[np.float64]
+    sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Errors (2N,), and their derivatives (2N, 6) by the sensor's and by the board's turn and shift, pixels."""
+    """Errors (2N,) in pixels, and their derivatives by the camera's unknowns (2N, N_POSE + N_LENS) and the board's."""
     in_world = sighting.points @ world_from_board[:3, :3].T + world_from_board[:3, 3]
-    in_sensor = in_world @ sensor_from_world[:3, :3].T + sensor_from_world[:3, 3]
-    pixels, by_place = _projected(sighting.camera, in_sensor)
-    errors = (pixels - sighting.pixels).ravel()
-    by_sensor = _by_motion(by_place, in_sensor)
-    by_board = _by_motion(by_place @ sensor_from_world[:3, :3], in_world - world_from_board[:3, 3])
-    return errors, by_sensor, by_board
-
-
-def _projected(camera: Camera, in_sensor: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (N, 2) of points (N, 3) of the sensor's frame, and their derivatives (N, 2, 3) by the points."""
-    in_camera = camera.points_in_camera(in_sensor)
+    in_camera = camera.points_in_camera(in_world)
     pixels, derivatives = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), camera.K, camera.dist)
-    by_shift = np.asarray(derivatives)[:, 3:6].reshape(-1, 2, 3)
-    return np.asarray(pixels[:, 0], dtype=np.float64), by_shift @ camera.rotation
+    by_place = derivatives[:, 3:6].reshape(-1, 2, 3)
+    by_lens = derivatives[:, 6 : 6 + N_LENS]
+    by_camera = np.hstack([_by_motion(by_place, in_camera), by_lens])
+    by_board = _by_motion(by_place @ camera.rotation, in_world - world_from_board[:3, 3])
+    return (pixels[:, 0] - sighting.pixels).ravel(), by_camera, by_board
 
 
 def _by_motion(by_place: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives (2N, 6) by a turn about where `offsets` (N, 3) begin, and a shift: a point moves by w x p + t."""
     by_turn = np.cross(offsets[:, None, :], by_place)  # row . (w x p) = w . (p x row)
-    return np.concatenate([by_turn, by_place], axis=2).reshape(-1, 6)
+    return np.concatenate([by_turn, by_place], axis=2).reshape(-1, N_POSE)
 
 
-def _turned_sensor(pose: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(rigid(cv2.Rodrigues(step[:3])[0], step[3:]) @ pose)
+def _moved_camera(camera: Camera, step: NDArray[np.float64]) -> Camera:
+    pose, lens = step[POSE], step[N_POSE:]
+    K = camera.K.copy()
+    K[[0, 1, 0, 1], [0, 1, 2, 2]] += lens[:4]
+    dist = camera.dist.copy()
+    dist[:4] += lens[4:]
+    moved = rigid(cv2.Rodrigues(pose[:3])[0], pose[3:]) @ camera.cam_from_world
+    return replace(camera, K=K, dist=dist, cam_from_world=moved)
 
 
 def _turned_board(pose: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -160,12 +189,17 @@ def _damped(matrix: NDArray[np.float64], damping: float) -> NDArray[np.float64]:
     return np.asarray(matrix + damping * np.diag(np.diag(matrix)))
 
 
-def _cost(sightings: Sequence[Sighting], sensors: Mapping[str, NDArray[np.float64]], boards: Poses) -> float:
+def _cost(sightings: Sequence[Sighting], cameras: Mapping[str, Camera], boards: Poses) -> float:
     """The soft L1 cost of all errors."""
     total = 0.0
     for sighting in sightings:
-        pose = sensors[sighting.sensor] @ boards[sighting.board]
-        pixels, _ = _projected(sighting.camera, sighting.points @ pose[:3, :3].T + pose[:3, 3])
-        squares = ((pixels - sighting.pixels) / ROBUST_PX) ** 2
+        squares = (_errors(sighting, cameras[sighting.camera], boards[sighting.board]) / ROBUST_PX) ** 2
         total += float((2 * ROBUST_PX**2 * (np.sqrt(1 + squares) - 1)).sum())
     return total
+
+
+def _errors(sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where corners should be less where they were found (N, 2), pixels."""
+    pose = camera.cam_from_world @ world_from_board
+    pixels, _ = cv2.projectPoints(sighting.points, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3], camera.K, camera.dist)
+    return np.asarray(pixels[:, 0] - sighting.pixels, dtype=np.float64)

@@ -6,8 +6,7 @@ right, y up), as in `recon.capture.opencv`.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.board import Board, Corners
-from recon.capture.bundle import Sighting, adjusted
+from recon.capture.bundle import Poses, Sighting, adjusted, reprojection_error
 from recon.capture.images import CaptureError
 from recon.capture.opencv import CAMERA_FROM_WORLD
-from recon.rig import Camera, Rig, Sensor, rigid
+from recon.rig import Camera, Sensor, rigid
 
 MIN_IMAGES = 6
 MIN_SHARED = 6  # corners that both cameras of a pair see
@@ -43,20 +42,20 @@ class CameraCalibration:
     Parameters
     ----------
     K, dist : float64 (3, 3) and (5,)
+    boards : `camera_from_board` 4x4 of every image that is used
     errors : root mean square reprojection error of every image that is used, pixels
     focal_deviation : standard deviation of the focal length, share
     tilt_deg : largest angle between two views' boards; without tilt the focal length cannot be told from the distance
-    flags : OpenCV's, which say what the lens model leaves out
     """
 
     name: str
     size: tuple[int, int]
     K: NDArray[np.float64]
     dist: NDArray[np.float64]
+    boards: Poses
     errors: dict[str, float]
     focal_deviation: float
     tilt_deg: float
-    flags: int
     rejected: dict[str, str]
 
     @property
@@ -67,26 +66,18 @@ class CameraCalibration:
 
 @dataclass(frozen=True, eq=False)
 class PairCalibration:
-    """A stereo sensor by itself: its world is the left camera.
+    """A stereo sensor.
 
     Parameters
     ----------
-    boards : `left_from_board` 4x4 of every instant that both cameras see
-    errors : root mean square reprojection error (left, right) of every instant, pixels
+    boards : `left_from_board` 4x4 of every instant that a camera sees
+    errors : root mean square reprojection error (left, right) of every instant that both see, pixels
     """
 
     sensor: Sensor
     cameras: tuple[CameraCalibration, CameraCalibration]
-    boards: dict[str, NDArray[np.float64]]
+    boards: Poses
     errors: dict[str, tuple[float, float]]
-
-
-@dataclass(frozen=True, eq=False)
-class RigCalibration:
-    """All sensors in one world."""
-
-    rig: Rig
-    pairs: tuple[PairCalibration, ...]
 
 
 def calibrate_camera(name: str, board: Board, size: tuple[int, int], views: Views) -> CameraCalibration:
@@ -123,7 +114,7 @@ def _solve(name: str, board: Board, size: tuple[int, int], views: Views) -> Came
     images = [corners.pixels.astype(np.float32) for corners in views.values()]
     for flags in (FLAGS, FLAGS | cv2.CALIB_ZERO_TANGENT_DIST):
         try:
-            _, K, dist, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
+            _, K, dist, turns, shifts, deviations, _, errors = cv2.calibrateCameraExtended(
                 objects, images, size, np.eye(3), np.zeros(5), flags=flags
             )
         except cv2.error as error:
@@ -131,58 +122,64 @@ def _solve(name: str, board: Board, size: tuple[int, int], views: Views) -> Came
         significance = np.abs(np.ravel(dist)[2:4]) / np.maximum(np.ravel(deviations)[TANGENTIAL], 1e-12)
         if significance.max() > MIN_SIGNIFICANCE:
             break
-    by_image = dict(zip(views, map(float, np.ravel(errors)), strict=True))
-    deviation = float(deviations[0, 0] / K[0, 0])
-    return CameraCalibration(name, size, K, np.ravel(dist)[:5], by_image, deviation, _tilt(turns), flags, {})
+    poses = [rigid(cv2.Rodrigues(turn)[0], np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
+    return CameraCalibration(
+        name,
+        size,
+        K,
+        np.ravel(dist)[:5],
+        dict(zip(views, poses, strict=True)),
+        dict(zip(views, map(float, np.ravel(errors)), strict=True)),
+        focal_deviation=float(deviations[0, 0] / K[0, 0]),
+        tilt_deg=_tilt(poses),
+        rejected={},
+    )
 
 
-def _tilt(turns: Sequence[NDArray[np.float64]]) -> float:
+def _tilt(boards: Sequence[NDArray[np.float64]]) -> float:
     """Largest angle between the normals of two boards, degrees."""
-    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    normals = np.array([pose[:3, 2] for pose in boards])
     return float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
 
 
 def calibrate_pair(
     sensor_id: str, board: Board, cameras: tuple[CameraCalibration, CameraCalibration], views: tuple[Views, Views]
 ) -> PairCalibration:
-    """The two cameras of a sensor, refined together on the instants that both see.
+    """The two cameras of a sensor, refined together on all their images.
 
     Raises
     ------
     CaptureError
         If they share too few instants.
     """
-    shared = {
-        name: _common(left, views[1][name])
-        for name, left in views[0].items()
-        if name in cameras[0].errors and name in cameras[1].errors
-    }
-    shared = {name: pair for name, pair in shared.items() if len(pair[0]) >= MIN_SHARED}
+    first, second = cameras
+    shared = [
+        name
+        for name in first.boards
+        if name in second.boards and len(np.intersect1d(views[0][name].ids, views[1][name].ids)) >= MIN_SHARED
+    ]
     if len(shared) < MIN_IMAGES:
         raise CaptureError(
             f"sensor {sensor_id}: {len(shared)} instants show the board to both cameras, expected at least "
             f"{MIN_IMAGES}; images belong together by their names"
         )
-    objects = [board.points[left.ids].astype(np.float32) for left, _ in shared.values()]
-    lefts, rights = ([pair[side].pixels.astype(np.float32) for pair in shared.values()] for side in (0, 1))
-    first, second = cameras
-    _, K1, D1, K2, D2, R, T, _, _, rvecs, tvecs, errors = cv2.stereoCalibrateExtended(
-        objects, lefts, rights, first.K.copy(), first.dist.copy(), second.K.copy(), second.dist.copy(), first.size,
-        np.eye(3), np.zeros(3), flags=first.flags & second.flags | cv2.CALIB_USE_INTRINSIC_GUESS,
-    )  # fmt: skip
-    left = Camera(K1, cameras[0].size, np.eye(4), np.ravel(D1)[:5])
-    right = Camera(K2, cameras[1].size, rigid(R, np.ravel(T)), np.ravel(D2)[:5])
-    poses = [rigid(cv2.Rodrigues(rvec)[0], np.ravel(tvec)) for rvec, tvec in zip(rvecs, tvecs, strict=True)]
-    return PairCalibration(
-        Sensor(sensor_id, left, right),
-        cameras,
-        dict(zip(shared, poses, strict=True)),
-        {name: (float(pair[0]), float(pair[1])) for name, pair in zip(shared, errors, strict=True)},
-    )
+    right_from_left = _mean_pose([second.boards[name] @ np.linalg.inv(first.boards[name]) for name in shared])
+    boards = {name: np.linalg.inv(right_from_left) @ pose for name, pose in second.boards.items()} | first.boards
+    left = Camera(first.K, first.size, np.eye(4), first.dist)
+    right = Camera(second.K, second.size, right_from_left, second.dist)
+    unrefined = PairCalibration(Sensor(sensor_id, left, right), cameras, boards, dict.fromkeys(shared, (0.0, 0.0)))
+    (refined,) = _refined(board, [unrefined], {sensor_id: views}, {sensor_id: np.eye(4)}, boards)
+    return refined
 
 
-def calibrate_rig(board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]) -> Rig:
-    """Chain sensors into one world by the instants they share, then refine all poses together.
+def calibrate_rig(
+    board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
+) -> tuple[PairCalibration, ...]:
+    """Chain sensors into one world by the instants they share, then refine all cameras together.
+
+    Returns
+    -------
+    The sensors in one world, with the errors that are left.
 
     Raises
     ------
@@ -210,16 +207,54 @@ def calibrate_rig(board: Board, pairs: Sequence[PairCalibration], views: Mapping
         for name, board_pose in best.boards.items():
             boards.setdefault(name, np.linalg.inv(pose) @ board_pose)
         left.remove(best)
-    if len(pairs) > 1:
-        sightings = _sightings(board, pairs, views)
-        shared_boards = {name: boards[name] for name in {sighting.board: 0 for sighting in sightings}}
-        from_world, _ = adjusted(sightings, from_world, shared_boards, fixed=pairs[0].sensor.id)
-    return Rig(tuple(_placed(pair.sensor, from_world[pair.sensor.id]) for pair in pairs))
+    return _refined(board, pairs, views, from_world, boards)
 
 
-def _common(left: Corners, right: Corners) -> tuple[Corners, Corners]:
-    ids, in_left, in_right = np.intersect1d(left.ids, right.ids, return_indices=True)
-    return Corners(ids, left.pixels[in_left]), Corners(ids, right.pixels[in_right])
+def _refined(
+    board: Board,
+    pairs: Sequence[PairCalibration],
+    views: Mapping[str, tuple[Views, Views]],
+    from_world: Poses,
+    boards: Poses,
+) -> tuple[PairCalibration, ...]:
+    """The pairs, placed by `left_from_world` 4x4 of every sensor, refined with all boards on all that cameras saw."""
+    start = {
+        f"{pair.sensor.id}/{side}": _placed(getattr(pair.sensor, side), from_world[pair.sensor.id])
+        for pair in pairs
+        for side in SIDES
+    }
+    sightings = list(_sightings(board, pairs, views))
+    cameras, boards = adjusted(sightings, start, boards, fixed=f"{pairs[0].sensor.id}/left")
+    errors = {
+        (sighting.camera, sighting.board): reprojection_error(
+            sighting, cameras[sighting.camera], boards[sighting.board]
+        )
+        for sighting in sightings
+    }
+    return tuple(_refined_pair(pair, cameras, boards, errors) for pair in pairs)
+
+
+def _refined_pair(
+    pair: PairCalibration, cameras: Mapping[str, Camera], boards: Poses, errors: Mapping[tuple[str, str], float]
+) -> PairCalibration:
+    left, right = (f"{pair.sensor.id}/{side}" for side in SIDES)
+    return replace(
+        pair,
+        sensor=Sensor(pair.sensor.id, cameras[left], cameras[right]),
+        boards={name: cameras[left].cam_from_world @ boards[name] for name in pair.boards},
+        errors={name: (errors[left, name], errors[right, name]) for name in pair.errors},
+    )
+
+
+def _sightings(
+    board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
+) -> Iterator[Sighting]:
+    """The corners in all images that are used."""
+    for pair in pairs:
+        for side, camera, seen in zip(SIDES, pair.cameras, views[pair.sensor.id], strict=True):
+            for name in camera.boards:
+                points = board.points[seen[name].ids]
+                yield Sighting(f"{pair.sensor.id}/{side}", name, points, seen[name].pixels)
 
 
 def _mean_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -227,24 +262,5 @@ def _mean_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     return rigid(rotation, np.median([pose[:3, 3] for pose in poses], axis=0))
 
 
-def _placed(sensor: Sensor, left_from_world: NDArray[np.float64]) -> Sensor:
-    left, right = (
-        replace(camera, cam_from_world=camera.cam_from_world @ left_from_world)
-        for camera in (sensor.left, sensor.right)
-    )
-    return Sensor(sensor.id, left, right)
-
-
-def _sightings(
-    board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
-) -> list[Sighting]:
-    """What all cameras saw at the instants that more than one sensor saw."""
-    counts = Counter(name for pair in pairs for name in pair.boards)
-    found = []
-    for pair in pairs:
-        for camera, seen in zip((pair.sensor.left, pair.sensor.right), views[pair.sensor.id], strict=True):
-            for name in pair.boards:
-                if counts[name] > 1:
-                    points = board.points[seen[name].ids]
-                    found.append(Sighting(pair.sensor.id, name, camera, points, seen[name].pixels))
-    return found
+def _placed(camera: Camera, left_from_world: NDArray[np.float64]) -> Camera:
+    return replace(camera, cam_from_world=camera.cam_from_world @ left_from_world)

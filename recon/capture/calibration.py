@@ -78,18 +78,25 @@ class CalibrationReport:
 
     Parameters
     ----------
-    pairs : every sensor by itself, with the errors of every image
+    pairs : every sensor, with the errors of every image
     rejected : the reason for every image that was not used, by its path
     """
 
-    rig: Rig
     pairs: tuple[PairCalibration, ...]
     rejected: dict[str, str]
 
+    @property
+    def rig(self) -> Rig:
+        """All sensors in one world."""
+        return Rig(tuple(pair.sensor for pair in self.pairs))
+
     def as_json(self) -> dict[str, Any]:
         """The report as a JSON object."""
-        sensors = [_sensor_json(pair, sensor) for pair, sensor in zip(self.pairs, self.rig.sensors, strict=True)]
-        return {"schema_version": SCHEMA_VERSION, "sensors": sensors, "rejected": self.rejected}
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "sensors": [_sensor_json(pair) for pair in self.pairs],
+            "rejected": self.rejected,
+        }
 
     def as_text(self) -> str:
         """One line for every camera, sensor and rejected image."""
@@ -130,12 +137,12 @@ def calibrate_folders(
         progress("Finding corners", 2 * number + 1, n_cameras)
         cameras[name] = (left, _look(pair[1], board))
         progress("Finding corners", 2 * number + 2, n_cameras)
-    pairs = tuple(_pair(name, board, found) for name, found in cameras.items())
     views = {name: (left.views, right.views) for name, (left, right) in cameras.items()}
-    report = CalibrationReport(calibrate_rig(board, pairs, views), pairs, _rejected(cameras, pairs))
+    pairs = calibrate_rig(board, [_pair(name, board, found) for name, found in cameras.items()], views)
+    report = CalibrationReport(pairs, _rejected(cameras, pairs))
     with new_folder(out.with_name(f"{out.stem}_report")) as folder:
         write_json(folder / "report.json", report.as_json())
-        for calibrated in pairs:
+        for calibrated in report.pairs:
             _draw(folder, calibrated, cameras[calibrated.sensor.id])
         write_calibration(out, report.rig)
     return report
@@ -224,7 +231,8 @@ def _camera_line(camera: CameraCalibration) -> str:
     )
 
 
-def _sensor_json(pair: PairCalibration, sensor: Sensor) -> dict[str, Any]:
+def _sensor_json(pair: PairCalibration) -> dict[str, Any]:
+    sensor = pair.sensor
     sides = {
         side: {
             "K": getattr(sensor, side).K.tolist(),

@@ -28,18 +28,22 @@ def calibrated(board: Board, rig: Rig, seen: dict[str, list[dict[str, Corners]]]
     for name, (left, right) in seen.items():
         cameras = [calibrate_camera(f"{name}/{side}", board, size, views) for side, views in enumerate((left, right))]
         pairs.append(calibrate_pair(name, board, (cameras[0], cameras[1]), (left, right)))
-    return calibrate_rig(board, pairs, {name: (left, right) for name, (left, right) in seen.items()})
+    found = calibrate_rig(board, pairs, {name: (left, right) for name, (left, right) in seen.items()})
+    return Rig(tuple(pair.sensor for pair in found))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth(seed: int) -> None:
-    rig = studio_rig()
+    rig = studio_rig(n_sensors=2)
     found = calibrated(BOARD, rig, corners_seen(BOARD, rig, n_views=70, noise_px=0.3, seed=seed))
-    error = relative_error(found.sensors[0], rig.sensors[0])
-    assert error["focal"] < 0.002
-    assert error["baseline"] < 0.002
-    assert error["rotation_deg"] < 0.05
+    for sensor, truth in zip(found.sensors, rig.sensors, strict=True):
+        error = relative_error(sensor, truth)
+        assert error["focal"] < 0.002
+        assert error["baseline"] < 0.002
+        assert error["rotation_deg"] < 0.05
+    apart = [sensors[1].left.rotation @ sensors[0].left.rotation.T for sensors in (found.sensors, rig.sensors)]
+    assert np.rad2deg(np.linalg.norm(cv2.Rodrigues(apart[0] @ apart[1].T)[0])) < 0.05
 
 
 @pytest.mark.slow
