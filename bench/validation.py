@@ -32,7 +32,8 @@ from recon.validation.cuboid import fit_cuboid
 from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
 from recon.validation.ground_truth import Shape, compare_points, sample_evenly
 from recon.validation.measured import FitError, named_clouds
-from recon.validation.sphere import SphereFit, fit_sphere
+from recon.validation.sphere import fit_sphere
+from recon.validation.sphere_fit import SphereFit
 from recon.validation.sphere_methods import METHODS, SphereSettings
 from recon.validation.spheres import measure_spheres
 from recon.validation.triangles import TriangleTree

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sampling import subsample
-from recon.validation.sphere import SphereFit, SphereParameters, moved_centre
+from recon.validation.sphere_fit import SphereFit, SphereParameters
+from recon.validation.sphere_refinement import moved_centre
 
 N_SECTORS = 8
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out

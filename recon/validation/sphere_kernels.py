@@ -28,21 +28,12 @@ def local_consensus(
     and two such points; the two spheres of the known radius through them score one for a point on the surface,
     falling to zero at the band's end, and lose one for a point inside.
     """
-    n = len(points)
     centres = np.zeros((len(seeds), 3))
     scores = np.full(len(seeds), -np.inf)
-    near_x, near_y, near_z = np.empty(n), np.empty(n), np.empty(n)
-    per_band, inside = 1.0 / band, radius - 2 * band
-    reach = (2 * radius + band) ** 2
-    shortest = 0.25 * radius**2
+    near = np.empty((3, len(points)))
     for index in range(len(seeds)):
         p = points[seeds[index]]
-        n_near = 0
-        for i in range(n):
-            x, y, z = points[i, 0] - p[0], points[i, 1] - p[1], points[i, 2] - p[2]
-            if x * x + y * y + z * z < reach:
-                near_x[n_near], near_y[n_near], near_z[n_near] = x, y, z
-                n_near += 1
+        n_near = _gather(points, p, 2 * radius + band, near)
         if n_near < 12:
             continue
         state = (seed * 7919 + index * 104729 + 12345) & 0xFFFFFFFF
@@ -51,37 +42,69 @@ def local_consensus(
             i = (state >> 8) % n_near
             state = _next(state)
             j = (state >> 8) % n_near
-            ax, ay, az = near_x[i], near_y[i], near_z[i]
-            bx, by, bz = near_x[j], near_y[j], near_z[j]
-            aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-            ab2 = (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2
-            if aa < shortest or bb < shortest or ab2 < shortest:
+            a, b = (near[0, i], near[1, i], near[2, i]), (near[0, j], near[1, j], near[2, j])
+            there_are, middle, aside = _spheres_through(a, b, radius)
+            if not there_are:
                 continue
-            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            nn = nx * nx + ny * ny + nz * nz
-            if nn < 0.01 * aa * bb:
-                continue
-            # The circle through 0, a and b has its centre at (|a|^2 b - |b|^2 a) x n / (2 n.n), n = a x b.
-            ux, uy, uz = aa * bx - bb * ax, aa * by - bb * ay, aa * bz - bb * az
-            cx = (uy * nz - uz * ny) / (2 * nn)
-            cy = (uz * nx - ux * nz) / (2 * nn)
-            cz = (ux * ny - uy * nx) / (2 * nn)
-            left = radius**2 - (cx * cx + cy * cy + cz * cz)
-            if left < 0:
-                continue
-            height = np.sqrt(left / nn)
             for sign in (-1.0, 1.0):
-                x0, y0, z0 = cx + sign * height * nx, cy + sign * height * ny, cz + sign * height * nz
-                score = 0.0
-                for k in range(n_near):
-                    x, y, z = near_x[k] - x0, near_y[k] - y0, near_z[k] - z0
-                    d = np.sqrt(x * x + y * y + z * z)
-                    left = 1.0 - ((d - radius) * per_band) ** 2
-                    score += (left if left > 0.0 else 0.0) - (1.0 if d < inside else 0.0)
+                x, y, z = middle[0] + sign * aside[0], middle[1] + sign * aside[1], middle[2] + sign * aside[2]
+                score = _score(near, n_near, x, y, z, radius, band)
                 if score > scores[index]:
                     scores[index] = score
-                    centres[index, 0], centres[index, 1], centres[index, 2] = p[0] + x0, p[1] + y0, p[2] + z0
+                    centres[index, 0], centres[index, 1], centres[index, 2] = p[0] + x, p[1] + y, p[2] + z
     return centres, scores
+
+
+@njit(cache=True)
+def _gather(points: NDArray[np.float64], place: NDArray[np.float64], reach: float, near: NDArray[np.float64]) -> int:
+    """Fill `near` (3, N) with the offsets from a place of the points within reach of it; returns how many they are."""
+    n_near = 0
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - place[0], points[i, 1] - place[1], points[i, 2] - place[2]
+        if x * x + y * y + z * z < reach * reach:
+            near[0, n_near], near[1, n_near], near[2, n_near] = x, y, z
+            n_near += 1
+    return n_near
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _spheres_through(a, b, radius):  # type: ignore[no-untyped-def]  # numba
+    """The two spheres of a radius through the origin and points a and b, if these lie far enough apart.
+
+    Whether there are any, the centre of the circle through the three points, and the step from it to one sphere's
+    centre; that of the other lies opposite.
+    """
+    nowhere = (0.0, 0.0, 0.0)
+    (ax, ay, az), (bx, by, bz) = a, b
+    shortest = 0.25 * radius**2
+    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    ab2 = (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2
+    if aa < shortest or bb < shortest or ab2 < shortest:
+        return False, nowhere, nowhere
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    nn = nx * nx + ny * ny + nz * nz
+    if nn < 0.01 * aa * bb:
+        return False, nowhere, nowhere
+    # The circle through 0, a and b has its centre at (|a|^2 b - |b|^2 a) x n / (2 n.n), n = a x b.
+    ux, uy, uz = aa * bx - bb * ax, aa * by - bb * ay, aa * bz - bb * az
+    cx, cy, cz = (uy * nz - uz * ny) / (2 * nn), (uz * nx - ux * nz) / (2 * nn), (ux * ny - uy * nx) / (2 * nn)
+    left = radius**2 - (cx * cx + cy * cy + cz * cz)
+    if left < 0:
+        return False, nowhere, nowhere
+    height = np.sqrt(left / nn)
+    return True, (cx, cy, cz), (height * nx, height * ny, height * nz)
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _score(near, n_near, x0, y0, z0, radius, band):  # type: ignore[no-untyped-def]  # numba
+    """How well the points near a seed suit a sphere with its centre there."""
+    per_band, inside, score = 1.0 / band, radius - 2 * band, 0.0
+    for k in range(n_near):
+        x, y, z = near[0, k] - x0, near[1, k] - y0, near[2, k] - z0
+        d = np.sqrt(x * x + y * y + z * z)
+        left = 1.0 - ((d - radius) * per_band) ** 2
+        score += (left if left > 0.0 else 0.0) - (1.0 if d < inside else 0.0)
+    return score
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})

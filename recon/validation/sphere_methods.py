@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from recon.validation.measured import FitError, checked_points
 from recon.validation.measures import Subject
 from recon.validation.sampling import fibonacci_sphere
-from recon.validation.sphere import SphereFit, SphereParameters, fit_sphere, refine_sphere
+from recon.validation.sphere import fit_sphere
+from recon.validation.sphere_fit import SphereFit, SphereParameters
+from recon.validation.sphere_refinement import refine_sphere
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 
 MODEL_POINTS = 3000

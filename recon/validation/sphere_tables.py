@@ -13,8 +13,9 @@ from recon.validation.curves import COMBINED, group_rows, inlier_curve
 from recon.validation.measured import FitError, read_measured
 from recon.validation.sampling import subsample
 from recon.validation.sight import meets_sphere
-from recon.validation.sphere import SphereParameters, refine_sphere
+from recon.validation.sphere_fit import SphereParameters
 from recon.validation.sphere_methods import SphereSettings
+from recon.validation.sphere_refinement import refine_sphere
 
 
 def sphere_table(

@@ -15,7 +15,7 @@ from recon.validation.curves import N_REPLICATES, TABLE_THRESHOLD, table_measure
 from recon.validation.exclusion import Finding, Parts, examine_parts, findings, missing_remark, usual_parts
 from recon.validation.measured import FitError, MeasuredCloud, read_measured
 from recon.validation.sight import meets_sphere, missing_share
-from recon.validation.sphere import SphereFit, SphereParameters, surface_share
+from recon.validation.sphere_fit import SphereFit, SphereParameters, surface_share
 from recon.validation.sphere_methods import METHODS, SphereSettings
 from recon.validation.sphere_tables import sphere_table
 
