@@ -189,6 +189,10 @@ def validate_mesh(
         float | None,
         typer.Option(help="Compare `sampled` points by their means in cells of this size, mm, as Tanks and Temples."),
     ] = None,
+    voxel: Annotated[float, typer.Option(help="Over which ETH3D averages, mm.")] = 10.0,
+    scanner: Annotated[
+        str | None, typer.Option(help="x,y,z, mm: where the truth was scanned from; ETH3D counts what is seen there.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -198,7 +202,8 @@ def validate_mesh(
     from recon.validation.mesh_report import write_mesh_report
 
     subject = Subject(dataset, tuple(approach or ()))
-    settings = MeshSettings(parse_thresholds(thresholds), threshold, subject, seed, cell)
+    place = None if scanner is None else parse_position(scanner)
+    settings = MeshSettings(parse_thresholds(thresholds), threshold, subject, seed, cell, voxel, place)
     report = measure_mesh(mesh, truth, settings)
     page = write_mesh_report(report, out)
     best = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)

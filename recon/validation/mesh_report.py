@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from recon.validation.pictures import error_picture, png
 from recon.validation.report import (
     PALETTE,
     Section,
+    percent,
     write_bytes,
     write_figure,
     write_page,
@@ -33,13 +34,15 @@ def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     write_table(out / "scores.csv", report["scores"])
+    write_table(out / "eth3d.csv", report["eth3d"])
     write_table(out / "measures.csv", report["measures"])
     svg = write_figure(out / "scores", _chart(report))
     figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
     scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
     sections = [
         Section("Distances", _settings_text(report["settings"]), _distances(report)),
-        Section("Scores", scores, report["scores"], [figure]),
+        Section("Scores", scores, _percents(report["scores"]), [figure]),
+        Section("Scores as ETH3D counts them", _eth3d_text(report), _percents(report["eth3d"])),
         _errors(report, out),
     ]
     return write_page(out / "report.html", "Comparison with the truth", sections)
@@ -54,6 +57,30 @@ def _settings_text(settings: Mapping[str, Any]) -> str:
         f"points only: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and distances of that size are "
         "not resolved there."
     )
+
+
+def _eth3d_text(report: Mapping[str, Any]) -> str:
+    settings = report["settings"]
+    seen = (
+        "Where the truth was scanned from is not known: all points count as observed."
+        if settings["scanner_mm"] is None
+        else f"Points that no beam from {list(settings['scanner_mm'])} mm passes on its way do not count."
+    )
+    return (
+        f"Between samples, averaged over voxels of {settings['voxel_mm']:g} mm, so that densely sampled parts weigh no "
+        f"more than others. {seen}"
+    )
+
+
+def _percents(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Scores in the words and percents of a report."""
+    return [
+        {
+            "threshold mm": row["threshold_mm"],
+            **{f"{name.replace('_', '-')} %": percent(share) for name, share in row.items() if name != "threshold_mm"},
+        }
+        for row in rows
+    ]
 
 
 def _distances(report: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -88,10 +88,77 @@ def test_scores_are_those_of_tanks_and_temples(tmp_path: Path, threshold: float)
     assert found == pytest.approx(by_the_book(rec, truth, threshold), abs=0.1)
 
 
-@pytest.mark.parametrize("cell", [0.0, -2.0])
-def test_cells_without_a_width_are_refused(tmp_path: Path, cell: float) -> None:
+def by_eth3d(
+    rec: NDArray[np.float64],
+    scan: NDArray[np.float64],
+    threshold: float,
+    voxel: float,
+    scanner: NDArray[np.float64] | None,
+) -> tuple[float, float, float]:
+    """Accuracy, completeness and F1 as ETH3D defines them, point by point and voxel by voxel, in per cent.
+
+    Source: Schöps et al. (2017), section 4; a beam is 1.125 mm wide at the scanner and spreads by 0.011 degrees.
+    """
+
+    def averaged(points: NDArray[np.float64], verdicts: list[bool | None]) -> float:
+        shares = []
+        for shift in (0.0, 0.5):
+            cells: dict[tuple[int, ...], list[bool]] = {}
+            for point, verdict in zip(points, verdicts, strict=True):
+                if verdict is not None:
+                    cells.setdefault(tuple(int(i) for i in np.floor(point / voxel + shift)), []).append(verdict)
+            shares += [sum(own) / len(own) for own in cells.values()]
+        return 100.0 * sum(shares) / len(shares)
+
+    def judged(point: NDArray[np.float64]) -> bool | None:
+        if scanner is None:
+            return bool(min(np.linalg.norm(scan - point, axis=1)) <= threshold)
+        offset, verdict = point - scanner, None
+        radius = 1.125 + np.linalg.norm(offset) * np.tan(np.deg2rad(0.011))
+        for met in scan - scanner:
+            along = offset @ met / np.linalg.norm(met)
+            if along < 0 or np.linalg.norm(offset - along * met / np.linalg.norm(met)) > radius:
+                continue
+            if np.linalg.norm(met - offset) <= threshold:
+                return True
+            if along < np.linalg.norm(met):
+                verdict = False
+        return verdict
+
+    accuracy = averaged(rec, [judged(point) for point in rec])
+    completeness = averaged(scan, [bool(min(np.linalg.norm(rec - point, axis=1)) <= threshold) for point in scan])
+    return accuracy, completeness, 2 * accuracy * completeness / (accuracy + completeness)
+
+
+@pytest.mark.parametrize("scanner", [None, (20.0, 500.0, -30.0)])
+def test_scores_are_those_of_eth3d(tmp_path: Path, scanner: tuple[float, float, float] | None) -> None:
+    rng = np.random.default_rng(5)
+    scan = rng.uniform(0, 40, (900, 3)) * (1, 0.05, 1)
+    crowd = scan[:60] * (0.2, 1, 0.2)  # many points in few voxels
+    behind, in_front = scan[60:100] - (0, 25, 0), scan[100:160] - (0, -9, 0)
+    rec = np.concatenate([scan[:500] + rng.normal(0, 1.5, (500, 3)), crowd, behind, in_front])
+    for name, points in (("rec", rec), ("scan", scan)):
+        np.savetxt(tmp_path / f"{name}.xyz", points, fmt="%.6f")
+    settings = MeshSettings((2.0, 6.0), voxel=7.0, scanner=scanner)
+    rows = measure_mesh(tmp_path / "rec.xyz", tmp_path / "scan.xyz", settings)["eth3d"]
+    for row in rows:
+        found = [100 * row[name] for name in ("accuracy", "completeness", "f1")]
+        place = None if scanner is None else np.array(scanner)
+        assert found == pytest.approx(by_eth3d(rec, scan, row["threshold_mm"], 7.0, place), abs=0.1)
+        assert (row["unobserved"] > 0.03) == (scanner is not None)
+
+
+def test_a_scanner_that_stands_on_what_it_scanned_is_refused(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "scan.xyz", np.random.default_rng(6).integers(0, 64, (60, 3)) / 64)
+    settings = MeshSettings((1.0,), scanner=tuple(np.loadtxt(tmp_path / "scan.xyz")[0]))
+    with pytest.raises(ValueError, match="stands where there is a point"):
+        measure_mesh(tmp_path / "scan.xyz", tmp_path / "scan.xyz", settings)
+
+
+@pytest.mark.parametrize("settings", [MeshSettings((1.0,), cell=0.0), MeshSettings((1.0,), voxel=-2.0)])
+def test_cells_without_a_width_are_refused(tmp_path: Path, settings: MeshSettings) -> None:
     with pytest.raises(ValueError, match="expected a positive length"):
-        measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", MeshSettings((1.0,), cell=cell))
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", settings)
 
 
 def test_nothing_within_the_threshold_scores_zero() -> None:
