@@ -52,8 +52,9 @@ window.isReady = true;
 </script>"""
 READY_S = 30
 KILL_SERVER_S = (1.0, 4.0)  # pauses between kills
-DISTURB_S = (0.3, 2.0)  # pauses between what happens to one participant
+DISTURB_S = (0.5, 3.0)  # pauses between what happens to one participant
 OFFLINE_S = (0.05, 0.6)
+SMALL = {"width": 320, "height": 200}
 OVERLAP = 3  # trials that a new tab votes on although the one before may have
 
 
@@ -75,7 +76,7 @@ async def vote_in_chaos(server: StudyServer, voters: Sequence[Voter], rng: Rando
 
         async def sit_down(voter: Voter) -> None:
             async with places:
-                context = await browser.new_context()
+                context = await browser.new_context(viewport=SMALL)
                 await _participate(context, server, voter, seen, Random(rng.random()))
                 await context.close()
 
@@ -118,6 +119,7 @@ async def _participate(context: BrowserContext, server: StudyServer, voter: Vote
 
     await context.route(f"{server.base_url}/tab", answer)  # a tab opens whether or not the server lives
     await context.route(f"{server.base_url}/static/js/*", answer_script)
+    await context.new_page()  # its window stays: opening one takes longer than a tab
     tabs: list[Page] = []
     while any(one not in seen.kept for one, _ in voter.trials):
         done = next(at for at, (one, _) in enumerate(voter.trials) if one not in seen.kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -11,11 +12,14 @@ from uuid import uuid4
 import clips
 import httpx
 import pytest
+from dashboard import Dashboard, signed_in
 
 from app import operate
 from app.main import running_server
 from app.settings import Settings
-from app.simulate import begin
+from app.simulate import begin, simulate
+
+ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
 
 
 @pytest.fixture(scope="session")
@@ -51,6 +55,34 @@ def token(settings: Settings) -> str:
 @pytest.fixture(scope="session")
 def study(new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     return new_study()
+
+
+@pytest.fixture(scope="session")
+def taken(server: str, token: str, new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A study that four simulated participants have taken."""
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 4, ABILITIES, 0.2, seed=4)
+    return study
+
+
+@pytest.fixture(scope="session")
+def own(tmp_path_factory: pytest.TempPathFactory, stimulus_set: Path) -> Settings:
+    """A server whose folder of stimulus sets holds one."""
+    settings = Settings(data_dir=tmp_path_factory.mktemp("own"), largest_upload_mb=1)
+    shutil.copytree(stimulus_set.parent, settings.sets_dir / "tiny")
+    return settings
+
+
+@pytest.fixture(scope="session")
+def own_server(own: Settings) -> Iterator[str]:
+    with running_server(own) as url:
+        yield url
+
+
+@pytest.fixture
+def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
+    with signed_in(server, settings, "Eva Example", "experimenter") as dashboard:
+        yield dashboard
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -41,3 +42,13 @@ def signed_in(server: str, settings: Settings, name: str, role: Role | None = No
     with Dashboard(server) as dashboard:
         dashboard.get(operate.add_experimenter(settings, name, role)["path"])
         yield dashboard
+
+
+def ends(dashboard: Dashboard, path: str) -> httpx.Response:
+    """The page at the end of some work in the background."""
+    for _ in range(200):
+        answer = dashboard.get(path)
+        if 'http-equiv="refresh"' not in answer.text:
+            return answer
+        time.sleep(0.05)
+    raise AssertionError(f"{path}: the work does not end")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -13,22 +14,7 @@ from dashboard import Dashboard, signed_in
 
 from app import operate
 from app.settings import Settings
-from app.simulate import simulate
 from app.web.admin.results_view import decimal, p_value
-
-
-@pytest.fixture
-def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
-    with signed_in(server, settings, "Ann Example") as dashboard:
-        yield dashboard
-
-
-@pytest.fixture(scope="module")
-def taken(server: str, token: str, new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    study = new_study()
-    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
-    simulate(server, study["slug"], study["invitation"], token, 3, abilities, 0.2, seed=4)
-    return study
 
 
 def test_the_link_signs_in_and_leaves_the_address(client: httpx.Client, settings: Settings) -> None:
@@ -107,6 +93,13 @@ def test_there_is_no_plot_of_nothing(experimenter: Dashboard, taken: dict[str, A
         assert experimenter.get(f"/admin/studies/{path}").status_code == 404
 
 
+def test_results_tell_when_nothing_is_new(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    results = f"/admin/studies/{taken['slug']}/results"
+    digest = re.findall(r'data-digest="([0-9a-f]+)"', experimenter.get(results).text)[0]
+    assert experimenter.get(results, params={"seen": digest}).status_code == 204
+    assert experimenter.get(results, params={"seen": digest, "everybody": "true"}).status_code in (200, 204)
+
+
 def test_a_study_without_votes_says_so(experimenter: Dashboard, new_study: Callable[[], dict[str, Any]]) -> None:
     assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}/results").text
 
@@ -122,6 +115,13 @@ def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(
     assert client.get(f"/s/{study['invitation']}").status_code == 403
     experimenter.act(change, state="open")
     assert client.post(begin, json={"invitation": study["invitation"]}).status_code == 201
+
+
+def test_the_server_page_keeps_the_database_address_to_itself(server: str, settings: Settings) -> None:
+    with signed_in(server, settings, "Olga", "owner") as olga:
+        page = olga.get("/admin/settings").text
+    assert "RECONSTUDY_DATA_DIR" in page
+    assert "sqlite:///" not in page
 
 
 def test_another_site_cannot_close_a_study(experimenter: Dashboard, study: dict[str, Any]) -> None:

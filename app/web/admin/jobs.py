@@ -56,5 +56,6 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
 
 
 def _fail(database: Database, actor: Actor, title: str, public_id: str, reason: str) -> None:
-    fail_job(database, public_id, reason, utc_now())
+    """The entry comes first: who sees that the work failed finds it."""
     record_alone(database, actor.name, Entry("work failed", subject=title, detail={"reason": reason}), utc_now())
+    fail_job(database, public_id, reason, utc_now())

@@ -1,0 +1,116 @@
+"""An experimenter invites, watches, excludes and erases participants, and sees their votes again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+from dashboard import Dashboard
+
+from app.simulate import begin, next_trial, simulate
+from app.web.admin.votes import looks_of
+
+NewStudy = Callable[[], dict[str, Any]]
+ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+
+
+def test_invitations_are_made_shown_as_qr_and_ended(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}/invitations"
+    codes = set(re.findall(r"/s/([a-z0-9]+)<", experimenter.act(base, places="1", number="3").text))
+    assert len(codes - {study["invitation"]}) == 3
+    assert "<svg" in experimenter.get(f"{base}/{study['invitation']}/qr.svg").text
+    assert experimenter.get(f"{base}/forged/qr.svg").status_code == 404
+    (unused, *_) = codes - {study["invitation"]}
+    begin(client, study["slug"], study["invitation"])
+    for code in (unused, study["invitation"]):
+        assert experimenter.act(f"{base}/{code}/end").status_code == 200
+        refused = client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": code})
+        assert refused.status_code in (404, 410)
+
+
+def test_the_monitor_follows_a_participant_by_server_sent_events(
+    experimenter: Dashboard, client: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
+) -> None:
+    study = new_study()
+    session = begin(client, study["slug"], study["invitation"])
+    with experimenter.stream("GET", f"/admin/studies/{study['slug']}/live", timeout=10) as stream:
+        lines = stream.iter_lines()
+        until(lines, "0 of 6")
+        trial = next_trial(client, session["token"])
+        assert trial is not None
+        client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+        until(lines, "1 of 6")
+
+
+def until(lines: Iterator[str], text: str) -> None:
+    assert any(text in line for line in lines), f"{text!r} never came"
+
+
+def test_a_stranger_gets_no_live_events(client: httpx.Client, taken: dict[str, Any]) -> None:
+    assert client.get(f"/admin/studies/{taken['slug']}/live").status_code == 401
+
+
+@pytest.mark.slow
+def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
+    experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any]
+) -> None:
+    person = f"/admin/studies/{taken['slug']}/participants/P002"
+    assert experimenter.act(f"{person}/exclude", reason="").status_code == 422
+    page = experimenter.act(f"{person}/exclude", reason="=cmd() looked at a telephone")
+    assert "looked at a telephone" in page.text
+    assert experimenter.act(f"{person}/exclude", reason="again").status_code == 409
+    votes = analyst.get(f"/api/v1/studies/{taken['slug']}/votes").json()
+    assert {vote["participant"] for vote in votes if vote["excluded"]} == {"P002"}
+    results = f"/admin/studies/{taken['slug']}/results"
+    assert "6 votes are left out" in experimenter.get(results).text
+    assert "Everybody is counted" in experimenter.get(results, params={"everybody": "true"}).text
+    experimenter.act(f"{person}/include")
+    assert "Every vote is counted" in experimenter.get(results).text
+    assert "undone by Eva Example" in experimenter.get(person).text
+    assert experimenter.act(f"{person}/include").status_code == 409
+
+
+@pytest.mark.slow
+def test_what_a_participant_gave_can_be_exported_and_erased(
+    experimenter: Dashboard, analyst: httpx.Client, server: str, token: str, new_study: NewStudy
+) -> None:
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 2, ABILITIES, seed=1)
+    person = f"/admin/studies/{study['slug']}/participants/P001"
+    given = experimenter.get(f"{person}/export.json").json()
+    assert len(given["vote"]) == 6
+    assert not re.search(r"_hash|token", str(given.keys()) + str(given["session"]))
+    assert experimenter.act(f"{person}/erase", again="P002").status_code == 422
+    assert "erased" in experimenter.act(f"{person}/erase", again="P001").text
+    assert experimenter.get(f"{person}/export.json").json()["vote"] == []
+    votes = analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()
+    assert {vote["participant"] for vote in votes} == {"P002"}
+    assert experimenter.act(f"{person}/erase", again="P001").status_code == 409
+
+
+def test_votes_are_filtered_and_replayed(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}/votes"
+    page = experimenter.get(base, params={"participant": "P003", "dataset": "ball"}).text
+    assert "3 trials" in page
+    trial = re.findall(rf'href="({base}/[^"?]+)"', page)[0]
+    replay = experimenter.get(trial).text
+    assert 'class="look look-' in replay
+    assert "/media/" in replay
+    assert experimenter.get(f"{base}/forged").status_code == 404
+
+
+def test_a_replay_divides_the_time_between_the_two() -> None:
+    switches = [{"to": "b", "at_ms": 300.0}, {"to": "a", "at_ms": 700.0}]
+    looks = looks_of({"first_shown": "a", "shown_ms": 1000.0, "switches": switches}, 0)
+    assert [(look.label, look.from_ms, look.to_ms) for look in looks] == [
+        ("a", 0.0, 300.0),
+        ("b", 300.0, 700.0),
+        ("a", 700.0, 1000.0),
+    ]
+    assert looks_of({}, 1000) == ()
