@@ -102,6 +102,12 @@ def report_folder(settings: Settings, digest: str) -> Path:
     return settings.data_dir / "reports" / digest
 
 
+def digest_of(files: Sequence[Path]) -> str:
+    """The digest by which a report's files are kept."""
+    sums = "".join(f"{file_digest(file)}  {file.name}\n" for file in files)
+    return hashlib.sha256(sums.encode()).hexdigest()
+
+
 def model_file(settings: Settings, sha256: str) -> Path:
     """Where a model is kept."""
     return settings.data_dir / "models" / f"{sha256}.ply"
@@ -138,8 +144,7 @@ def _keep_report(settings: Settings, path: Path) -> str | None:
     files = report_files(path)
     if not files:
         return None
-    sums = "".join(f"{file_digest(file)}  {file.name}\n" for file in files)
-    digest = hashlib.sha256(sums.encode()).hexdigest()
+    digest = digest_of(files)
     folder = report_folder(settings, digest)
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)

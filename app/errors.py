@@ -34,6 +34,10 @@ class ForbiddenError(StudyError):
     status = 403
 
 
+class ClosedError(ForbiddenError):
+    """A study that takes nobody in, now or any more."""
+
+
 class NotFoundError(StudyError):
     status = 404
 

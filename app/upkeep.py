@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
-from app.attachments import model_file, report_folder
+from app.attachments import digest_of, model_file, report_folder
 from app.files import whole_file
 from app.reports import PLAIN_NAME
 from app.settings import Settings
@@ -72,17 +72,31 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
 
 
 def check(settings: Settings) -> dict[str, Any]:
-    """Everything wrong with the database and the pair videos it names."""
+    """Everything wrong with the database, and with the pair videos, models and reports it names."""
     with _database(settings) as database:
-        faults = faults_of(database)
-        films = {} if faults or settings.media_url else _films(database)
+        if faults := faults_of(database):
+            return {"faults": faults, "videos": 0, "attached": 0}
+        films = {} if settings.media_url else _films(database)
+        models, reports = _attached_digests(database)
     for name, sha256 in sorted(films.items()):
-        path = settings.media_dir / name
-        if not path.is_file():
-            faults.append(f"{path}: is missing")
-        elif file_digest(path) != sha256:
-            faults.append(f"{path}: is not the file that was prepared")
-    return {"faults": faults, "videos": len(films)}
+        faults += _faults_of_file(settings.media_dir / name, sha256, "prepared")
+    for sha256 in models:
+        faults += _faults_of_file(model_file(settings, sha256), sha256, "attached")
+    for digest in reports:
+        faults += _faults_of_report(report_folder(settings, digest), digest)
+    return {"faults": faults, "videos": len(films), "attached": len(models) + len(reports)}
+
+
+def _faults_of_file(path: Path, sha256: str, made: str) -> list[str]:
+    if not path.is_file():
+        return [f"{path}: is missing"]
+    return [] if file_digest(path) == sha256 else [f"{path}: is not the file that was {made}"]
+
+
+def _faults_of_report(folder: Path, digest: str) -> list[str]:
+    if not folder.is_dir():
+        return [f"{folder}: is missing"]
+    return [] if digest_of(sorted(folder.iterdir())) == digest else [f"{folder}: is not the report that was attached"]
 
 
 def _extract(archive: ZipFile, name: str, path: Path) -> None:
@@ -92,10 +106,15 @@ def _extract(archive: ZipFile, name: str, path: Path) -> None:
 
 def _attached(settings: Settings, database: Database) -> list[Path]:
     """The files of all reports and models that studies have."""
-    with database.reading() as connection:
-        reports, models = report_digests(connection), model_digests(connection)
+    models, reports = _attached_digests(database)
     of_reports = [file for digest in reports for file in sorted(report_folder(settings, digest).iterdir())]
     return [*of_reports, *(model_file(settings, sha256) for sha256 in models)]
+
+
+def _attached_digests(database: Database) -> tuple[list[str], list[str]]:
+    """Of models' files and of reports."""
+    with database.reading() as connection:
+        return model_digests(connection), report_digests(connection)
 
 
 def _films(database: Database) -> dict[str, str]:

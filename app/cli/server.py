@@ -117,7 +117,7 @@ def restore(
 
 @db_app.command("check")
 def db_check(as_json: JsonOption = False) -> None:
-    """Everything wrong with the database and the videos it names; exit 1 if anything is."""
+    """Everything wrong with the database and the films, models and reports it names; exit 1 if anything is."""
     from app.settings import Settings
     from app.upkeep import check
 

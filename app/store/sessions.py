@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection, func, insert, select, update
 
-from app.errors import ConflictError, ForbiddenError, GoneError
+from app.errors import ClosedError, ConflictError, GoneError
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
@@ -85,7 +85,7 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
     ------
     GoneError
         If all places of the invitation are taken.
-    ForbiddenError
+    ClosedError
         If the study is closed.
     """
     token = new_secret()
@@ -105,7 +105,7 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
     ------
     ConflictError
         If the key belongs to a session of another invitation, or of one that goes on in another browser.
-    GoneError, ForbiddenError
+    GoneError, ClosedError
         As `begin_session`.
     """
     token = token_of_key(key)
@@ -127,9 +127,9 @@ def _admit(connection: Connection, invitation: Invitation, token: str, key: str 
     current = invitation_by_code(connection, invitation.code)
     study_now = Study(**of._mapping)
     if study_now.standing == "paused":
-        raise ForbiddenError("This study pauses. Please come back later.")
+        raise ClosedError("This study pauses. Please come back later.")
     if study_now.standing != "open":
-        raise ForbiddenError("This study is closed. Thank you for your interest.")
+        raise ClosedError("This study is closed. Thank you for your interest.")
     if current is None or current.is_used:
         raise GoneError("This invitation has been used. Please ask for a new one.")
     _insert_session(connection, study_now, invitation.id, token, key, now)

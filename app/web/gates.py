@@ -143,6 +143,8 @@ def may_read(scope: str) -> Callable[[Request], Reader]:
     def gate(request: Request) -> Reader:
         found = reader(request)
         if scope not in found.scopes:
+            entry = Entry("access refused", subject=request.url.path, detail={"needed": scope})
+            record_alone(database(request), found.name, entry, now(request))
             raise ForbiddenError(f"This takes the scope {scope}; yours are {', '.join(found.scopes)}.")
         return found
 
@@ -216,14 +218,14 @@ def _with_role(request: Request, role: Role) -> Experimenter:
     return person
 
 
-def note_refusal(request: Request, reason: str) -> None:
+def note_refusal(request: Request, action: str, reason: str) -> None:
     """An entry in the audit log on an id or invitation that leads nowhere; not too many of one address."""
     if not throttle(request).limiter.hit(WRONG_CODES, "audit", address(request)):
         return
     person: Experimenter | None = getattr(request.state, "person", None)
     route = getattr(request.scope.get("route"), "path", "")
     given = {name: str(request.path_params[name])[:80] for name in NOTED_IDS if name in request.path_params}
-    entry = Entry("not found", subject=route, detail={"reason": reason, **given})
+    entry = Entry(action, subject=route, detail={"reason": reason, **given})
     try:
         record_alone(database(request), person.name if person else STRANGER, entry, now(request))
     except StudyError as error:  # the refusal is answered all the same

@@ -48,7 +48,7 @@ def participant_page(request: Request, code: str) -> Response:
         throttle(request).count(WRONG_CODES, address(request))
     if found is None or state in STATUS_OF_MESSAGE:
         log.warning("an invitation's page was refused: %s", state)
-        note_refusal(request, f"invitation {state}")
+        note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
     return _page(
         request,

@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import StudyError, TooManyError, UnavailableError
+from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.entry import entry_token, remember_entry
 from app.web.gates import note_refusal
 
@@ -76,7 +76,9 @@ def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
     _log_refusal(request, error.status, error.detail)
     if error.status in NOWHERE:
-        note_refusal(request, error.detail)
+        note_refusal(request, "not found", error.detail)
+    if isinstance(error, ClosedError):
+        note_refusal(request, "not taken in", error.detail)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)

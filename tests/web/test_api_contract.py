@@ -174,6 +174,10 @@ def test_a_token_opens_its_scopes_only(own: Settings, own_server: str, taken: di
                 needed = "audit" if name == "audit" else SCOPE_OF.get(name, "read")
                 expected = 200 if scope == needed else 403
                 assert client.get(f"/api/v1/studies/{taken['slug']}/{name}").status_code == expected, (scope, name)
+            if scope == "audit":
+                entries = client.get("/api/v1/audit?search=access+refused").json()
+                assert entries[0]["actor"] == "token only audit"
+                assert {entry["detail"]["needed"] for entry in entries} >= {"read", "personal", "audit"}
     with httpx.Client(base_url=own_server) as stranger:
         for name in names:
             assert stranger.get(f"/api/v1/studies/{taken['slug']}/{name}").status_code == 401, name

@@ -67,6 +67,12 @@ def test_a_study_that_is_closed(
     page = httpx.get(f"{server}/s/{study['invitation']}")
     assert page.status_code == 403
     assert "This study is closed" in page.text
+    with signed_in(server, settings, "Ada") as ada:
+        entries = ada.get("/api/v1/audit?search=not+taken+in").json()
+    assert [entry["detail"]["reason"] for entry in entries[:2]] == [
+        "invitation closed",
+        "This study is closed. Thank you for your interest.",
+    ]
     trial = client.get("/api/v1/session/trials/next").json()  # who has begun goes on
     assert client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).status_code == 201
 

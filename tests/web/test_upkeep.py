@@ -163,7 +163,11 @@ def files_below(folder: Path) -> dict[str, bytes]:
 def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_path: Path) -> None:
     here, there = (Settings(data_dir=tmp_path / name) for name in ("here", "there"))
     operate.create_study(here, stimulus_set, "Whole")
-    assert check(here) == {"faults": [], "videos": 12}  # a film of both halves for six pairs, and six single ones
+    assert check(here) == {
+        "faults": [],
+        "videos": 12,
+        "attached": 0,
+    }  # a film of both halves for six pairs, and six single ones
     report = tmp_path / "report"
     report.mkdir()
     (report / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
@@ -174,11 +178,35 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     restore(there, tmp_path / "backup.zip")
     for folder in ("reports", "models"):
         assert files_below(there.data_dir / folder) == files_below(here.data_dir / folder) != {}
-    assert check(there) == {"faults": [], "videos": 12}
+    assert check(there) == {"faults": [], "videos": 12, "attached": 5}
     first, second, *_ = sorted(there.media_dir.glob("*.mp4"))
     first.unlink()
     second.write_bytes(b"")
     assert check(there)["faults"] == [f"{first}: is missing", f"{second}: is not the file that was prepared"]
+
+
+def test_attached_models_and_reports_are_checked(here: Settings, tmp_path: Path) -> None:
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
+    (tmp_path / "report" / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
+    models = shapes.write_folder(tmp_path / "models")
+    for old, new in (("id_fa", "a_0"), ("pm_fb", "a_1")):
+        for path in models.rglob(f"{old}.ply"):
+            path.rename(path.with_stem(new))
+    operate.attach_results(here, [tmp_path / "report", models])
+    video = f"{here.media_dir / 'file.mp4'}: is missing"  # of a study in name only
+    assert check(here) == {"faults": [video], "videos": 1, "attached": 5}
+    first, second, *_ = sorted((here.data_dir / "models").iterdir())
+    first.unlink()
+    second.write_bytes(second.read_bytes() + b"x")
+    (report,) = (here.data_dir / "reports").iterdir()
+    (report / "curve.csv").write_text("threshold\n2\n", encoding="utf-8")
+    assert check(here)["faults"] == [
+        video,
+        f"{first}: is missing",
+        f"{second}: is not the file that was attached",
+        f"{report}: is not the report that was attached",
+    ]
 
 
 def test_contradictions_are_found(here: Settings) -> None:
