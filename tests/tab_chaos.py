@@ -10,6 +10,7 @@ import asyncio
 import shutil
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from random import Random
 from typing import Any
@@ -86,6 +87,8 @@ async def vote_in_chaos(server: StudyServer, voters: Sequence[Voter], rng: Rando
         finally:
             killing.cancel()
             await browser.close()
+        with suppress(asyncio.CancelledError):
+            await killing  # raises what ended it before its time
     return seen
 
 
