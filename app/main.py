@@ -60,6 +60,7 @@ UVICORN_OPTIONS: dict[str, Any] = {
     "access_log": False,  # addresses hold invitations and sign-in links; app/web/requests.py logs routes
     "server_header": False,
     "timeout_graceful_shutdown": 20,  # s for downloads; votes take milliseconds
+    "timeout_keep_alive": 75,  # s, longer than proxies and clients keep a connection: else they would meet a closed one
 }
 
 

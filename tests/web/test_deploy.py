@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from app.main import UVICORN_OPTIONS
+
+NGINX_KEEPS_S = 60  # an idle connection to the server, by default
 UNIT = Path(__file__).parents[2] / "deploy" / "reconstudy.service"
 PROGRAM = "/opt/reconstudy/.venv/bin/reconstudy"
 
@@ -30,3 +33,9 @@ def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
 def test_systemd_would_find_a_wrong_key(tmp_path: Path) -> None:
     (complaint,) = verified(tmp_path, UNIT.read_text(encoding="utf-8").replace("Restart=", "Restrat="))
     assert "Restrat" in complaint
+
+
+def test_the_server_keeps_connections_for_longer_than_nginx_does() -> None:
+    """The other way round, a vote would now and then be sent into a connection that was just closed."""
+    assert "keepalive_timeout" not in (UNIT.parent / "nginx.conf").read_text(encoding="utf-8")
+    assert UVICORN_OPTIONS["timeout_keep_alive"] > NGINX_KEEPS_S
