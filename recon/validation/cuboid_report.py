@@ -56,13 +56,15 @@ def write_cuboid_report(report: Mapping[str, Any], measured: Sequence[MeasuredCu
 
 
 def _overview(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    left_out = ("axes", "file", "sample", "sensor")
+    left_out = {"axes", "file", "sample", "sensor"}
+    if not any(row["failure"] for row in report["reconstructions"]):
+        left_out.add("failure")
     rows = []
     for row in report["reconstructions"]:
         shown = {key: value for key, value in row.items() if key not in left_out}
-        for name, separator in (("faces", " "), ("centre_mm", ", ")):
-            if name in shown:
-                shown[name] = separator.join(f"{value:.2f}" if name == "centre_mm" else value for value in shown[name])
+        if "faces" in shown:
+            shown["faces"] = "\u00a0".join(shown["faces"])
+            shown["centre_mm"] = ",\u00a0".join(f"{value:.2f}" for value in shown["centre_mm"])
         rows.append(shown)
     return rows
 

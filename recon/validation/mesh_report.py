@@ -42,7 +42,7 @@ def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     sections = [
         Section("Distances", _settings_text(report["settings"]), _distances(report)),
         Section("Scores", scores, _percents(report["scores"]), [figure]),
-        Section("Scores as ETH3D counts them", _eth3d_text(report), _percents(report["eth3d"])),
+        Section("Scores as ETH3D counts them", _eth3d_text(report), _eth3d_rows(report)),
         _errors(report, out),
     ]
     return write_page(out / "report.html", "Comparison with the truth", sections)
@@ -70,6 +70,12 @@ def _eth3d_text(report: Mapping[str, Any]) -> str:
         f"Between samples, averaged over voxels of {settings['voxel_mm']:g} mm, so that densely sampled parts weigh no "
         f"more than others. {seen}"
     )
+
+
+def _eth3d_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Without the share of unobserved points where nobody knows it."""
+    is_known = report["settings"]["scanner_mm"] is not None
+    return _percents([{key: row[key] for key in row if is_known or key != "unobserved"} for row in report["eth3d"]])
 
 
 def _percents(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

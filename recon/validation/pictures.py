@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from recon.mesh import error_colours
 
 SIDE_PX = 360  # of each of the four squares
-MAP_CELLS, TITLE_PX = 60, 22  # along the longer edge of a face; above its map
+MAP_CELLS, TITLE_PX = 60, 22  # at most, along the longer edge of a face; above its map
+POINTS_A_CELL = 4  # of a face, on average, or its map is full of holes
 BACKGROUND = 205  # grey, on which white is seen
 SCALE_PX, SCALE_WIDTH_PX = 32, 240  # of the strip of colours under a picture
 AXIS_VIEWS = tuple(
@@ -29,7 +30,7 @@ GREY, ORANGE, BLUE, CIRCLE = (150, 150, 150), (213, 94, 0), (0, 114, 178), (0, 0
 def sphere_picture(
     points: NDArray[np.floating], centre: NDArray[np.float64], radius: float, threshold: float
 ) -> NDArray[np.uint8]:
-    """Four squares, uint8 (2 S, 2 S, 3) RGB: rows from the sensor and from the side, columns cloud and outliers.
+    """Four squares, uint8 (S, 4 S, 3) RGB: cloud and outliers from the sensor, then both from the side.
 
     Inliers are grey, outliers beyond the threshold orange outside and blue inside. The sensor is taken to stand where
     most of the surface faces.
@@ -42,14 +43,12 @@ def sphere_picture(
     front, side = _view(towards), _view(np.cross(_view(towards)[1], towards))
     colours = np.where((np.abs(errors) <= threshold)[:, None], GREY, np.where((errors > 0)[:, None], ORANGE, BLUE))
     is_out = np.abs(errors) > threshold
-    rows = [
-        np.concatenate(
-            [_square(offsets @ axes.T, colours, radius), _square(offsets[is_out] @ axes.T, colours[is_out], radius)],
-            axis=1,
-        )
+    squares = [
+        _square(offsets[chosen] @ axes.T, colours[chosen], radius)
         for axes in (front, side)
+        for chosen in (slice(None), is_out)
     ]
-    return np.concatenate(rows)
+    return np.concatenate(squares, axis=1)
 
 
 def error_picture(
@@ -84,7 +83,8 @@ def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: fl
     limit : mm, at which the colours end
     """
     low, high = np.percentile(places, (0.5, 99.5), axis=0)
-    cell = float((high - low).max()) / MAP_CELLS
+    area = float(np.prod(high - low))
+    cell = max(float((high - low).max()) / MAP_CELLS, np.sqrt(POINTS_A_CELL * area / len(places)))
     shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
     cells = np.floor((places - low) / cell).astype(int)
     inside = ((cells >= 0) & (cells < shape)).all(axis=1)

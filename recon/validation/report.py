@@ -21,7 +21,7 @@ STYLE = (
     "table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}"
     "th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #ddd}th{border-bottom:2px solid #222}"
     "td:first-child,th:first-child,td.words,th.words{text-align:left}figure{margin:1.5rem 0}figcaption{color:#555}"
-    "img,svg{max-width:100%;height:auto}h1,h2{line-height:1.2}"
+    "img,svg{max-width:100%;height:auto}h1,h2{line-height:1.2}h2{margin-top:2.2rem}a{color:#0072B2}"
 )
 
 
@@ -138,8 +138,11 @@ def _section_html(section: Section) -> str:
 
 def _table_html(rows: Sequence[Mapping[str, Any]]) -> str:
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    words = {column: ' class="words"' for row in rows for column in columns if isinstance(row.get(column), list)}
-    head = "".join(f'<th scope="col"{words.get(column, "")}>{html.escape(column)}</th>' for column in columns)
+    words = {c: ' class="words"' for c in columns if any(_is_words(row.get(c)) for row in rows)}
+    head = "".join(
+        f'<th scope="col"{words.get(column, "")}>{html.escape(column.removeprefix("n_").replace("_", " "))}</th>'
+        for column in columns
+    )
     lines = [
         "".join(f"<td{words.get(column, '')}>{html.escape(_cell(row.get(column)))}</td>" for column in columns)
         for row in rows
@@ -149,6 +152,10 @@ def _table_html(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
+def _is_words(value: Any) -> bool:
+    return isinstance(value, list) or (isinstance(value, str) and any(letter.isalpha() for letter in value))
+
+
 def _cell(value: Any) -> str:
     if value is None:
         return "–"
@@ -156,6 +163,8 @@ def _cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.4g}"
+    if isinstance(value, int):
+        return f"{value:_}".replace("_", "\u202f")
     return "; ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 

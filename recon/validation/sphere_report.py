@@ -28,8 +28,8 @@ METHOD_TEXT = {
     "super4pcs": "The ideal sphere's points registered by Super4PCS, then robust refinement (Tukey).",
 }
 CAPTION = (
-    "Reconstruction {name} with its fitted sphere: from the sensor (top) and from the side; right: outliers only, "
-    "orange outside and blue inside by more than {threshold:g} mm."
+    "Reconstruction {name} with its fitted sphere: all points and outliers only, from the sensor (left) and from the "
+    "side (right); orange is outside and blue inside by more than {threshold:g} mm."
 )
 
 
@@ -43,7 +43,8 @@ def write_sphere_report(report: Mapping[str, Any], out: Path) -> Path:
     write_table(out / "measures.csv", report["measures"])
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
-    sections = [_summary(report), _sensors(report), _curve(subset, curve), _left_out(report), _pictures(report, out)]
+    sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report)]
+    sections += [_reasons(report), _pictures(report, out)]
     return write_page(out / "report.html", "Reconstruction of a sphere", sections)
 
 
@@ -75,7 +76,7 @@ def _curve(subset: str, svg: str) -> Section:
     return Section("Inliers against the threshold", figures=[(f"Share of inliers of {what}.", svg)])
 
 
-def _left_out(report: Mapping[str, Any]) -> Section:
+def _fits(report: Mapping[str, Any]) -> Section:
     rows = [
         {
             "name": row["name"],
@@ -86,17 +87,35 @@ def _left_out(report: Mapping[str, Any]) -> Section:
             "ring shift mm": row.get("ring_shift_mm"),
             "coherent mm": row.get("coherent_error_mm"),
             "missing %": percent(row.get("missing_share")),
-            "reasons": row["reasons"] + ([row["failure"]] if row["failure"] else []),
-            "remarks": row["remarks"],
         }
         for row in report["reconstructions"]
     ]
     text = (
-        "Every reconstruction, with the reasons for which it was left out. The rule can be overruled by name with "
-        "--keep and --drop. Remarks flag what is near a limit, or beyond it but usual for its sensor, which "
-        "is then less good than the limits suppose, and parts of the ball without points; they leave nothing out."
+        f"Inliers are of {report['settings']['table_threshold_mm']:g} mm; free radius is the one that suits the points "
+        "best. Shifts are those of the centre when the worst of eight sectors, or the inner or outer half, is left "
+        "out; coherent is by how much the worst sixth of the surface is off together; missing is the share of the "
+        "ball's picture without points, where the sensor's place is given."
     )
     return Section("Reconstructions", text, rows)
+
+
+def _reasons(report: Mapping[str, Any]) -> Section:
+    rows = [
+        {"name": row["name"], "verdict": verdict, "why": why}
+        for row in report["reconstructions"]
+        for verdict, reasons in (
+            ("failed", [row["failure"]] if row["failure"] else []),
+            ("left out" if row["is_excluded"] else "kept on request", row["reasons"]),
+            ("flagged", row["remarks"]),
+        )
+        for why in reasons
+    ]
+    text = (
+        "The rule can be overruled by name with --keep and --drop. What is flagged is near a limit, or beyond it but "
+        "usual for its sensor, which is then less good than the limits suppose, or parts of the ball have no points; "
+        "that leaves nothing out."
+    )
+    return Section("What was left out or flagged", text if rows else "Nothing.", rows)
 
 
 def _pictures(report: Mapping[str, Any], out: Path) -> Section:

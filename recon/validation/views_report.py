@@ -17,6 +17,7 @@ from recon.validation.pictures import png
 from recon.validation.report import (
     PALETTE,
     Section,
+    percent,
     write_bytes,
     write_figure,
     write_page,
@@ -28,6 +29,7 @@ from recon.validation.views import FLOOR, Comparison
 MOST_PICTURES = 6
 DIFFERENCE_LIMIT = 64  # grey levels at which the colours of a difference picture end
 TILE_PX, TITLE_PX = 300, 22
+ACROSS = 4  # tiles; more are too small to see anything in
 TABLES = ("sensors", "agreement", "views", "means", "measures")
 COLUMNS = {
     "kind": "photographs",
@@ -37,9 +39,10 @@ COLUMNS = {
     "psnr_db": "PSNR dB",
     "ssim": "SSIM",
     "gradient": "gradients",
-    "coverage": "coverage",
-    "spill": "spill",
+    "coverage": "coverage %",
+    "spill": "spill %",
 }
+SHARES = ("coverage", "spill", "agree", "in_front")
 
 
 def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path) -> Path:
@@ -73,7 +76,10 @@ def _views_text(report: Mapping[str, Any]) -> str:
 
 
 def _means(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [{shown: row[name] for name, shown in COLUMNS.items()} for row in report["means"]]
+    return [
+        {shown: percent(row[name]) if name in SHARES else row[name] for name, shown in COLUMNS.items()}
+        for row in report["means"]
+    ]
 
 
 def _figure(report: Mapping[str, Any], out: Path) -> tuple[str, str]:
@@ -102,7 +108,15 @@ def _agreement(report: Mapping[str, Any]) -> Section:
         "the other's surface, in front the share that floats where the other looks through. Points far behind the "
         "other's surface are hidden from it and do not count. Errors that all sensors share do not show here."
     )
-    return Section("Sensors against each other", text, [*report["agreement"], *_pairs(report["sensors"])])
+    return Section("Sensors against each other", text, _shares([*report["agreement"], *_pairs(report["sensors"])]))
+
+
+def _shares(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows whose shares are percents."""
+    return [
+        {f"{k} %" if k in SHARES else k: percent(value) if k in SHARES else value for k, value in row.items()}
+        for row in rows
+    ]
 
 
 def _pairs(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -134,17 +148,21 @@ def _pictures(shown: Sequence[Comparison], out: Path) -> Section:
 
 
 def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
-    """Rows of tiles: the photograph, and for each model its rendering with the difference below, uint8 (H, W, 3)."""
+    """Tiles: the photograph, and for each model its rendering with the difference below, four side by side.
+
+    Returns uint8 (H, W, 3).
+    """
     photograph = comparison.photograph
-    window = _window(photograph)
-    columns = [
-        [_tile(photograph.pixels[window], "photograph"), _tile(np.full_like(photograph.pixels[window], 255), "")]
-    ]
+    window = _window(comparison)
+    empty = _tile(np.full_like(photograph.pixels[window], 255), "")
+    columns = [np.concatenate([_tile(photograph.pixels[window], "photograph"), empty])]
     for approach, (picture, covered) in comparison.pictures.items():
         drawn = np.where(covered[..., None], picture, 205).astype(np.uint8)
         difference = difference_picture(picture, covered, photograph)
-        columns.append([_tile(drawn[window], approach), _tile(difference[window], "difference")])
-    return np.concatenate([np.concatenate(column) for column in columns], axis=1)
+        columns.append(np.concatenate([_tile(drawn[window], approach), _tile(difference[window], "difference")]))
+    columns += [np.full_like(columns[0], 255)] * (-len(columns) % ACROSS)
+    rows = [np.concatenate(columns[first : first + ACROSS], axis=1) for first in range(0, len(columns), ACROSS)]
+    return np.concatenate(rows)
 
 
 def difference_picture(
@@ -160,11 +178,14 @@ def difference_picture(
     return colours
 
 
-def _window(photograph: Photograph) -> tuple[slice, slice]:
-    """The part of the picture around the object."""
-    if photograph.mask is None or not photograph.mask.any():
+def _window(comparison: Comparison) -> tuple[slice, slice]:
+    """The part of the picture around the object, or around what the models cover where it is not known."""
+    mask = comparison.photograph.mask
+    if mask is None:
+        mask = np.any([covered for _, covered in comparison.pictures.values()], axis=0)
+    if not mask.any():
         return slice(None), slice(None)
-    rows, columns = (np.flatnonzero(photograph.mask.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     margin = 12
     return slice(max(rows[0] - margin, 0), rows[-1] + margin), slice(max(columns[0] - margin, 0), columns[-1] + margin)
 
