@@ -1,8 +1,8 @@
-"""What actors and objects look like: their colours, and the light on them.
+"""What actors and objects look like: the colours of their surfaces, in the light that `lighting` puts on them.
 
 Every colour is a function of the place on the body at rest, so that texture moves with the surface. Noise of
 several wavelengths is faded out where a pixel is too coarse to hold it (`fp`, a pixel's footprint in mm), so nothing
-aliases. Colours are linear here; looks and lights are rows as in `looks`. All kernels stand in this one file because
+aliases. Colours are linear here; looks are rows as in `looks`. All kernels stand in this one file because
 numba's cache needs it.
 """
 
@@ -66,9 +66,10 @@ def _skin(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
     s = look[20]
-    tone = 1.0 + 0.07 * _layer(volume, x + s, y, z, 31.0, fp) + 0.08 * _layer(volume, x, y + s, z, 9.0, fp)
+    broad = _layer(volume, x, y + s, z, 22.0, fp)
+    tone = 1.0 + 0.07 * broad + 0.08 * _layer(volume, x, y + s, z, 9.0, fp)
     tone += 0.09 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
-    red = 0.10 * _layer(volume, x, y + s, z, 17.0, fp)
+    red = 0.10 * broad
     r, g, b = look[1] * tone * (1.0 + 0.3 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
     if y < 1540.0 or z < 30.0:
         return r, g, b
@@ -206,9 +207,8 @@ def _person(
     r, g, b = 0.0, 0.0, 0.0
     if y > 1508.0:
         line = 1731.0 - 0.004 * x * x - 1.15 * max(0.0, 42.0 - z) - 0.35 * max(0.0, -10.0 - z)
-        line = max(line, 1588.0)
-        if z > -34.0 and ax > 60.0:
-            line = max(line, 1664.0)
+        around_ears = 1588.0 + 102.0 * (_step(z, -50.0, -28.0) - 0.3 * _step(z, 14.0, 26.0)) * _step(ax, 52.0, 62.0)
+        line = max(line, around_ears)
         if look[18] > 0.0:
             line = min(line, 1830.0 - 322.0 * _step(max(1.6 * (ax - 62.0) - max(0.0, z - 4.0), -58.0 - z), -3.0, 6.0))
         above = y - line
@@ -352,97 +352,40 @@ def vertex_albedo(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _lit(
-    lights: NDArray[np.float64],
-    nx: float,
-    ny: float,
-    nz: float,
-    vx: float,
-    vy: float,
-    vz: float,
-    openness: float,
-    key: float,
-    r: float,
-    g: float,
-    b: float,
-    gloss: float,
-) -> tuple[float, float, float]:
-    """Light that a surface of colour (r, g, b) sends towards the unit vector v."""
-    up = 0.5 + 0.5 * ny
-    lr = openness * (lights[0, 3] + up * (lights[0, 0] - lights[0, 3]))
-    lg = openness * (lights[0, 4] + up * (lights[0, 1] - lights[0, 4]))
-    lb = openness * (lights[0, 5] + up * (lights[0, 2] - lights[0, 5]))
-    soft = lights[1, 0]
-    shine = 0.0
-    for i in range(2, len(lights)):
-        facing = (nx * lights[i, 0] + ny * lights[i, 1] + nz * lights[i, 2] + soft) / (1.0 + soft)
-        if facing <= 0.0:
-            continue
-        facing *= 0.45 + 0.55 * openness
-        if i == 2:
-            facing *= key
-        lr += facing * lights[i, 3]
-        lg += facing * lights[i, 4]
-        lb += facing * lights[i, 5]
-        if gloss == 0.0:
-            continue
-        hx, hy, hz = lights[i, 0] + vx, lights[i, 1] + vy, lights[i, 2] + vz
-        half = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
-        if half > 0.0:
-            half *= half
-            half *= half
-            half *= half
-            shine += facing * half * half * lights[i, 4]
-    shine *= gloss
-    return r * lr + shine, g * lg + shine, b * lb + shine
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _shade_sample(
     sx: float,
     sy: float,
     face: int,
     faces: NDArray[np.int32],
     pixels: NDArray[np.float64],
-    surface: NDArray[np.float32],
+    lit: NDArray[np.float32],
     owners: NDArray[np.int64],
     looks: NDArray[np.float64],
     volume: NDArray[np.float32],
-    lights: NDArray[np.float64],
-    eye: NDArray[np.float64],
     spread: float,
 ) -> tuple[float, float, float]:
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, bx, by = pixels[a, 0] - sx, pixels[a, 1] - sy, pixels[b, 0] - sx, pixels[b, 1] - sy
     cx, cy = pixels[c, 0] - sx, pixels[c, 1] - sy
-    wa = (bx * cy - by * cx) * pixels[a, 2]
-    wb = (cx * ay - cy * ax) * pixels[b, 2]
-    wc = (ax * by - ay * bx) * pixels[c, 2]
-    total = wa + wb + wc
-    wa, wb, wc = wa / total, wb / total, wc / total
-    x = wa * surface[a, 6] + wb * surface[b, 6] + wc * surface[c, 6]
-    y = wa * surface[a, 7] + wb * surface[b, 7] + wc * surface[c, 7]
-    z = wa * surface[a, 8] + wb * surface[b, 8] + wc * surface[c, 8]
-    nx = wa * surface[a, 3] + wb * surface[b, 3] + wc * surface[c, 3]
-    ny = wa * surface[a, 4] + wb * surface[b, 4] + wc * surface[c, 4]
-    nz = wa * surface[a, 5] + wb * surface[b, 5] + wc * surface[c, 5]
-    length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx / length, ny / length, nz / length
-    vx, vy, vz = eye[0] - x, eye[1] - y, eye[2] - z
-    distance = np.sqrt(vx * vx + vy * vy + vz * vz)
-    vx, vy, vz = vx / distance, vy / distance, vz / distance
+    wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    area = wa + wb + wc
+    wa, wb, wc = wa * pixels[a, 2], wb * pixels[b, 2], wc * pixels[c, 2]
+    inverse = 1.0 / (wa + wb + wc)
+    wa, wb, wc = wa * inverse, wb * inverse, wc * inverse
     r, g, bl, gloss = _albedo(
         looks[owners[face]],
         volume,
-        wa * surface[a, 0] + wb * surface[b, 0] + wc * surface[c, 0],
-        wa * surface[a, 1] + wb * surface[b, 1] + wc * surface[c, 1],
-        wa * surface[a, 2] + wb * surface[b, 2] + wc * surface[c, 2],
-        distance * spread,
+        wa * lit[a, 0] + wb * lit[b, 0] + wc * lit[c, 0],
+        wa * lit[a, 1] + wb * lit[b, 1] + wc * lit[c, 1],
+        wa * lit[a, 2] + wb * lit[b, 2] + wc * lit[c, 2],
+        area * inverse * spread,  # a pixel's size at the sample's depth
     )
-    openness = wa * surface[a, 9] + wb * surface[b, 9] + wc * surface[c, 9]
-    key = wa * surface[a, 10] + wb * surface[b, 10] + wc * surface[c, 10]
-    r, g, bl = _lit(lights, nx, ny, nz, vx, vy, vz, openness, key, r, g, bl, gloss)
-    return r, g, bl
+    shine = gloss * (wa * lit[a, 6] + wb * lit[b, 6] + wc * lit[c, 6])
+    return (
+        r * (wa * lit[a, 3] + wb * lit[b, 3] + wc * lit[c, 3]) + shine,
+        g * (wa * lit[a, 4] + wb * lit[b, 4] + wc * lit[c, 4]) + shine,
+        bl * (wa * lit[a, 5] + wb * lit[b, 5] + wc * lit[c, 5]) + shine,
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -453,12 +396,10 @@ def shade(
     nearness: NDArray[np.float32],
     faces: NDArray[np.int32],
     pixels: NDArray[np.float64],
-    surface: NDArray[np.float32],
+    lit: NDArray[np.float32],
     owners: NDArray[np.int64],
     looks: NDArray[np.float64],
     volume: NDArray[np.float32],
-    lights: NDArray[np.float64],
-    eye: NDArray[np.float64],
     spread: float,
 ) -> NDArray[np.float32]:
     """Linear colour and coverage of the window that a camera sees the actors in.
@@ -466,9 +407,9 @@ def shade(
     Parameters
     ----------
     column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
-    surface : float32 (N, 11), per vertex: place at rest, normal, place in the world, openness, share of the key light
+    lit : float32 (N, 7), as from `lighting.lit`
     owners : int (M,), the row of `looks` per face
-    eye : the camera's centre; spread : size of a pixel at a distance of 1 mm
+    spread : size of a pixel at a depth of 1 mm
 
     Returns
     -------
@@ -496,8 +437,8 @@ def shade(
                 if seen[y, x, s] < 0:
                     continue
                 r, g, b = _shade_sample(
-                    column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], faces, pixels, surface, owners,
-                    looks, volume, lights, eye, spread,
+                    column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], faces, pixels, lit, owners,
+                    looks, volume, spread,
                 )  # fmt: skip
                 red, green, blue = red + r, green + g, blue + b
             n = 1 if last == 1 else covered

@@ -157,8 +157,8 @@ def hair(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """How full the hair is (N,), 0 to 1, thin along the hairline; `appearance` colours the same region."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     line = 1731.0 - 0.004 * x * x - 1.15 * np.maximum(0.0, 42.0 - z) - 0.35 * np.maximum(0.0, -10.0 - z)
-    behind_ears = np.where((z > -34.0) & (x > 60.0), 1664.0, 1588.0)
-    return np.asarray(_step(y - np.maximum(line, behind_ears), -3.0, 26.0) * (x < 125))
+    around_ears = 1588.0 + 102.0 * (_step(z, -50.0, -28.0) - 0.3 * _step(z, 14.0, 26.0)) * _step(x, 52.0, 62.0)
+    return np.asarray(_step(y - np.maximum(line, around_ears), -3.0, 26.0) * (x < 125))
 
 
 def _arm(g: float) -> list[Part]:

@@ -20,6 +20,7 @@ from recon.rig import Camera, Rig, Sensor
 from recon.studio import truth
 from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose
+from recon.studio.lighting import lit
 from recon.studio.looks import Light, noise_volume
 from recon.studio.png import encode_png
 from recon.studio.rasterise import Visibility, see
@@ -181,8 +182,9 @@ class _Recording:
 
     def _shade(self, view: View, seen: Visibility, staged: Staged) -> NDArray[np.float32]:
         actors: NDArray[np.float32] = shade(
-            seen.column, seen.row, seen.faces, seen.nearness, self._stage.faces, seen.pixels, staged.surface,
-            self._stage.owners, staged.looks, self._noise, self._lights, view.camera.centre, 1.0 / view.camera.K[0, 0],
+            seen.column, seen.row, seen.faces, seen.nearness, self._stage.faces, seen.pixels,
+            lit(staged.surface, self._lights, view.camera.centre), self._stage.owners, staged.looks, self._noise,
+            1.0 / view.camera.K[0, 0],
         )  # fmt: skip
         return actors
 
