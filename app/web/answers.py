@@ -71,13 +71,22 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wan
     headers = {"X-Total-Count": str(counted.count_to_the_end())}
     if chosen.format != "json":
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
+    return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers)
+
+
+def streamed(
+    content: SpooledTemporaryFile[bytes], media_type: str, chosen: Wanted, headers: Mapping[str, str]
+) -> Response:
+    """As `tagged`, from a temporary file, which is closed when it has been sent."""
     content.seek(0)
     digest = hashlib.file_digest(content, "sha256").hexdigest()
     if is_known(chosen, digest):
         content.close()
         return unchanged(digest)
-    headers |= {"Content-Length": str(content.tell()), **_own_headers(digest)}
-    return StreamingResponse(_parts(content), media_type=MEDIA_TYPES[chosen.format], headers=headers)
+    size = {"Content-Length": str(content.tell())}
+    return StreamingResponse(
+        _parts(content), media_type=media_type, headers={**size, **_own_headers(digest), **headers}
+    )
 
 
 class Counted:

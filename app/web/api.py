@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from tempfile import SpooledTemporaryFile
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
@@ -21,8 +22,8 @@ from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
 from app.store.votes import vote_records
 from app.web import columns
-from app.web.answers import ChosenFormat, flattened, json_object, table, tagged
-from app.web.archive import archive_of
+from app.web.answers import IN_MEMORY, ChosenFormat, flattened, json_object, streamed, table
+from app.web.archive import write_archive
 from app.web.described import object_answers, table_answers
 from app.web.examples import ANALYSIS, STUDY
 from app.web.gates import AStudy, Store, may_read
@@ -190,9 +191,10 @@ def audit(
 )
 def archive(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Everything of a study in one file: tables, analysis, study file, data dictionary, checksums."""
-    content = archive_of(database, of)
+    content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
+    write_archive(content, database, of)
     headers = {"Content-Disposition": f'attachment; filename="{of.slug}.zip"'}
-    return tagged(content, "application/zip", chosen, headers)
+    return streamed(content, "application/zip", chosen, headers)
 
 
 def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | None) -> Iterator[dict[str, Any]]:

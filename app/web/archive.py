@@ -6,8 +6,9 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import IO, Any
 
 from app.store.audit import audit_records
 from app.store.engine import Database
@@ -19,47 +20,82 @@ from app.store.trials import trial_records
 from app.store.votes import vote_records
 from app.study.options import parse_options
 from app.study.study_file import StudyFile, write_study_file
-from app.web.answers import csv_text
+from app.web.answers import PART, write_csv
 from app.web.columns import TABLES
 from app.web.results import analysis_of
 
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in it, so that the same content is the same archive
 
 
-def archive_of(database: Database, of: Study) -> bytes:
-    """The archive's bytes; the same as long as nothing changes."""
-    files = dict(_files(database, of))
-    checksums = "".join(f"{hashlib.sha256(text.encode()).hexdigest()}  {name}\n" for name, text in files.items())
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in {**files, "SHA256SUMS": checksums}.items():
-            archive.writestr(zipfile.ZipInfo(f"{of.slug}/{name}", OLDEST_DATE), text, zipfile.ZIP_DEFLATED)
-    return out.getvalue()
-
-
-def _files(database: Database, of: Study) -> Iterable[tuple[str, str]]:
-    yield "README.md", _dictionary(of)
-    yield "study.toml", _study_file(of)
+def write_archive(out: IO[bytes], database: Database, of: Study) -> None:
+    """Write the archive; the same bytes as long as nothing changes, and never more of a table in memory than a part."""
     analysis = analysis_of(database, of.id)
-    for name, rows in _tables(database, of, analysis or {}).items():
-        more = dict.fromkeys(key for row in rows for key in row) if name in ("scores", "triads", "observers") else {}
-        yield f"{name}.csv", csv_text(rows, list({**TABLES[name], **more}))
-    if analysis is not None:
-        yield "analysis.json", json.dumps(analysis, indent=2, allow_nan=False) + "\n"
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        files = _Files(archive, of.slug)
+        files.write("README.md", _dictionary(of))
+        files.write("study.toml", _study_file(of))
+        for name, rows in _tables(database, of.id):
+            files.write_table(name, rows, list(TABLES[name]))
+        for name in ("scores", "triads", "observers"):
+            rows = list((analysis or {}).get(name, ()))
+            columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
+            files.write_table(name, rows, list(columns))
+        if analysis is not None:
+            files.write("analysis.json", json.dumps(analysis, indent=2, allow_nan=False) + "\n")
+        files.write("SHA256SUMS", files.checksums)
 
 
-def _tables(database: Database, of: Study, analysis: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+class _Files:
+    """The files of an archive, with the checksums of those that are in it so far."""
+
+    def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
+        self._archive, self._folder = archive, folder
+        self.checksums = ""
+
+    def write(self, name: str, text: str) -> None:
+        with self._file(name) as file:
+            file.write(text.encode())
+
+    def write_table(self, name: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+        with self._file(f"{name}.csv") as file:
+            write_csv(file, rows, columns)
+
+    @contextmanager
+    def _file(self, name: str) -> Iterator[IO[bytes]]:
+        entry = zipfile.ZipInfo(f"{self._folder}/{name}", OLDEST_DATE)
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        with self._archive.open(entry, "w") as file:
+            hashed = _Hashed(file)
+            with io.BufferedWriter(hashed, PART) as buffered:
+                yield buffered
+        self.checksums += f"{hashed.digest.hexdigest()}  {name}\n"
+
+
+class _Hashed(io.RawIOBase):
+    """A file that is hashed while it is written."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.digest = hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, part: Any) -> int:
+        self.digest.update(part)
+        return self._file.write(part)
+
+
+def _tables(database: Database, study_id: int) -> Iterator[tuple[str, Iterable[Mapping[str, Any]]]]:
+    """As they are at one moment."""
     with database.reading() as connection:
-        return {
-            "votes": list(vote_records(connection, of.id)),
-            "trials": list(trial_records(connection, of.id)),
-            "participants": participant_records(connection, of.id),
-            "screening": list(screening_records(connection, of.id)),
-            "questionnaire": questionnaire_records(connection, of.id),
-            "validation": list(measurement_records(connection, of.id)),
-            "audit": audit_records(connection, study_id=of.id),
-            **{name: list(analysis.get(name, ())) for name in ("scores", "triads", "observers")},
-        }
+        yield "votes", vote_records(connection, study_id)
+        yield "trials", trial_records(connection, study_id)
+        yield "participants", participant_records(connection, study_id)
+        yield "screening", screening_records(connection, study_id)
+        yield "questionnaire", questionnaire_records(connection, study_id)
+        yield "validation", measurement_records(connection, study_id)
+        yield "audit", audit_records(connection, study_id=study_id)
 
 
 def _dictionary(of: Study) -> str:
