@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,16 @@ def test_somebody_who_always_takes_the_same_side_is_flagged() -> None:
     assert "prefers one side" in found[str(HONEST)]
 
 
+@pytest.mark.parametrize(("n_votes", "is_flagged"), [(4, False), (6, True)])
+def test_few_votes_for_one_side_are_not_held_against_somebody(n_votes: int, is_flagged: bool) -> None:
+    """Of votes between equals, all fall on one side with a probability of 2 / 2**n."""
+    sides = [("x", "y"), ("y", "x")] * 3
+    rows = [{"participant": "P", "dataset": "d", "item_a": a, "item_b": b, "choice": "a"} for a, b in sides[:n_votes]]
+    (row,) = analyse(votes_from_rows(rows))["observers"]
+    assert row["side_a_p_value"] == pytest.approx(2 / 2**n_votes)
+    assert ("prefers one side" in row["flags"]) == is_flagged
+
+
 def test_somebody_who_votes_against_everybody_is_flagged() -> None:
     found = flags(panel(choice=np.array([1, 0, 2])[panel().choice]))
     assert "disagrees with the others" in found[str(HONEST)]
@@ -56,6 +67,22 @@ def test_somebody_without_preferences_is_flagged() -> None:
 def test_somebody_who_votes_at_random_is_no_more_consistent_than_chance() -> None:
     found = flags(panel(choice=np.random.default_rng(3).integers(0, 2, len(panel()))))
     assert "no more consistent than chance" in found[str(HONEST)]
+
+
+@pytest.mark.parametrize(
+    ("n_items", "n_datasets", "can_tell"), [(3, 1, False), (5, 1, False), (5, 2, True), (6, 1, True)]
+)
+def test_contradictions_are_held_against_somebody_only_where_chance_could_have_been_told(
+    n_items: int, n_datasets: int, can_tell: bool
+) -> None:
+    rows = [
+        {"participant": "P", "dataset": f"d{dataset}", "item_a": f"{a}", "item_b": f"{b}", "choice": "a"}
+        for dataset in range(n_datasets)
+        for a, b in permutations(range(n_items), 2)
+        if (b - a) % n_items <= n_items // 2 and (2 * (b - a) % n_items or a < b)  # each is preferred to those after it
+    ]
+    own = flags(votes_from_rows(rows))["P"]
+    assert ("no more consistent than chance" in own) == can_tell
 
 
 def test_somebody_who_prefers_what_is_shown_first_is_flagged() -> None:
