@@ -29,6 +29,7 @@ BIASED = 0.05  # corrected p-value of a side or order bias below which it is fla
 EXACT_VOTES = 500  # of a participant up to which a bias is tested exactly; four votes for one side are not unusual
 FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likelihood outliers
 FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
+FEWEST_VOTES = 10  # of a participant before rates and times are compared; a tie rate then has a standard error of 0.13
 MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
 FASTEST_MS = 500.0  # a choice between two videos in less than half a second was not looked at
 
@@ -208,7 +209,7 @@ def _loglik(fit: Fit, rows: PairCounts) -> float:
 
 def _flag(rows: list[dict[str, Any]]) -> None:
     for row in rows:
-        if row["fastest_decile_ms"] is not None and row["fastest_decile_ms"] < FASTEST_MS:
+        if _is_known(row, "fastest_decile_ms") and row["fastest_decile_ms"] < FASTEST_MS:
             row["flags"].append("answers faster than looking")
     for name, flag in (("side_a_p_value", "prefers one side"), ("first_shown_p_value", "prefers by order of showing")):
         _flag_small(rows, name, flag)
@@ -228,15 +229,18 @@ def _flag_small(rows: list[dict[str, Any]], name: str, flag: str) -> None:
 
 def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, high: str | None) -> None:
     """Flag values beyond the quartiles by more than one and a half times their distance."""
-    values = np.array([row[name] for row in rows if row[name] is not None], float)
-    if len(values) < FEWEST_FOR_FENCES:
+    known = [row for row in rows if _is_known(row, name)]
+    if len(known) < FEWEST_FOR_FENCES:
         return
-    first, third = np.quantile(values, [0.25, 0.75])
+    first, third = np.quantile([row[name] for row in known], [0.25, 0.75])
     reach = FENCE * (third - first)
-    for row in rows:
-        if row[name] is None:
-            continue
+    for row in known:
         if low is not None and row[name] < first - reach:
             row["flags"].append(low)
         if high is not None and row[name] > third + reach:
             row["flags"].append(high)
+
+
+def _is_known(row: dict[str, Any], name: str) -> bool:
+    """Whether a participant has a value that comes from votes enough."""
+    return row[name] is not None and row["n_votes"] >= FEWEST_VOTES

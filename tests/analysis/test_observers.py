@@ -69,6 +69,16 @@ def test_somebody_who_votes_at_random_is_no_more_consistent_than_chance() -> Non
     assert "no more consistent than chance" in found[str(HONEST)]
 
 
+@pytest.mark.parametrize(("n_votes", "is_flagged"), [(9, False), (10, True)])
+def test_rates_and_times_are_compared_from_ten_votes_on(n_votes: int, is_flagged: bool) -> None:
+    votes = panel(choice=2, response_ms=100.0)
+    last = np.flatnonzero(votes.participant == HONEST)
+    kept = np.setdiff1d(np.arange(len(votes)), last[n_votes:])
+    own = flags(votes.where(kept))[str(HONEST)]
+    assert ("unusually many ties" in own) == is_flagged
+    assert ("answers faster than looking" in own) == is_flagged
+
+
 @pytest.mark.parametrize(
     ("n_items", "n_datasets", "can_tell"), [(3, 1, False), (5, 1, False), (5, 2, True), (6, 1, True)]
 )

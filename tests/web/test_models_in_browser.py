@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import shapes
+from dashboard import files_of, zipped
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 
@@ -163,3 +164,25 @@ def test_a_browser_without_webgl_says_so(browser: Browser, server: str, settings
     page.get_by_text("All models").click()
     expect(page.get_by_role("link", name="PLY").first).to_be_visible()
     without.close()
+
+
+def test_reports_and_models_are_uploaded_by_the_form(
+    page: Page, new_study: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+
+    def send(where: str, files: dict[str, bytes]) -> None:
+        page.goto(f"{base}/{where}")
+        packed = {"name": "results.zip", "mimeType": "application/zip", "buffer": zipped(files)}
+        page.get_by_label("Zip file").set_input_files([packed])
+        page.get_by_role("button", name="Upload").click()
+
+    send("models", {"notes.txt": b"x"})
+    page.get_by_text("holds neither a report").wait_for()
+    send("models", files_of(shapes.write_folder(tmp_path)))
+    page.locator("#models-form").wait_for()
+    assert page.url.endswith(f"{base}/models")
+    assert set(page.locator("select").first.locator("option").all_inner_texts()) <= {"ball", "box"}
+    send("objective", {"report.json": b'{"kind": "sphere", "measures": []}', "curve.csv": b"threshold\n1\n"})
+    page.get_by_text("the whole study").wait_for()
+    assert page.url.endswith(f"{base}/objective")

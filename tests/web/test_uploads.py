@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import socket
-import zipfile
 from pathlib import Path
 
 import httpx
 import pytest
 import shapes
-from dashboard import Dashboard, ends, signed_in
+from dashboard import Dashboard, ends, files_of, signed_in, zipped
 
 from app import operate
 from app.settings import Settings
@@ -19,18 +17,6 @@ from app.settings import Settings
 def upload(dashboard: Dashboard, content: bytes, **headers: str) -> httpx.Response:
     token = {"X-CSRF-Token": dashboard.form_token}
     return dashboard.put("/admin/stimuli/upload", content=content, headers=token | headers)
-
-
-def zipped(files: dict[str, bytes]) -> bytes:
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in files.items():
-            archive.writestr(name, data)
-    return content.getvalue()
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_an_uploaded_set_is_checked_and_can_be_used(own_server: str, own: Settings, stimulus_set: Path) -> None:
