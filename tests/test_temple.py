@@ -17,9 +17,10 @@ from app.operate import add_token, create_study
 from app.settings import Settings
 from app.simulate import simulate
 from recon.capture.check import check_capture
+from recon.capture.evidence import dark_background_threshold
 from recon.capture.format import Capture, read_held_out
 from recon.capture.middlebury import import_middlebury
-from recon.capture.segment import METHODS, clean_mask, dark_background_threshold, segment_capture
+from recon.capture.segment import METHODS, clean_mask, segment_capture
 from recon.flythrough import RenderOptions
 from recon.mesh import Mesh, read_mesh
 from recon.pipeline import ReconstructOptions, reconstruct, render

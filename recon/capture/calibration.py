@@ -36,7 +36,7 @@ from recon.capture.images import (
     video_times,
 )
 from recon.capture.opencv import SUFFIXES, write_calibration
-from recon.capture.sources import steady_rate
+from recon.capture.pictures import steady_rate
 from recon.execute import Progress, silent
 from recon.files import write_json
 from recon.rig import Rig, Sensor

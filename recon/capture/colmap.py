@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
-from recon.capture.sources import ImportOptions, Recording, SensorSource, find_pictures, write_recording
+from recon.capture.pictures import find_pictures
+from recon.capture.sources import ImportOptions, Recording, SensorSource, write_recording
 from recon.rig import Camera, rigid
 
 HALF_PIXEL = 0.5

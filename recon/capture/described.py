@@ -25,17 +25,9 @@ from numpy.typing import NDArray
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
 from recon.capture.opencv import CAMERA_FROM_WORLD
+from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD
-from recon.capture.sources import (
-    UNITS_MM,
-    ImportOptions,
-    Pictures,
-    Recording,
-    SensorSource,
-    find_pictures,
-    parse_unit,
-    write_recording,
-)
+from recon.capture.sources import UNITS_MM, ImportOptions, Recording, SensorSource, parse_unit, write_recording
 from recon.files import read_json
 from recon.rig import Camera, rigid
 

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from recon.capture.folder import new_folder
 from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.images import read_image
+from recon.capture.pictures import copy_file
 from recon.capture.recording import check_bounds
-from recon.capture.sources import copy_file
 from recon.rig import Camera, bounds_corners, rigid
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart

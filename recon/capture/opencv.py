@@ -18,14 +18,8 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.sources import (
-    UPWARDS,
-    ImportOptions,
-    Recording,
-    SensorSource,
-    find_pictures,
-    write_recording,
-)
+from recon.capture.pictures import find_pictures
+from recon.capture.sources import UPWARDS, ImportOptions, Recording, SensorSource, write_recording
 from recon.files import whole_file
 from recon.rig import Camera, Rig, Sensor, rigid
 
@@ -90,23 +84,6 @@ def write_calibration(path: Path, rig: Rig) -> None:
                 storage.endWriteStruct()
             storage.endWriteStruct()
         storage.release()
-
-
-def read_calibration(path: Path, *, size: tuple[int, int] | None = None, unit_mm: float = 1.0) -> Rig:
-    """Read the cameras of an OpenCV stereo calibration.
-
-    Parameters
-    ----------
-    path : the file, or a folder with one or several
-    size : (width, height) where the file does not tell
-    unit_mm : length of the file's unit
-
-    Raises
-    ------
-    CaptureError
-        Naming the file and what is wrong in it.
-    """
-    return Rig(tuple(_sensor(name, entry, size, unit_mm) for name, entry in _merged(_files(path)[1]).items()))
 
 
 def _write_sensor(storage: Any, sensor: Sensor) -> None:
@@ -174,11 +151,9 @@ def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOpti
     return SensorSource(name, sensor.left, sensor.right, pictures)
 
 
-def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int] | None, unit_mm: float) -> Sensor:
+def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
     found = {key: _matrix(entry, key) for key in KEYS}
     told = _size(entry) or size
-    if told is None:
-        raise CaptureError(f"{entry['']}: tells no image_size")
     try:
         rotation = found["R"] if found["R"].shape == (3, 3) else cv2.Rodrigues(found["R"])[0]
         right_from_left = rigid(rotation, found["T"].ravel() * unit_mm)

@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
+from recon.capture.evidence import evidence_of, found_threshold, smoothed
 from recon.capture.format import (
     Capture,
     CaptureError,
@@ -24,7 +24,6 @@ from recon.capture.format import (
     frame_pictures,
     image_path,
     read_capture,
-    read_frame,
     read_picture,
     read_plates,
     write_capture,
@@ -32,16 +31,6 @@ from recon.capture.format import (
 from recon.capture.outline import grown, repatterned, tightened
 from recon.capture.scribbles import SIDES, Strokes, propagated, read_scribbles
 from recon.execute import Progress, silent
-
-SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
-NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
-QUIET_SHARE = 0.25  # of the pixels show background in every picture
-QUIET_DEVIATIONS = 0.9  # that quantile of the largest of three normal deviations
-MIN_PLATE_DIFFERENCE = 5.0  # grey levels: compression and flicker stay below
-SHADE = (0.66, 1.05)  # of the plate's brightness: soft shadows and light thrown back by the actors
-HISTOGRAM_SMOOTHING = 3.0  # grey levels
-VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to this multiple of its lowest point
-SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
 
 
 @dataclass(frozen=True)
@@ -116,9 +105,9 @@ def segment_capture(
 def _by_evidence(capture: Capture, method: str, threshold: float | None, clean_up: CleanUp | None) -> Iterator[_Mask]:
     clean_up = clean_up or METHODS[method]
     for stream in capture.sensors:
-        limit = _found_threshold(capture, stream, method) if threshold is None else threshold
+        limit = found_threshold(capture, stream, method) if threshold is None else threshold
         for frame in range(capture.n_frames):
-            for side, evidence in enumerate(_evidence(capture, stream, frame, method)):
+            for side, evidence in enumerate(evidence_of(capture, stream, frame, method)):
                 mask = clean_mask(evidence > limit, clean_up)
                 if method == "plate" and mask.any():
                     mask = _refined(capture, stream, (frame, side), tightened(mask, evidence), limit, clean_up)
@@ -138,7 +127,7 @@ def _refined(
     picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
     plates = read_plates(capture, stream.id)
     assert plates is not None, "the method was chosen with plates"
-    smooth, plate = _smooth(picture), _smooth(plates[side])
+    smooth, plate = smoothed(picture), smoothed(plates[side])
     changed = np.abs(smooth - plate).max(axis=2) > limit
     with_dark = clean_mask(mask | repatterned(smooth, plate, changed), clean_up)
     return clean_mask(grown(picture, with_dark, changed), clean_up)
@@ -164,42 +153,6 @@ def clean_mask(raw: NDArray[np.bool_], clean_up: CleanUp) -> NDArray[np.bool_]:
     return np.asarray(background == 0)
 
 
-def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
-    """The brightness above which a picture with a dark background shows the object.
-
-    It is the near edge of the valley between background and object in the histogram (256,) of brightness: further
-    up, the object's own shadows would be lost.
-
-    Raises
-    ------
-    CaptureError
-        If all pixels are equally bright.
-
-    Source
-    ------
-    The two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root of
-    brightness, in which shot noise is equally strong everywhere; the valley: ours.
-    """
-    counts = np.asarray(histogram, dtype=np.float64)
-    level = np.sqrt(np.arange(256))
-    split = _otsu(counts, level) + 1
-    dark = round(float(np.average(level[:split], weights=counts[:split])) ** 2)
-    bright = round(float(np.average(level[split:], weights=counts[split:])) ** 2)
-    smooth = gaussian_filter1d(counts, HISTOGRAM_SMOOTHING)
-    return dark + float(np.argmax(smooth[dark:] <= VALLEY_EDGE * smooth[dark : bright + 1].min()))
-
-
-def _otsu(counts: NDArray[np.float64], level: NDArray[np.float64]) -> int:
-    """The last bin of the lower class."""
-    below = np.cumsum(counts)[:-1]
-    above, moment = counts.sum() - below, np.cumsum(counts * level)
-    both = (below > 0) & (above > 0)
-    if not both.any():
-        raise CaptureError("all pixels are equally bright: there is nothing to tell the object by")
-    means_apart = moment[:-1][both] / below[both] - (moment[-1] - moment[:-1][both]) / above[both]
-    return int(np.flatnonzero(both)[np.argmax(below[both] * above[both] * means_apart**2)])
-
-
 def _method(capture: Capture, method: str | None) -> str:
     without = [stream.id for stream in capture.sensors if stream.plate is None]
     if method is None:
@@ -209,43 +162,6 @@ def _method(capture: Capture, method: str | None) -> str:
     if method == "plate" and without:
         raise CaptureError(f"{capture.folder}: {', '.join(without)} has no clean plate; use the method threshold")
     return method
-
-
-def _evidence(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
-    """How much each pixel looks like foreground (left, right), (H, W), grey levels.
-
-    By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
-    of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
-
-    Source
-    ------
-    The shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background subtraction and
-    shadow detection", 1999, brightness and chromaticity distortion.
-    """
-    images = read_frame(capture, stream.id, frame)
-    if method == "threshold":
-        return [_smooth(image).max(axis=2) for image in images]
-    plates = read_plates(capture, stream.id)
-    assert plates is not None, "the method was chosen with plates"
-    return [_difference(_smooth(image), _smooth(plate)) for image, plate in zip(images, plates, strict=True)]
-
-
-def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArray[np.float32]:
-    shade = (image * plate).sum(axis=2) / np.maximum((plate * plate).sum(axis=2), 1.0)
-    return np.asarray(np.abs(image - shade.clip(*SHADE)[..., None] * plate).max(axis=2))
-
-
-def _found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
-    frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
-    evidence = np.concatenate([side.ravel() for frame in frames for side in _evidence(capture, stream, frame, method)])
-    if method == "threshold":
-        return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
-    noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
-    return max(MIN_PLATE_DIFFERENCE, NOISE_FACTOR * noise)
-
-
-def _smooth(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX))
 
 
 def _disc(diameter: int) -> NDArray[np.uint8]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from recon.capture.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.format import (
-    Capture,
     CaptureError,
     SensorStream,
     frame_pictures,
@@ -107,23 +106,6 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     )
     warnings = (*_exposure_warnings(stream.id, looks), *_texture_warnings(report))
     return SensorCheck(report, tuple(problems), warnings, {frame: look.matches for frame, look in by_frame.items()})
-
-
-def vertical_errors(capture: Capture) -> dict[str, Rows]:
-    """How well each sensor's calibration fits its pictures, by its id, measured on matched points of the object.
-
-    Raises
-    ------
-    ValueError
-        If a picture cannot be read, or a sensor cannot be rectified.
-    """
-    found = {}
-    for stream in capture.sensors:
-        rectification = rectify(stream.sensor, capture.bounds)
-        frames = measured_frames(capture.n_frames)
-        looks = [_look(capture.folder, stream, frame, rectification, capture.bounds) for frame in frames]
-        found[stream.id] = _rows(looks, rectification)
-    return found
 
 
 def noise_level(grey: NDArray[np.floating]) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError
-from recon.mesh import Mesh, read_mesh
 from recon.studio.rasterise import Visibility
 
 DEPTH = "truth/depth/{view}/{frame:04d}.png"
@@ -66,8 +65,3 @@ def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArr
     if values is None:
         raise CaptureError(f"{path}: there is no such depth; only synthetic captures have one")
     return np.where(values > 0, DEPTH_FROM_MM + DEPTH_STEP_MM * values, np.nan).astype(np.float32)
-
-
-def read_truth_mesh(capture: Capture, frame: int) -> Mesh:
-    """What was rendered at a frame."""
-    return read_mesh(capture.folder / MESH.format(frame=frame))

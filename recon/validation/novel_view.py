@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.evidence import SMOOTHING_PX, dark_background_threshold
 from recon.capture.format import Capture, CaptureError, Picture, read_frame, read_held_out, read_mask, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images
-from recon.capture.segment import METHODS, SMOOTHING_PX, clean_mask, dark_background_threshold
+from recon.capture.segment import METHODS, clean_mask
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.mesh import Mesh

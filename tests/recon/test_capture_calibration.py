@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from recon.capture.board import Board, Corners, parse_board
 from recon.capture.calibrate import calibrate_camera, calibrate_pair, calibrate_rig
 from recon.capture.calibration import calibrate_folders
 from recon.capture.images import CaptureError
-from recon.capture.opencv import read_calibration
 from recon.rig import Rig
 
 BOARD = parse_board("charuco:14x10:50:37")
@@ -161,7 +161,8 @@ def test_photographs_of_a_board_become_a_calibration_file_with_its_report(
     blank = np.full((SIZE[1], SIZE[0]), 90, dtype=np.uint8)
     cv2.imwrite(str(images / "S1/left/blank.png"), blank)
     report = calibrate_folders([images], COARSE, tmp_path / "calibration.yml")
-    error = relative_error(read_calibration(tmp_path / "calibration.yml").sensors[0], rig.sensors[0])
+    assert (tmp_path / "calibration.yml").is_file()
+    error = relative_error(report.rig.sensors[0], rig.sensors[0])
     assert error["focal"] < 0.012  # 480 pixels wide, 14 views
     assert error["baseline"] < 0.012
     assert report.rejected[str(images / "S1/left/blank.png")] == "the board is not found"
@@ -172,6 +173,41 @@ def test_photographs_of_a_board_become_a_calibration_file_with_its_report(
     assert drawn.shape[:2] == (SIZE[1], 2 * SIZE[0])
     found = {path.stem for path in (tmp_path / "calibration_report/corners/S1/left").iterdir()}
     assert found >= set(report.pairs[0].cameras[0].errors)
+
+
+def too_few(images: Path) -> None:
+    for path in sorted((images / "S1/left").iterdir())[3:]:
+        path.unlink()
+
+
+def all_alike(images: Path) -> None:
+    for side in ("left", "right"):
+        first, *others = sorted((images / "S1" / side).iterdir())
+        for path in others:
+            shutil.copy(first, path)
+
+
+def without_overlap(images: Path) -> None:
+    for path in shutil.copytree(images / "S1", images / "S2").rglob("*.png"):
+        path.rename(path.with_name(f"later_{path.name}"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (too_few, "S1/left: 3 usable images of the board, expected at least 6"),
+        (all_alike, "S1/left: the views are too alike"),
+        (without_overlap, "sensor S2: shares no image of the board with S1"),
+    ],
+)
+def test_nothing_is_written_of_a_calibration_that_cannot_be_made(
+    photographed: tuple[Path, Rig], tmp_path: Path, fault: Callable[[Path], None], message: str
+) -> None:
+    fault(shutil.copytree(photographed[0], tmp_path / "images"))
+    with pytest.raises(CaptureError, match=message):
+        calibrate_folders([tmp_path / "images"], COARSE, tmp_path / "calibration.yml")
+    assert [path.name for path in tmp_path.iterdir()] == ["images"]
 
 
 def test_nothing_is_written_when_no_board_is_found(tmp_path: Path) -> None:
@@ -193,8 +229,7 @@ def test_videos_give_the_calibration_that_their_frames_give(photographed: tuple[
         for path in sorted((folder / "S1" / side).iterdir()):
             writer.write(cv2.imread(str(path)))
         writer.release()
-    calibrate_folders(films, COARSE, tmp_path / "by_videos.yml")
-    calibrate_folders([folder], COARSE, tmp_path / "by_images.yml")
-    by_videos, by_images = (read_calibration(tmp_path / f"by_{way}.yml").sensors[0] for way in ("videos", "images"))
-    error = relative_error(by_videos, by_images)
+    by_videos = calibrate_folders(films, COARSE, tmp_path / "by_videos.yml")
+    by_images = calibrate_folders([folder], COARSE, tmp_path / "by_images.yml")
+    error = relative_error(by_videos.rig.sensors[0], by_images.rig.sensors[0])
     assert max(error.values()) < 0.002  # the codec rounds colours

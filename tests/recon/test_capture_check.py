@@ -12,7 +12,6 @@ from board import SIZE, record_board
 from recon.capture.check import check_capture
 from recon.capture.diagnosis import MIN_MATCHES
 from recon.capture.format import Capture, image_path, read_frame, write_capture
-from recon.capture.sensor_check import vertical_errors
 from recon.rig import rigid
 
 
@@ -73,9 +72,10 @@ def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -
     (problem,) = check_capture(board.folder).problems
     assert problem.startswith("sensor S1: ")
     assert "the right camera is rotated by 0.50 degrees" in problem
-    error = vertical_errors(turn_right_camera(board, turn_deg=0.0))["S2"].vertical_error_px
-    assert error is not None
-    assert error < 0.25
+    rows = check_capture(turn_right_camera(board, turn_deg=0.0).folder).sensors[1].rows
+    assert rows is not None
+    assert rows.vertical_error_px is not None
+    assert rows.vertical_error_px < 0.25
 
 
 def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:

@@ -14,12 +14,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from recon.capture.check import check_capture
 from recon.capture.colmap import import_colmap
 from recon.capture.described import import_json
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_plates
-from recon.capture.opencv import import_opencv, read_calibration, write_calibration
-from recon.capture.sensor_check import vertical_errors
-from recon.capture.sources import ImportOptions, find_pictures, parse_unit
+from recon.capture.opencv import import_opencv, write_calibration
+from recon.capture.pictures import find_pictures
+from recon.capture.sources import ImportOptions, parse_unit
 from recon.rig import Camera, Rig, Sensor, look_at
 
 SIZE = (320, 240)
@@ -231,13 +232,15 @@ def test_the_axis_that_points_upwards_becomes_y(tmp_path: Path) -> None:
         assert (capture.bounds[0] <= turned.min(axis=0)).all()
 
 
-def test_a_written_calibration_is_read_back(tmp_path: Path) -> None:
-    for rig in (RIG, Rig(RIG.sensors[:1])):
-        write_calibration(tmp_path / "calibration.yml", rig)
-        again = read_calibration(tmp_path / "calibration.yml")
-        for sensor, found in zip(rig.sensors, again.sensors, strict=True):
-            np.testing.assert_allclose(seen(found.right, POINTS), seen(sensor.right, POINTS), atol=1e-6)
-            np.testing.assert_allclose(found.left.cam_from_world, sensor.left.cam_from_world, atol=1e-9)
+@pytest.mark.parametrize("n_sensors", [1, 2])
+def test_a_written_calibration_is_read_back(tmp_path: Path, n_sensors: int) -> None:
+    rig = Rig(RIG.sensors[:n_sensors])
+    record(tmp_path)
+    write_calibration(tmp_path / "calibration.yml", rig)
+    again = import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    for sensor, found in zip(rig.sensors, again.rig.sensors, strict=True):
+        np.testing.assert_allclose(seen(found.right, POINTS), seen(sensor.right, POINTS), atol=1e-6)
+        np.testing.assert_allclose(found.left.cam_from_world, sensor.left.cam_from_world, atol=1e-9)
 
 
 def test_images_are_taken_in_the_order_of_their_numbers_and_plates_are_kept(tmp_path: Path) -> None:
@@ -269,9 +272,10 @@ def test_a_variable_frame_rate_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     write_calibration(tmp_path / "calibration.yml", Rig(RIG.sensors[:1]))
     for side in ("left", "right"):
         write_video(tmp_path / f"{side}.avi", [10, 20, 30])
-    monkeypatch.setattr("recon.capture.sources.video_times", lambda _: np.array([0.0, 0.04, 0.12]))
+    monkeypatch.setattr("recon.capture.pictures.video_times", lambda _: np.array([0.0, 0.04, 0.12]))
     with pytest.raises(CaptureError, match=r"variable frame rate, intervals of 40\.0 to 80\.0 ms"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    assert not (tmp_path / "out").exists()
 
 
 def without(content: dict[str, Any], key: str, sensor: int = 0) -> None:
@@ -346,6 +350,7 @@ def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_pa
     bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
     capture = import_json(real_data / "sphere/calibration.json", tmp_path / "sphere", ImportOptions(bounds=bounds))
     assert (capture.kind, capture.object, capture.n_frames) == ("sphere", {"radius_mm": 300.0}, 4)
-    rows = vertical_errors(capture)["S1"]
-    assert rows.vertical_error_px is not None
-    assert rows.vertical_error_px < 0.25
+    (report,) = check_capture(capture.folder).sensors
+    assert report.rows is not None
+    assert report.rows.vertical_error_px is not None
+    assert report.rows.vertical_error_px < 0.25

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.capture.check import check_capture
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.middlebury import import_middlebury
-from recon.capture.sensor_check import vertical_errors
 from recon.rig import bounds_corners, look_at
 
 SIZE = (40, 30)
@@ -165,7 +165,10 @@ def test_the_temple_becomes_three_sensors_whose_rows_agree(real_data: Path, tmp_
     assert len(capture.held_out) == 6
     for stream in capture.sensors:
         assert stream.sensor.baseline == pytest.approx(75.17, abs=0.01)
-    for sensor_id, rows in vertical_errors(capture).items():
-        assert rows.n_matches > 500
-        assert rows.vertical_error_px is not None
-        assert rows.vertical_error_px < 0.15, sensor_id
+    checked = check_capture(capture.folder)
+    assert checked.problems == ()
+    for report in checked.sensors:
+        assert report.rows is not None
+        assert report.rows.n_matches > 500
+        assert report.rows.vertical_error_px is not None
+        assert report.rows.vertical_error_px < 0.15, report.id

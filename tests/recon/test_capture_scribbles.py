@@ -97,9 +97,11 @@ def test_scribbles_of_the_wrong_size_are_named(ball: Capture, tmp_path: Path) ->
     path = tmp_path / "paint/S1/left/0.png"
     path.parent.mkdir(parents=True)
     cv2.imwrite(str(path), np.zeros((50, 60, 3), dtype=np.uint8))
+    before = sorted(ball.folder.rglob("*"))
     with pytest.raises(CaptureError, match=r"0\.png: scribbles are 60x50 pixels, the camera's pictures 160x120"):
         segment_capture(ball.folder, scribbles=tmp_path / "paint")
     assert read_capture(ball.folder).sensors[0].mask is None
+    assert sorted(ball.folder.rglob("*")) == before
 
 
 @pytest.mark.parametrize(

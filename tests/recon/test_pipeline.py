@@ -27,7 +27,7 @@ from recon.pipeline import ReconstructOptions, reconstruct, render
 from recon.render.video import probe_video
 from recon.run import read_run
 from recon.studio import SynthParameters, synthesise
-from recon.studio.truth import read_truth_mesh
+from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
 
 WHOLE_WAY = """
@@ -78,7 +78,7 @@ def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: 
         ("ball", approach, kind) for approach in ("id_fa", "id_fb") for kind in ("mesh", "cloud")
     }
     mesh = next(one for one in found if (one.condition, one.kind) == ("id_fb", "mesh"))
-    errors = np.abs(signed_errors(read_mesh(mesh.path), read_truth_mesh(capture, 1)))
+    errors = np.abs(signed_errors(read_mesh(mesh.path), read_mesh(capture.folder / MESH.format(frame=1))))
     assert mesh.error_limit_mm == pytest.approx(np.percentile(errors, 95), rel=0.1)
     with pytest.raises(ValueError, match="has no frame 7; it has 0 to 1"):
         write_models([run], tmp_path, 7, lambda *_: None)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from strokes import intersection_over_union, write_strokes
 
+from recon.capture.evidence import dark_background_threshold
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.middlebury import import_middlebury
-from recon.capture.segment import CleanUp, clean_mask, dark_background_threshold, segment_capture
+from recon.capture.segment import CleanUp, clean_mask, segment_capture
 from recon.studio import SynthParameters, synthesise
 
 

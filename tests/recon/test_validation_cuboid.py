@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 
 from recon.capture.rectify import rectify
 from recon.cli import app
+from recon.mesh import read_mesh
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
-from recon.studio.truth import read_depth, read_truth_mesh
+from recon.studio.truth import MESH, read_depth
 from recon.validation.cuboid import fit_cuboid
 from recon.validation.cuboids import CuboidSettings, measure_cuboids
 from recon.validation.measured import FitError, named_clouds
@@ -157,7 +158,7 @@ def test_the_studios_cuboid_is_where_the_studio_put_it(tmp_path: Path) -> None:
     disparity = true_disparity(read_depth(capture, stream.id, "left", 0), stream.left.camera, view)
     a, b, c = capture.object["size_mm"]
     fit = fit_cuboid(depth_points(disparity, view, capture.bounds), (a, b, c))
-    vertices = read_truth_mesh(capture, 0).vertices
+    vertices = read_mesh(capture.folder / MESH.format(frame=0)).vertices
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     assert np.linalg.norm(fit.centre - middle) < 0.1
     assert max(abs(angle - 90) for *_, angle in fit.dihedral_angles()) < 0.05

@@ -16,10 +16,11 @@ from recon.capture.rectify import rectify
 from recon.capture.segment import segment_capture
 from recon.cli import app
 from recon.cloud import CloudParameters
+from recon.mesh import read_mesh
 from recon.pipeline import ReconstructOptions, reconstruct
 from recon.run import read_run, recorded_in
 from recon.studio import SynthParameters, synthesise
-from recon.studio.truth import read_depth, read_truth_mesh
+from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
 from recon.validation.ground_truth import Shape, distances_to
 from recon.validation.image_quality import BEST_PSNR_DB, gradient_map, psnr, ssim_map
@@ -89,7 +90,7 @@ def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
 
 
 def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
-    mesh = read_truth_mesh(capture, 0)
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
     shot = next(one for one in photographs(capture, [0]) if one.kind == HELD_OUT)
     assert shot.mask is not None
     _, covered = rendered(mesh, shot.camera)
@@ -101,7 +102,7 @@ def test_true_depth_becomes_the_disparity_that_gives_it_back(capture: Capture) -
     view = rectify(stream.sensor, capture.bounds)
     disparity = true_disparity(read_depth(capture, stream.id, "left", 0), stream.left.camera, view)
     points = depth_points(disparity, view, capture.bounds)
-    mesh = read_truth_mesh(capture, 0)
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
     distances = distances_to(Shape(mesh.vertices.astype(np.float64), mesh.faces), points)
     assert len(points) > 500
     assert np.percentile(distances, 90) < 0.3
@@ -126,7 +127,7 @@ def test_true_depths_of_two_sensors_agree_and_shifted_ones_are_off_by_the_shift(
 @pytest.mark.slow
 def test_the_floor_is_nearer_to_the_truth_than_the_model(capture: Capture, run: Path) -> None:
     mesh = true_mesh(capture, 0, "fb", CloudParameters(), SurfaceParameters(voxel_mm=12.0))
-    truth = read_truth_mesh(capture, 0)
+    truth = read_mesh(capture.folder / MESH.format(frame=0))
     shape = Shape(truth.vertices.astype(np.float64), truth.faces)
     assert np.percentile(distances_to(shape, mesh.vertices.astype(np.float64)), 90) < 2.0
     report, shown = measure_views(run, ViewSettings())
