@@ -1,0 +1,97 @@
+"""How much each pixel looks like foreground, by a clean plate or before a dark background."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from recon.capture.format import Capture, CaptureError, SensorStream, read_frame, read_plates
+
+SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
+NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
+QUIET_SHARE = 0.25  # of the pixels show background in every picture
+QUIET_DEVIATIONS = 0.9  # that quantile of the largest of three normal deviations
+MIN_PLATE_DIFFERENCE = 5.0  # grey levels: compression and flicker stay below
+SHADE = (0.66, 1.05)  # of the plate's brightness: soft shadows and light thrown back by the actors
+HISTOGRAM_SMOOTHING = 3.0  # grey levels
+VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to this multiple of its lowest point
+SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
+
+
+def evidence_of(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
+    """How much each pixel looks like foreground (left, right), (H, W), grey levels.
+
+    By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
+    of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
+
+    Source
+    ------
+    The shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background subtraction and
+    shadow detection", 1999, brightness and chromaticity distortion.
+    """
+    images = read_frame(capture, stream.id, frame)
+    if method == "threshold":
+        return [smoothed(image).max(axis=2) for image in images]
+    plates = read_plates(capture, stream.id)
+    assert plates is not None, "the method was chosen with plates"
+    return [_difference(smoothed(image), smoothed(plate)) for image, plate in zip(images, plates, strict=True)]
+
+
+def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArray[np.float32]:
+    shade = (image * plate).sum(axis=2) / np.maximum((plate * plate).sum(axis=2), 1.0)
+    return np.asarray(np.abs(image - shade.clip(*SHADE)[..., None] * plate).max(axis=2))
+
+
+def found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
+    """The evidence above which a pixel is foreground, from some frames of a sensor, grey levels."""
+    frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
+    evidence = np.concatenate(
+        [side.ravel() for frame in frames for side in evidence_of(capture, stream, frame, method)]
+    )
+    if method == "threshold":
+        return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
+    noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
+    return max(MIN_PLATE_DIFFERENCE, NOISE_FACTOR * noise)
+
+
+def smoothed(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """A picture without the noise of single pixels."""
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX))
+
+
+def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
+    """The brightness above which a picture with a dark background shows the object.
+
+    It is the near edge of the valley between background and object in the histogram (256,) of brightness: further
+    up, the object's own shadows would be lost.
+
+    Raises
+    ------
+    CaptureError
+        If all pixels are equally bright.
+
+    Source
+    ------
+    The two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root of
+    brightness, in which shot noise is equally strong everywhere; the valley: ours.
+    """
+    counts = np.asarray(histogram, dtype=np.float64)
+    level = np.sqrt(np.arange(256))
+    split = _otsu(counts, level) + 1
+    dark = round(float(np.average(level[:split], weights=counts[:split])) ** 2)
+    bright = round(float(np.average(level[split:], weights=counts[split:])) ** 2)
+    smooth = gaussian_filter1d(counts, HISTOGRAM_SMOOTHING)
+    return dark + float(np.argmax(smooth[dark:] <= VALLEY_EDGE * smooth[dark : bright + 1].min()))
+
+
+def _otsu(counts: NDArray[np.float64], level: NDArray[np.float64]) -> int:
+    """The last bin of the lower class."""
+    below = np.cumsum(counts)[:-1]
+    above, moment = counts.sum() - below, np.cumsum(counts * level)
+    both = (below > 0) & (above > 0)
+    if not both.any():
+        raise CaptureError("all pixels are equally bright: there is nothing to tell the object by")
+    means_apart = moment[:-1][both] / below[both] - (moment[-1] - moment[:-1][both]) / above[both]
+    return int(np.flatnonzero(both)[np.argmax(below[both] * above[both] * means_apart**2)])

@@ -1,0 +1,102 @@
+"""One camera's recording as somebody else left it: a folder of images, or a video."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from recon.capture.images import (
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    CaptureError,
+    is_video,
+    read_image,
+    read_video_frame,
+    video_times,
+)
+
+DEFAULT_FPS = 25.0
+PLATE_STEM = "plate"
+MAX_UNEVEN = 0.25  # of the mean interval between a video's frames; above, its frame rate is variable
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """One camera's recording: image files in the order of time, or one video; and its clean plate."""
+
+    files: tuple[Path, ...]
+    plate: Path | None = None
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the one file is a video."""
+        return is_video(self.files[0])
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the first picture."""
+        first = self.files[0]
+        height, width = (read_video_frame(first, 0) if self.is_video else read_image(first)).shape[:2]
+        return width, height
+
+
+def find_pictures(base: Path) -> Pictures:
+    """The recording at a name without suffix: a folder of images, a video, or a single image.
+
+    Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
+
+    Raises
+    ------
+    CaptureError
+        If there is none of them, or more than one.
+    """
+    files = [base.with_name(base.name + suffix) for suffix in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES)]
+    found = [path for path in (base, *files) if (path.is_dir() if path == base else path.is_file())]
+    if len(found) != 1:
+        names = ", ".join(path.name for path in found)
+        raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")
+    return _in_folder(base) if found[0].is_dir() else Pictures((found[0],))
+
+
+def steady_rate(path: Path) -> float:
+    """Frames a second of a video.
+
+    Raises
+    ------
+    CaptureError
+        If they do not follow each other evenly.
+    """
+    intervals = np.diff(video_times(path))
+    if len(intervals) == 0:
+        return DEFAULT_FPS
+    mean = float(intervals.mean())
+    if mean <= 0 or np.abs(intervals - mean).max() > MAX_UNEVEN * mean:
+        raise CaptureError(
+            f"{path}: has a variable frame rate, intervals of {intervals.min() * 1000:.1f} to "
+            f"{intervals.max() * 1000:.1f} ms; record or convert it at a constant rate"
+        )
+    return round(1.0 / mean, 3)
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copy a file, making the folder it goes to."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _in_folder(folder: Path) -> Pictures:
+    images = sorted((path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=_by_number)
+    frames = tuple(path for path in images if path.stem != PLATE_STEM)
+    if not frames:
+        raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
+    if len({path.suffix for path in frames}) > 1:
+        raise CaptureError(f"{folder}: holds images of several formats, expected one")
+    return Pictures(frames, next((path for path in images if path.stem == PLATE_STEM), None))
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)]
