@@ -3,18 +3,16 @@
 Boards are rendered as the studio's three sensors see them, found in the pictures, and 0.3 px of noise is added to every
 corner; scenes of the studio are segmented with their clean plates, and with strokes on one frame in twenty, made from
 the truth as a person would draw them: along the middle of the object's parts, around it, and in the gaps between arms
-and trunk.
-
-    python bench/calibration.py [calibration|segmentation] [--seeds 3] [--project]
+and trunk. `bench/capture.py` prints the figures.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -51,28 +49,29 @@ MOST_TURNED_DEG = 60.0  # of a board from the middle sensor, so that neighbours 
 SCENES = ("ball", "box", "people", "standing", "face")
 
 
-def bench_calibration(seeds: range, boards: list[str], *, is_drawn: bool) -> None:
-    """Print errors of focal length, baseline and rotation, the worst of three sensors a row."""
-    for name in boards:
-        board = parse_board(BOARDS[name])
-        for seed in seeds:
-            rng = np.random.default_rng(seed)
-            rig = _with_lenses(arc_rig(FIELD, n_sensors=3, size=BOARD_SIZE, rng=rng))
-            started = time.process_time()
-            seen = _corners(board, rig, seed, N_VIEWS[name], is_drawn=is_drawn)
-            looked, started = time.process_time() - started, time.process_time()
-            pairs = [_pair(board, sensor, seen[sensor.id]) for sensor in rig.sensors]
-            each, started = time.process_time() - started, time.process_time()
-            found = Rig(tuple(pair.sensor for pair in calibrate_rig(board, pairs, seen)))
-            joint = time.process_time() - started
-            errors = [relative_error(sensor, truth) for sensor, truth in zip(found.sensors, rig.sensors, strict=True)]
-            worst = {key: max(error[key] for error in errors) for key in errors[0]}
-            print(
-                f"{name} seed {seed}: {'+'.join(str(len(pair.errors)) for pair in pairs)} views, focal "
-                f"{worst['focal']:.3%}, baseline {worst['baseline']:.3%}, rotation {worst['rotation_deg']:.3f} deg, "
-                f"between sensors {_apart_deg(found, rig):.3f} deg; processor time {looked:.0f} s to find, "
-                f"{each:.1f} + {joint:.1f} s to calibrate"
-            )
+def calibration_row(board_name: str, seed: int, *, is_drawn: bool) -> dict[str, float | str]:
+    """Errors of focal length, baseline and rotation, the worst of three sensors, and processor time."""
+    board = parse_board(BOARDS[board_name])
+    rig = _with_lenses(arc_rig(FIELD, n_sensors=3, size=BOARD_SIZE, rng=np.random.default_rng(seed)))
+    started = time.process_time()
+    seen = _corners(board, rig, seed, N_VIEWS[board_name], is_drawn=is_drawn)
+    looked, started = time.process_time() - started, time.process_time()
+    pairs = calibrate_rig(board, [_pair(board, sensor, seen[sensor.id]) for sensor in rig.sensors], seen)
+    seconds = time.process_time() - started
+    found = Rig(tuple(pair.sensor for pair in pairs))
+    errors = [relative_error(sensor, truth) for sensor, truth in zip(found.sensors, rig.sensors, strict=True)]
+    worst = {key: max(error[key] for error in errors) for key in errors[0]}
+    return {
+        "board": board_name,
+        "seed": seed,
+        "views": "+".join(str(len(pair.errors)) for pair in pairs),
+        "focal_percent": round(100 * worst["focal"], 3),
+        "baseline_percent": round(100 * worst["baseline"], 3),
+        "rotation_deg": round(worst["rotation_deg"], 3),
+        "between_sensors_deg": round(_apart_deg(found, rig), 3),
+        "find_processor_s": round(looked, 1),
+        "calibrate_processor_s": round(seconds, 1),
+    }
 
 
 def _with_lenses(rig: Rig) -> Rig:
@@ -144,39 +143,21 @@ def _apart_deg(found: Rig, truth: Rig) -> float:
     )
 
 
-def bench_segmentation(scenes: list[str]) -> None:
+def segmentation_rows(scene: str) -> Iterator[dict[str, float | str]]:
     """Mean and lowest intersection over union, by clean plate and by scribbles on one frame in twenty."""
-    for scene in scenes:
-        with tempfile.TemporaryDirectory() as folder:
-            parameters = SynthParameters(scene=scene, n_sensors=1, n_frames=20, size=SIZE)
-            capture = synthesise(Path(folder) / scene, parameters)
-            strokes = write_strokes(Path(folder) / "strokes", capture, frame=10)
-            for name, scribbles in (("plate", None), ("scribbles", strokes)):
-                started = time.perf_counter()
-                segment_capture(capture.folder, scribbles=scribbles)
-                overlaps = intersection_over_union(read_capture(capture.folder))
-                seconds = (time.perf_counter() - started) / len(overlaps)
-                print(
-                    f"{scene} {name}: mean {np.mean(overlaps):.4f}, lowest {min(overlaps):.4f}, {seconds:.2f} s/picture"
-                )
-
-
-def main() -> None:
-    """Run what is asked for."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("part", nargs="?", choices=["calibration", "segmentation"])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--boards", default=",".join(BOARDS))
-    parser.add_argument("--project", action="store_true", help="corners without pictures, to try many seeds")
-    parser.add_argument("--scenes", default=",".join(SCENES))
-    arguments = parser.parse_args()
-    if arguments.part != "segmentation":
-        seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-        bench_calibration(seeds, arguments.boards.split(","), is_drawn=not arguments.project)
-    if arguments.part != "calibration":
-        bench_segmentation(arguments.scenes.split(","))
-
-
-if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = SynthParameters(scene=scene, n_sensors=1, n_frames=20, size=SIZE)
+        capture = synthesise(Path(folder) / scene, parameters)
+        strokes = write_strokes(Path(folder) / "strokes", capture, frame=10)
+        for name, scribbles in (("plate", None), ("scribbles", strokes)):
+            started = time.process_time()
+            segment_capture(capture.folder, scribbles=scribbles)
+            seconds = time.process_time() - started
+            overlaps = intersection_over_union(read_capture(capture.folder))
+            yield {
+                "scene": scene,
+                "by": name,
+                "mean_iou": round(float(np.mean(overlaps)), 4),
+                "lowest_iou": round(min(overlaps), 4),
+                "processor_s_per_picture": round(seconds / len(overlaps), 2),
+            }
