@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from recon.validation.planes import Plane
 
 AXIS_NAMES = ("a", "b", "c")
+BAND_SHARE = 1 / 12  # of the shortest edge, within which a point speaks for a plane
 CLEAR = 3.0  # standard deviations that a point keeps from the neighbouring faces to count for its own
+
+
+def band_of(size: tuple[float, float, float]) -> float:
+    """How far from a face a point may lie and still be of it, mm."""
+    return BAND_SHARE * min(size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.execute import Progress, silent
-from recon.validation.box import AXIS_NAMES, CuboidFit, Face
-from recon.validation.cuboid import band_of, fit_cuboid
+from recon.validation.box import AXIS_NAMES, CuboidFit, Face, band_of
+from recon.validation.cuboid import fit_cuboid
 from recon.validation.curves import COMBINED, N_REPLICATES, TABLE_THRESHOLD, group_rows, inlier_curve, table_measures
 from recon.validation.measured import FitError, MeasuredCloud, read_measured
 from recon.validation.measures import LESS, Subject, joined, measure_rows
