@@ -6,6 +6,7 @@ consensus of spheres through three points, then Gauss-Newton steps with Tukey's 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,10 @@ N_CANDIDATES = 8
 RIVAL = 0.5  # share of the best sphere's score from which another one counts as a second ball
 APART = 1.5  # times the radius: two balls cannot be nearer than twice it
 WIDE = 2.2  # radii; a ball alone extends over two
+
+
+class TwoSpheresError(FitError):
+    """A cloud holds more than one sphere of the radius."""
 
 
 def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SphereParameters | None = None) -> SphereFit:
@@ -44,17 +49,58 @@ def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SpherePa
     sample = subsample(points, parameters.seed)
     try:
         return _fit(points, sample, radius, parameters)
+    except TwoSpheresError:
+        raise
     except FitError as error:
-        unit = _fitting_unit(sample, radius, parameters)
-        if unit is None or "two spheres" in str(error):
-            raise
-        raise FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}") from error
+        raise with_fitting_unit(error, points, radius, parameters) from error
+
+
+def check_alone(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> None:
+    """Refuse a sphere beside which the cloud holds another one as good.
+
+    Raises
+    ------
+    TwoSpheresError
+        If it does.
+    """
+    found, _ = _found(thinned(subsample(points, parameters.seed), CELL_SHARE * fit.radius), fit.radius, parameters)
+    _check_one([fit, *(other for other in found if _are_apart(fit, other))])
+
+
+def with_fitting_unit(
+    error: FitError, points: NDArray[np.float32], radius: float, parameters: SphereParameters
+) -> FitError:
+    """The error that no sphere was found, with the unit in which there would be one, if there is such a unit."""
+    unit = _fitting_unit(subsample(points, parameters.seed), radius, parameters)
+    return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}") if unit else error
 
 
 def _fit(
     points: NDArray[np.float32], sample: NDArray[np.float32], radius: float, parameters: SphereParameters
 ) -> SphereFit:
-    even = thinned(sample, CELL_SHARE * radius)
+    found, reasons = _found(thinned(sample, CELL_SHARE * radius), radius, parameters)
+    if not found:
+        extent = " x ".join(f"{length:.3g}" for length in np.ptp(sample, axis=0))
+        best = f"; the best candidate: {reasons[0]}" if reasons else ""
+        raise FitError(f"no sphere of radius {radius:g} mm in a cloud of {extent} mm{best}")
+    _check_one(found)
+    return refine_sphere(points, found[0].centre, radius, parameters, sample)
+
+
+def _check_one(found: Sequence[SphereFit]) -> None:
+    if len(found) > 1:
+        places = " and ".join(str(np.round(fit.centre, 1).tolist()) for fit in found[:2])
+        raise TwoSpheresError(
+            f"two spheres of radius {found[0].radius:g} mm, at {places} mm: cut the cloud so that it holds one"
+        )
+
+
+def _are_apart(fit: SphereFit, other: SphereFit) -> bool:
+    return bool(np.linalg.norm(fit.centre - other.centre) > APART * fit.radius)
+
+
+def _found(even: NDArray[np.float32], radius: float, parameters: SphereParameters) -> tuple[list[SphereFit], list[str]]:
+    """The spheres in a cloud of even density that are about as good as the best, and why other candidates are none."""
     found: list[SphereFit] = []
     reasons: list[str] = []
     least = 0.0
@@ -66,17 +112,10 @@ def _fit(
         except FitError as error:
             reasons.append(str(error))
             continue
-        if all(np.linalg.norm(fit.centre - other.centre) > APART * radius for other in found):
+        if all(_are_apart(fit, other) for other in found):
             least = least or RIVAL * score
             found.append(fit)
-    if not found:
-        extent = " x ".join(f"{length:.3g}" for length in np.ptp(sample, axis=0))
-        best = f"; the best candidate: {reasons[0]}" if reasons else ""
-        raise FitError(f"no sphere of radius {radius:g} mm in a cloud of {extent} mm{best}")
-    if len(found) > 1:
-        places = " and ".join(str(np.round(fit.centre, 1).tolist()) for fit in found[:2])
-        raise FitError(f"two spheres of radius {radius:g} mm, at {places} mm: cut the cloud so that it holds one")
-    return refine_sphere(points, found[0].centre, radius, parameters, sample)
+    return found, reasons
 
 
 def _candidates(

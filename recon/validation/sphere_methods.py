@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recon.validation.measured import FitError, checked_points
 from recon.validation.measures import Subject
 from recon.validation.sampling import fibonacci_sphere
-from recon.validation.sphere import fit_sphere
+from recon.validation.sphere import check_alone, fit_sphere, with_fitting_unit
 from recon.validation.sphere_fit import SphereFit, SphereParameters
 from recon.validation.sphere_refinement import refine_sphere
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
@@ -34,12 +34,20 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
     """
     points, parameters = checked_points(points, radius, "radius"), SphereParameters(seed=seed)
     try:
-        found = super4pcs(
-            radius * fibonacci_sphere(MODEL_POINTS), points, Super4PCSParameters(delta=radius / 12, seed=seed)
-        )
+        fit = refine_sphere(points, _registered(points, radius, seed), radius, parameters)
+    except FitError as error:
+        raise with_fitting_unit(error, points, radius, parameters) from error
+    check_alone(points, fit, parameters)
+    return fit
+
+
+def _registered(points: NDArray[np.float32], radius: float, seed: int) -> NDArray[np.float64]:
+    """Where Super4PCS puts the middle of the ideal sphere."""
+    model, parameters = radius * fibonacci_sphere(MODEL_POINTS), Super4PCSParameters(delta=radius / 12, seed=seed)
+    try:
+        return super4pcs(model, points, parameters).cloud_from_model[:3, 3]
     except ValueError as error:
         raise FitError(str(error)) from error
-    return refine_sphere(points, found.cloud_from_model[:3, 3], radius, parameters)
 
 
 METHODS: dict[str, Callable[[NDArray[np.float32], float, int], SphereFit]] = {

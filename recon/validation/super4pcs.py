@@ -128,6 +128,8 @@ def _motions(
     a, b, c, d = base
     at = _crossing(base)
     length_ab, length_cd = float(np.linalg.norm(b - a)), float(np.linalg.norm(d - c))
+    if min(length_ab, length_cd) <= parameters.delta:  # a cloud too small to say anything
+        return np.zeros((0, 3, 4))
     cosine = float((b - a) @ (d - c)) / (length_ab * length_cd)
     first = pairs_at_distance(model, length_ab, parameters.delta, MOST_PAIRS)
     second = pairs_at_distance(model, length_cd, parameters.delta, MOST_PAIRS)

@@ -17,6 +17,7 @@ from recon.validation.curves import inlier_curve
 from recon.validation.measured import FitError
 from recon.validation.sphere import fit_sphere
 from recon.validation.sphere_kernels import tukey_sums
+from recon.validation.sphere_methods import METHODS
 
 RADIUS = 150.0
 
@@ -121,18 +122,21 @@ def test_a_sphere_of_another_radius_is_not_reported(other: float) -> None:
 
 
 @pytest.mark.slow
-def test_two_spheres_are_refused_with_both_places() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_two_spheres_are_refused_with_both_places(method: str) -> None:
     first, _ = cap(1)
     second, _ = cap(2)
+    both = np.concatenate([first, second + np.array([900, 0, 0], np.float32)])
     with pytest.raises(FitError, match="two spheres"):
-        fit_sphere(np.concatenate([first, second + np.array([900, 0, 0])]), RADIUS)
+        METHODS[method](both, RADIUS, 1)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("unit", "length"), [("m", 1000.0), ("cm", 10.0), ("in", 25.4)])
-def test_another_unit_is_named(unit: str, length: float) -> None:
+def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
     points, _ = cap()
     with pytest.raises(FitError, match=f"--unit {unit}"):
-        fit_sphere(points / np.float32(length), RADIUS)
+        METHODS[method](points / np.float32(length), RADIUS, 1)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, float("nan"), float("inf")])
