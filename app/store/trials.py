@@ -152,37 +152,48 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
         query = query.where(session.c.public_id == session_id)
     ordered = query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)
     with connection.execute(ordered.execution_options(yield_per=ROWS_AT_ONCE)) as rows:  # PostgreSQL would send all
-        for row in rows:
-            items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
-            viewing = row.viewing if row.voided_at is None else row.void_viewing
-            technique = (viewing or {}).get("technique")
-            yield {
-                "trial": row.public_id,
-                "session": row.session,
-                "participant": row.participant,
-                "number": row.position + 1,
-                "attempt": row.attempt,
-                "dataset": row.dataset,
-                "item_a": items.item_a,
-                "item_b": items.item_b,
-                "first_shown": items.first_shown,
-                "role": row.role,
-                "served_at": row.served_at,
-                "voided_at": row.voided_at,
-                "void_reason": row.void_reason,
-                "voted_at": row.received_at,
-                "choice": row.choice,
-                "shown_ms": row.shown_ms,
-                "response_ms": row.response_ms,
-                "n_switches": row.n_switches,
-                "both_seen": has_seen_both(viewing) if viewing else None,
-                "technique": technique,
-                "frame_locked": is_frame_locked(technique),
-                "n_mismatches": (viewing or {}).get("n_mismatches"),
-                "viewing": viewing,
-                "withdrawn": row.withdrawn_at is not None,
-                "exclusion": row.exclusion,
-            }
+        yield from map(_described, rows)
+
+
+def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
+    """One trial of a study, as `trial_records` has it."""
+    own = (participant.c.study_id == study_id, participant.c.is_preview.is_(False), trial.c.public_id == trial_id)
+    query = _records().where(*own)
+    row = connection.execute(query).one_or_none()
+    return None if row is None else _described(row)
+
+
+def _described(row: Row[Any]) -> dict[str, Any]:
+    items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
+    viewing = row.viewing if row.voided_at is None else row.void_viewing
+    technique = (viewing or {}).get("technique")
+    return {
+        "trial": row.public_id,
+        "session": row.session,
+        "participant": row.participant,
+        "number": row.position + 1,
+        "attempt": row.attempt,
+        "dataset": row.dataset,
+        "item_a": items.item_a,
+        "item_b": items.item_b,
+        "first_shown": items.first_shown,
+        "role": row.role,
+        "served_at": row.served_at,
+        "voided_at": row.voided_at,
+        "void_reason": row.void_reason,
+        "voted_at": row.received_at,
+        "choice": row.choice,
+        "shown_ms": row.shown_ms,
+        "response_ms": row.response_ms,
+        "n_switches": row.n_switches,
+        "both_seen": has_seen_both(viewing) if viewing else None,
+        "technique": technique,
+        "frame_locked": is_frame_locked(technique),
+        "n_mismatches": (viewing or {}).get("n_mismatches"),
+        "viewing": viewing,
+        "withdrawn": row.withdrawn_at is not None,
+        "exclusion": row.exclusion,
+    }
 
 
 def _records() -> Select[Any]:

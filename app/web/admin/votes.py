@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from app.errors import NotFoundError
 from app.store.designs import datasets_of
-from app.store.trials import trial_film, trial_records
+from app.store.trials import trial_film, trial_record, trial_records
 from app.web.admin.shell import study_page
 from app.web.gates import AStudy, Looking, Store
 
@@ -64,7 +64,7 @@ def replay_page(
 ) -> Response:
     """One trial: both films, and on a time line what was on screen when."""
     with database.reading() as connection:
-        found = next((row for row in trial_records(connection, study.id) if row["trial"] == trial), None)
+        found = trial_record(connection, study.id, trial)
         film = trial_film(connection, study.id, trial)
     if found is None or film is None:
         raise NotFoundError("This study has no such trial.")
