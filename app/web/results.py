@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +20,7 @@ from app.study.groupings import groupings
 from app.study.options import parse_options
 
 ANALYSES_KEPT = 16  # of the latest votes and settings; a study of 100 participants takes some MB
+CHARTS_KEPT = 4
 WITHDRAWN = "withdrawn"
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
@@ -29,7 +30,7 @@ class Snapshot:
     """What the votes so far say; the digest is of the votes and of how they were analysed."""
 
     digest: str
-    analysis: Mapping[str, Any] | None
+    analysis: Mapping[str, Any] | None = field(compare=False)
 
 
 def snapshot_of(database: Database, study_id: int, *, with_excluded: bool = False) -> Snapshot:
@@ -94,23 +95,29 @@ def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str
     }
 
 
-def figures_of(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
+def figures_of(snapshot: Snapshot) -> list[tuple[str, str]]:
     """Name and caption of every figure that there is something in."""
+    return [(name, caption) for name, (caption, _) in _charts(snapshot).items()]
+
+
+@lru_cache(maxsize=CHARTS_KEPT)
+def _charts(snapshot: Snapshot) -> dict[str, tuple[str, Any]]:
+    """Caption and chart of every figure, by name; a page asks for them once to list, then once for each it shows."""
     from app.analysis.report import named_charts
 
-    return [(name, caption) for name, caption, chart in named_charts(analysis) if chart is not None]
+    charts = named_charts(snapshot.analysis) if snapshot.analysis is not None else ()
+    return {name: (caption, chart) for name, caption, chart in charts if chart is not None}
 
 
-def figure(analysis: Mapping[str, Any], name: str, kind: str) -> bytes | None:
+def figure(snapshot: Snapshot, name: str, kind: str) -> bytes | None:
     """A figure as a file of a kind in FIGURE_TYPES, or `vega` for a specification; None if there is no such figure."""
     from app.analysis.charts import chart_pdf, chart_png, chart_svg, chart_vega
-    from app.analysis.report import named_charts
 
-    chart = next((chart for known, _, chart in named_charts(analysis) if known == name), None)
-    if chart is None:
+    _, chart = _charts(snapshot).get(name, ("", None))
+    if chart is None or snapshot.analysis is None:
         return None
     if kind == "csv":
-        return _figure_csv(analysis, name).encode()
+        return _figure_csv(snapshot.analysis, name).encode()
     if kind == "vega":
         return chart_vega(chart).encode()
     return chart_svg(chart).encode() if kind == "svg" else chart_png(chart) if kind == "png" else chart_pdf(chart)

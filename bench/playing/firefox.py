@@ -73,7 +73,8 @@ class Firefox:
         return self.tell("WebDriver:ExecuteScript", script=f"return {script}", args=[])
 
     def wait_for(self, condition: str) -> None:
-        for _ in range(600):
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
             if self.run(condition):
                 return
             time.sleep(0.05)

@@ -42,7 +42,7 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
         "has_votes": analysis is not None,
         "lines": measure_lines(analysis["measures"]) if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
-        "figures": [one for one in figures_of(analysis) if one[0].startswith("measure_")] if analysis else [],
+        "figures": [one for one in figures_of(snapshot) if one[0].startswith("measure_")],
     }
     return study_page(request, "against_scores", person, study, context)
 

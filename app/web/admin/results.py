@@ -41,7 +41,7 @@ def results_page(
     context = {
         "everybody": everybody,
         "digest": snapshot.digest,
-        "figures": [one for one in figures_of(analysis) if not one[0].startswith("measure_")] if analysis else [],
+        "figures": [one for one in figures_of(snapshot) if not one[0].startswith("measure_")],
         "results": results_view(analysis) if analysis else None,
         "n_excluded": analysis["votes"]["excluded"] if analysis else 0,
     }
@@ -56,7 +56,7 @@ def groups_page(request: Request, person: Looking, study: AStudy, database: Stor
     context = {
         "digest": snapshot.digest,
         "groupings": groups_view(analysis) if analysis else [],
-        "figures": dict(figures_of(analysis)) if analysis else {},
+        "figures": dict(figures_of(snapshot)),
     }
     return study_page(request, "groups", person, study, context)
 
@@ -83,9 +83,7 @@ def figure_file(
 
 
 def _figure_answer(snapshot: Snapshot, study: Study, name: str, kind: str, digest: str) -> Response:
-    content = None
-    if snapshot.analysis is not None and kind in (*FIGURE_TYPES, "vega"):
-        content = figure(snapshot.analysis, name, kind)
+    content = figure(snapshot, name, kind) if kind in (*FIGURE_TYPES, "vega") else None
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet.")
     headers = {"Cache-Control": KEPT if digest == snapshot.digest else "no-store"}
