@@ -2,7 +2,7 @@
 
 A synthetic actor is recorded, cut out, reconstructed by every approach and rendered to full-HD films, each command in
 processes of its own. Printed are seconds, processor seconds and the largest process of each, and what every film is.
-FOLDER keeps everything: run again, each command makes what is missing.
+FOLDER, which must not be there yet, keeps everything.
 """
 
 from __future__ import annotations
@@ -67,8 +67,6 @@ def whole_way(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
         "reconstruct": ["reconstruct", capture, "-o", run, *match.split()],
         "render": ["render", run, "-o", films, *film.split(), "--workers", str(arguments.workers)],
     }
-    if Path(capture).exists():
-        del commands["synth"], commands["segment"]
     result: dict[str, Any] = {name: timed(*command) for name, command in commands.items()}
     result["films"] = films_of(folder / "films")
     each = result["render"]["processor_s"] / len(result["films"])
@@ -88,6 +86,8 @@ def main() -> None:
     parser.add_argument("--depth", default="id,dr,pm")
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
+    if arguments.folder.exists():
+        parser.error(f"{arguments.folder} is there already: what it holds would not be made again, nor timed")
     print(json.dumps(whole_way(arguments.folder, arguments), indent=2))
 
 
