@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis import write_analysis
+from app.create import create_study
 from app.experiment import fetched
 from app.files import read_json, write_bytes, write_json
-from app.operate import add_experimenter, create_study, list_studies
+from app.operate import add_experimenter, list_studies
 from app.settings import Settings
 from app.simulate import simulate_study
 from app.web.front import FRONT_FILE

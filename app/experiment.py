@@ -16,9 +16,10 @@ from typing import Any
 import httpx
 import numpy as np
 
+from app.create import create_study
 from app.files import read_json, write_json
 from app.main import running_server
-from app.operate import add_own_token, attach_results, create_study, list_studies
+from app.operate import add_own_token, attach_results, list_studies
 from app.reports import Measure, read_report
 from app.settings import Settings
 from app.simulate import Person, simulate_study

@@ -1,33 +1,17 @@
-"""What the command line asks of the study server: create, list, invite, and let people in."""
+"""What the command line asks of the study server: list, invite, attach, and let people in."""
 
 from __future__ import annotations
 
-import re
-import secrets
-import tomllib
-import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from app.attachments import attach
-from app.films import (
-    NO_REFERENCES,
-    FilmMaker,
-    PairVideo,
-    prepare_identical,
-    prepare_pairs,
-    prepare_practice,
-    split_reference,
-)
-from app.media import MediaStore
 from app.settings import Settings
-from app.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
 from app.store import studies
-from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
-from app.store.designs import copy_design, insert_design, insert_practice
+from app.store.audit import COMMAND_LINE, Entry, record, record_alone
 from app.store.engine import Database, open_database
 from app.store.experimenters import Role, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
@@ -35,14 +19,9 @@ from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
 from app.store.orders import study_plan, taken_orders
 from app.store.tokens import SCOPES, insert_token
-from app.study.adaptive import check_adaptive
 from app.study.balance import balance_report
-from app.study.options import StudyOptions, parse_options
-from app.study.stages import PRACTICE
-from app.study.study_file import StudyFile, parse_study_file, write_study_file
-
-EXPOSURE_BOUNDS_S = (0.1, 3600.0)
-LONGEST_SLUG = 48
+from app.study.options import parse_options
+from app.study.study_file import StudyFile, write_study_file
 
 
 def open_store(settings: Settings) -> Database:
@@ -62,6 +41,16 @@ def open_store(settings: Settings) -> Database:
     return database
 
 
+@contextmanager
+def opened_store(settings: Settings) -> Iterator[Database]:
+    """The database while the block runs."""
+    database = open_store(settings)
+    try:
+        yield database
+    finally:
+        database.dispose()
+
+
 def upgrade_database(settings: Settings) -> dict[str, Any]:
     """Bring the database to the newest version."""
     database = open_database(settings.url)
@@ -71,148 +60,9 @@ def upgrade_database(settings: Settings) -> dict[str, Any]:
         database.dispose()
 
 
-def create_study(
-    settings: Settings,
-    manifest_path: Path,
-    name: str,
-    *,
-    exposure_s: float | None = None,
-    seed: int | None = None,
-    options: StudyOptions | None = None,
-    progress: Progress = no_progress,
-    by: str = COMMAND_LINE,
-    is_paused: bool = False,
-) -> dict[str, Any]:
-    """Create a study of a stimulus set: check it, prepare the pair videos, store the design and an open invitation.
-
-    Parameters
-    ----------
-    manifest_path : the stimulus set's folder or manifest
-    name : what participants and experimenters read
-    exposure_s : how long a pair is shown; None: as long as the shortest video
-    seed : of everybody's order; None: drawn
-    options : what is asked besides votes; None: nothing, which is the quickest study
-    by : who creates it, for the audit log
-    is_paused : let nobody in before it is opened
-
-    Raises
-    ------
-    ValueError
-        If there is a study of this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
-    """
-    slug = slugify(name)
-    with _store(settings) as database:
-        _refuse_second(database, slug, name)
-        stimulus_set = read_stimulus_set(manifest_path, progress)
-        row = {
-            "slug": slug,
-            "name": name.strip(),
-            "state": "open",
-            "exposure_s": _exposure(stimulus_set, exposure_s),
-            "seed": _seed(seed),
-            "factors": stimulus_set.factors,
-            "options": (options or StudyOptions()).as_json(),
-            "manifest_sha256": stimulus_set.sha256,
-        }
-        films = _prepare_films(settings, stimulus_set, options or StudyOptions(), progress)
-        row["created_at"] = created_at = utc_now()
-        row["paused_at"] = created_at if is_paused else None
-        with database.writing() as connection:
-            study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, films.compared, films.pairs)
-            insert_practice(connection, study_id, films.practice)
-            code = insert_invitation(connection, study_id, None, created_at)
-            entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
-            record(connection, by, entry, created_at)
-        with database.reading() as connection:
-            counts = asdict(studies.progress_of(connection, study_id))
-    return {
-        "invitation": code,
-        "path": f"/s/{code}",
-        **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
-        **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
-    }
-
-
-def duplicate_study(database: Database, of: studies.Study, name: str, actor: Actor) -> str:
-    """A new study of another one's stimuli, pairs and options, which pauses until it is opened; its name in addresses.
-
-    Raises
-    ------
-    ValueError
-        If there is a study of this name.
-    """
-    slug = slugify(name)
-    _refuse_second(database, slug, name)
-    kept = ("exposure_s", "factors", "options", "manifest_sha256")
-    row = {key: getattr(of, key) for key in kept}
-    own = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
-    with database.writing() as connection:
-        study_id = studies.insert_study(connection, {**row, **own, "created_at": actor.now, "paused_at": actor.now})
-        copy_design(connection, of.id, study_id)
-        insert_invitation(connection, study_id, None, actor.now)
-        record(connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": of.slug}), actor.now)
-    return slug
-
-
-def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
-    """A study's options from a TOML file, where there is one; what is given besides goes before it.
-
-    Raises
-    ------
-    ValueError
-        If the file is not readable or not as described: names it and what is wrong.
-    """
-    if path is None:
-        return parse_options(given)
-    try:
-        return parse_options({**tomllib.loads(path.read_text(encoding="utf-8")), **given})
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def import_study(
-    settings: Settings, path: Path, *, stimuli: Path | None = None, progress: Progress = no_progress
-) -> dict[str, Any]:
-    """Create a study as a study file says.
-
-    Parameters
-    ----------
-    path : the study file
-    stimuli : the stimulus set's folder; None: the one that the file names
-
-    Raises
-    ------
-    ValueError
-        If the file is not readable or not as described, or its stimulus set is another one; else as `create_study`.
-    """
-    try:
-        found = parse_study_file(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
-    if stimuli is None and found.stimuli is None:
-        raise ValueError(f'{path}: names no stimuli; add stimuli = "FOLDER", or name the folder by --stimuli')
-    folder = stimuli or path.parent / str(found.stimuli)
-    manifest = folder / MANIFEST if folder.is_dir() else folder
-    if found.manifest_sha256 and manifest.is_file() and file_digest(manifest) != found.manifest_sha256:
-        raise ValueError(
-            f"{manifest}: its SHA-256 is {file_digest(manifest)}, {path} expects {found.manifest_sha256}: "
-            "this is another stimulus set"
-        )
-    return create_study(
-        settings,
-        folder,
-        found.name,
-        exposure_s=found.exposure_s,
-        seed=found.seed,
-        options=found.options,
-        progress=progress,
-    )
-
-
 def export_study(settings: Settings, slug: str) -> str:
     """A study as a study file, to be imported on another server beside its stimulus set."""
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         study = _study(database, slug)
     return write_study_file(
         StudyFile(
@@ -227,7 +77,7 @@ def export_study(settings: Settings, slug: str) -> str:
 
 def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
     """Whether a study's orders follow from its seed and balance, see `balance_report`."""
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         study = _study(database, slug)
         with database.reading() as connection:
             return balance_report(study_plan(connection, study), taken_orders(connection, study, utc_now()))
@@ -235,7 +85,7 @@ def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
 
 def list_studies(settings: Settings) -> list[dict[str, Any]]:
     """All studies with their progress and invitations, the newest first."""
-    with _store(settings) as database, database.reading() as connection:
+    with opened_store(settings) as database, database.reading() as connection:
         return [
             {
                 "slug": study.slug,
@@ -263,7 +113,7 @@ def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None =
     ValueError
         If one cannot be read, nothing in them is what the study compares, or it is unclear which study is meant.
     """
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         study = _study(database, slug) if slug else _only_study(database)
         return attach(settings, database, study, paths, by=COMMAND_LINE, now=utc_now())
 
@@ -272,7 +122,7 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     """Invite to a study: `places` participants, or as many as come."""
     if places is not None and not 1 <= places <= 1_000_000:
         raise ValueError(f"{places} places: expected between 1 and 1000000")
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         study = _study(database, slug)
         with database.writing() as connection:
             code = insert_invitation(connection, study.id, places, utc_now())
@@ -289,7 +139,7 @@ def add_experimenter(settings: Settings, name: str, role: Role | None = None) ->
     """
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         secret = renew_link(database, name.strip(), utc_now(), role)
         _note(database, "sign-in link made", name.strip())
     return {"name": name.strip(), "path": f"/admin/login/{secret}"}
@@ -297,7 +147,7 @@ def add_experimenter(settings: Settings, name: str, role: Role | None = None) ->
 
 def set_up_path(settings: Settings) -> str | None:
     """Where the first experimenter sets up the server, once; None when somebody has been added."""
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         secret = set_up_link(database, utc_now())
     return None if secret is None else f"/admin/setup/{secret}"
 
@@ -306,7 +156,7 @@ def add_token(settings: Settings, name: str, scopes: Sequence[str] = tuple(SCOPE
     """A bearer token that may read what its scopes say; it is shown this once."""
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
-    with _store(settings) as database:
+    with opened_store(settings) as database:
         with database.writing() as connection:
             token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now())
         _note(database, "token made", name.strip(), scopes=list(scopes))
@@ -318,32 +168,8 @@ def add_own_token(settings: Settings, purpose: str) -> str:
     return str(add_token(settings, f"{purpose} {utc_now().isoformat(timespec='microseconds')}")["token"])
 
 
-def slugify(name: str) -> str:
-    """A study's name as it stands in addresses.
-
-    Raises
-    ------
-    ValueError
-        If nothing of the name can.
-    """
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
-    if not slug or len(name) > 200:
-        raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
-    return slug
-
-
 def _note(database: Database, action: str, subject: str, study_id: int | None = None, **detail: Any) -> None:
     record_alone(database, COMMAND_LINE, Entry(action, study_id, subject, detail), utc_now())
-
-
-@contextmanager
-def _store(settings: Settings) -> Iterator[Database]:
-    database = open_store(settings)
-    try:
-        yield database
-    finally:
-        database.dispose()
 
 
 def _only_study(database: Database) -> studies.Study:
@@ -361,53 +187,3 @@ def _study(database: Database, slug: str) -> studies.Study:
     if found is None:
         raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
     return found
-
-
-def _refuse_second(database: Database, slug: str, name: str) -> None:
-    with database.reading() as connection:
-        is_taken = studies.slug_exists(connection, slug)
-    if is_taken:
-        raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
-
-
-@dataclass(frozen=True)
-class _Films:
-    """What a study shows: the stimuli that it compares, and the films of its pairs and of the practice."""
-
-    compared: StimulusSet
-    pairs: Sequence[PairVideo]
-    practice: Sequence[PairVideo]
-
-
-def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, progress: Progress) -> _Films:
-    """Make the films that are not there yet, and put them where browsers get them."""
-    compared, references = stimulus_set, NO_REFERENCES
-    if options.reference:
-        compared, references = split_reference(stimulus_set, options.reference)
-    if options.adaptive_pairs:
-        check_adaptive(options.adaptive_pairs, len(compared.conditions))
-    maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
-    pairs = prepare_pairs(compared, maker, references)
-    if options.identical_pairs:
-        pairs += prepare_identical(compared, maker, references)
-    practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
-    if settings.media_url:
-        files = [file for video in [*pairs, *practice] for file in video.files]
-        MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-    return _Films(compared, pairs, practice)
-
-
-def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
-    """How long a pair is shown, s: as wanted, or as long as the shortest video."""
-    shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
-    exposure_s = float(shortest_s if wanted_s is None else wanted_s)
-    low_s, high_s = EXPOSURE_BOUNDS_S
-    if not low_s <= exposure_s <= high_s:
-        raise ValueError(f"exposure {exposure_s} s: expected between {low_s} and {high_s}")
-    return exposure_s
-
-
-def _seed(wanted: int | None) -> int:
-    if wanted is not None and not 0 <= wanted < 2**63:
-        raise ValueError(f"seed {wanted}: expected a whole number from 0 to 2^63 - 1")
-    return secrets.randbits(63) if wanted is None else wanted

@@ -19,7 +19,7 @@ import httpx
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from app import operate
+from app import create, operate
 from app.main import running_server
 from app.settings import Settings
 from app.simulate import begin, next_trial, simulate_study, vote
@@ -77,7 +77,7 @@ def study_server(given: argparse.Namespace, folder: Path) -> Iterator[tuple[str,
     stimuli = given.stimuli / "stimuli" if demo else given.stimuli
     shutil.copytree(stimuli, settings.sets_dir / "demo")
     options = StudyOptions(optional_stages=("interview",), debriefing="Thank you.")
-    operate.create_study(settings, stimuli, "Demo", exposure_s=2.0, seed=1, options=options)
+    create.create_study(settings, stimuli, "Demo", exposure_s=2.0, seed=1, options=options)
     with running_server(settings) as url:
         simulate_study(settings, url, "demo", 12, None, 0.15, 1)
         leave_in_the_middle(settings, url)

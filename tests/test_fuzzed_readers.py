@@ -22,7 +22,7 @@ from PIL import Image
 
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes
-from app.operate import read_options
+from app.create import read_options
 from app.stimuli import decode, read_stimulus_set
 from app.study.study_file import parse_study_file
 from recon.capture.format import read_draft

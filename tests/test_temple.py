@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from app.analysis import analyse, votes_from_rows
+from app.create import create_study
 from app.main import running_server
-from app.operate import add_token, create_study
+from app.operate import add_token
 from app.settings import Settings
 from app.simulate import simulate
 from recon.capture.check import check_capture

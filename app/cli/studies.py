@@ -106,7 +106,7 @@ def study_create(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study of a stimulus set, with an open invitation."""
-    from app.operate import create_study, read_options
+    from app.create import create_study, read_options
     from app.settings import Settings
 
     given = {
@@ -144,7 +144,7 @@ def study_import(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study as a study file says, with an open invitation."""
-    from app.operate import import_study
+    from app.create import import_study
     from app.settings import Settings
 
     progress = ProgressLine()

@@ -13,8 +13,9 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
+from app.create import create_study
 from app.main import running_server
-from app.operate import add_token, create_study
+from app.operate import add_token
 from app.settings import Settings
 from app.stimuli import run_ffmpeg
 from app.study.options import parse_options

@@ -11,8 +11,9 @@ from films import squares, write_films
 from playwright.sync_api import Browser, BrowserContext, Page
 from visitor import MakeFilms, NewStudy, Study, Visitor
 
+from app.create import create_study
 from app.main import running_server
-from app.operate import add_token, create_study
+from app.operate import add_token
 from app.settings import Settings
 from app.study.options import StudyOptions
 

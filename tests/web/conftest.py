@@ -14,7 +14,7 @@ import httpx
 import pytest
 from dashboard import Dashboard, signed_in
 
-from app import operate
+from app import create, operate
 from app.main import running_server
 from app.settings import Settings
 from app.simulate import begin, simulate
@@ -38,7 +38,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory, new_database_url: Callabl
 def new_study(settings: Settings, stimulus_set: Path) -> Callable[[], dict[str, Any]]:
     """Creates a study of six trials; the pair videos are there from the second time on."""
     numbers = count(1)
-    return lambda: operate.create_study(settings, stimulus_set, f"Study {next(numbers)}", exposure_s=0.4, seed=1)
+    return lambda: create.create_study(settings, stimulus_set, f"Study {next(numbers)}", exposure_s=0.4, seed=1)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from dashboard import Dashboard, signed_in
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.web.admin.results_view import decimal, p_value
 
@@ -131,7 +131,7 @@ def test_another_site_cannot_close_a_study(experimenter: Dashboard, study: dict[
 
 
 def test_names_are_escaped(experimenter: Dashboard, settings: Settings, stimulus_set: Any) -> None:
-    operate.create_study(settings, stimulus_set, "<script>alert(1)</script> study")
+    create.create_study(settings, stimulus_set, "<script>alert(1)</script> study")
     page = experimenter.get("/admin").text
     assert "<script>" not in page
     assert "&lt;script&gt;" in page

@@ -27,7 +27,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from app import operate
+from app import create, operate
 from app.main import create_app, running_server
 from app.settings import Settings
 from app.simulate import begin, simulate
@@ -57,7 +57,7 @@ def bearer(own: Settings) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def taken(own: Settings, own_server: str, bearer: dict[str, str], stimulus_set: Path) -> dict[str, Any]:
-    study = operate.create_study(own, stimulus_set, "Taken", exposure_s=0.4, seed=1)
+    study = create.create_study(own, stimulus_set, "Taken", exposure_s=0.4, seed=1)
     token = bearer["Authorization"].removeprefix("Bearer ")
     simulate(own_server, study["slug"], study["invitation"], token, 3, ABILITIES, 0.2, seed=4)
     return study

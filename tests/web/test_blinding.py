@@ -13,7 +13,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app import operate
+from app import create
 from app.settings import Settings
 from app.simulate import next_trial, pass_stages, vote
 from app.study.options import StudyOptions
@@ -74,7 +74,7 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
         debriefing="Thank you for looking.",
     )
     stimuli = clips.write_set(tmp_path, DATASETS, clips.APPROACHES)
-    study = operate.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
+    study = create.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
     rng = np.random.default_rng(1)
     client.get("/")
     client.get(f"/s/{study['invitation']}")

@@ -11,7 +11,7 @@ import pytest
 from dashboard import Dashboard, signed_in
 from http_checks import is_problem
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.simulate import begin, simulate
 from app.study.options import parse_options
@@ -24,7 +24,7 @@ def asked(settings: Settings, stimulus_set: Path, server: str, token: str) -> di
     """A study whose first participant has answered the questionnaire."""
     question = {"name": "hand", "text": "Which hand?", "kind": "choice", "options": ["l", "r"], "required": True}
     content = {"optional_stages": ["interview"], "questions": [question], "spoken_questions": list(SPOKEN)}
-    made = operate.create_study(settings, stimulus_set, "Asked", exposure_s=0.4, options=parse_options(content))
+    made = create.create_study(settings, stimulus_set, "Asked", exposure_s=0.4, options=parse_options(content))
     simulate(server, made["slug"], made["invitation"], token, 1)
     return made
 

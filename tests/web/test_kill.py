@@ -13,7 +13,7 @@ from uuid import uuid4
 import httpx
 import pytest
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.simulate import begin
 from app.store.studies import study_by_slug
@@ -32,7 +32,7 @@ serve(Settings(data_dir=Path(sys.argv[1])), port=0, on_start=lambda base_url: pr
 @pytest.mark.slow
 def test_votes_acknowledged_before_a_kill_are_there_after_it(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
-    study = operate.create_study(settings, stimulus_set, "Killed")
+    study = create.create_study(settings, stimulus_set, "Killed")
     acknowledged: list[str] = []
     for _ in range(2):
         process = subprocess.Popen([sys.executable, "-c", SERVER, str(tmp_path)], stdout=subprocess.PIPE, cwd=ROOT)

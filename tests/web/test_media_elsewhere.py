@@ -17,7 +17,7 @@ import pytest
 from object_store import BUCKET, object_store
 from study_server import free_port
 
-from app import operate
+from app import create
 from app.main import running_server
 from app.media import MediaStore
 from app.settings import Settings
@@ -76,7 +76,7 @@ def nginx(folder: Path, settings: Settings, server: str) -> Iterator[str]:
 @pytest.mark.slow
 def test_nginx_sends_the_videos_and_keeps_the_inner_addresses_inside(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", media_accel="/pairs/")
-    study = operate.create_study(settings, stimulus_set, "Proxied")
+    study = create.create_study(settings, stimulus_set, "Proxied")
     with (
         running_server(settings) as server,
         nginx(tmp_path, settings, server) as proxy,
@@ -113,7 +113,7 @@ def test_browsers_are_sent_to_a_signed_address_of_the_object_store(
     bucket: str, stimulus_set: Path, tmp_path: Path
 ) -> None:
     settings = Settings(data_dir=tmp_path, media_url=f"s3://{BUCKET}/pairs")
-    study = operate.create_study(settings, stimulus_set, "Stored")
+    study = create.create_study(settings, stimulus_set, "Stored")
     assert MediaStore(f"s3://{BUCKET}/pairs").upload(settings.media_dir.glob("*.mp4")) == 0
     with running_server(settings) as server, httpx.Client(base_url=server, timeout=30) as client:
         url = media_of_first_trial(client, study)

@@ -11,7 +11,7 @@ from typing import Any
 import clips
 import pytest
 
-from app import operate
+from app import create, operate
 from app.errors import StimuliError
 from app.settings import Settings
 from app.store.migrate import newest_version
@@ -21,7 +21,7 @@ from app.store.migrate import newest_version
 def test_a_study_is_as_long_as_its_shortest_video_unless_told(
     study: dict[str, Any], stimulus_set: Path, tmp_path: Path
 ) -> None:
-    made = operate.create_study(Settings(data_dir=tmp_path), stimulus_set, "By itself")
+    made = create.create_study(Settings(data_dir=tmp_path), stimulus_set, "By itself")
     assert made["exposure_s"] == clips.N_FRAMES / clips.FPS
     assert (made["n_datasets"], made["n_conditions"], made["n_pairs"]) == (2, 3, 6)
     assert made["path"] == f"/s/{made['invitation']}"
@@ -32,7 +32,7 @@ def test_a_study_is_as_long_as_its_shortest_video_unless_told(
 def test_studies_are_listed_with_progress(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     assert operate.list_studies(settings) == []
-    made = operate.create_study(settings, stimulus_set, "One")
+    made = create.create_study(settings, stimulus_set, "One")
     (listed,) = operate.list_studies(settings)
     assert (listed["slug"], listed["invitations"], listed["n_votes"]) == ("one", [made["invitation"]], 0)
     json.dumps(listed)
@@ -40,7 +40,7 @@ def test_studies_are_listed_with_progress(stimulus_set: Path, tmp_path: Path) ->
 
 def test_a_second_study_of_a_name_is_refused(study: dict[str, Any], settings: Settings, stimulus_set: Path) -> None:
     with pytest.raises(ValueError, match="already a study"):
-        operate.create_study(settings, stimulus_set, study["name"])
+        create.create_study(settings, stimulus_set, study["name"])
 
 
 @pytest.mark.parametrize(
@@ -52,26 +52,26 @@ def test_numbers_out_of_bounds_are_refused(
 ) -> None:
     settings = Settings(data_dir=tmp_path)
     with pytest.raises(ValueError, match=complaint):
-        operate.create_study(settings, stimulus_set, "Wrong", **options)
+        create.create_study(settings, stimulus_set, "Wrong", **options)
     assert operate.list_studies(settings) == []
 
 
 def test_a_bad_stimulus_set_leaves_no_study(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     with pytest.raises(StimuliError, match="no such file"):
-        operate.create_study(settings, tmp_path / "nothing", "Nothing")
+        create.create_study(settings, tmp_path / "nothing", "Nothing")
     assert operate.list_studies(settings) == []
 
 
 @pytest.mark.parametrize(("name", "slug"), [("Temple, round 2", "temple-round-2"), ("Été à Graz", "ete-a-graz")])
 def test_a_name_becomes_an_address(name: str, slug: str) -> None:
-    assert operate.slugify(name) == slug
+    assert create.slugify(name) == slug
 
 
 @pytest.mark.parametrize("name", ["", "---", "日本", "x" * 201])
 def test_a_name_that_cannot_be_an_address_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="expected a name"):
-        operate.slugify(name)
+        create.slugify(name)
 
 
 def test_a_tokens_name_is_taken_once(settings: Settings) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from http_checks import is_problem
 
-from app import operate
+from app.create import create_study
 from app.main import running_server
 from app.settings import Settings
 from app.simulate import begin, simulate
@@ -34,9 +34,7 @@ def screened(settings: Settings, stimulus_set: Path) -> NewStudy:
 
     def create(**screening: Any) -> dict[str, Any]:
         options = parse_options({"optional_stages": ["screening"], "screening": screening})
-        return operate.create_study(
-            settings, stimulus_set, f"Screened {next(numbers)}", exposure_s=0.4, options=options
-        )
+        return create_study(settings, stimulus_set, f"Screened {next(numbers)}", exposure_s=0.4, options=options)
 
     return create
 

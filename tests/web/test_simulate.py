@@ -11,7 +11,7 @@ import httpx
 import pytest
 from http_checks import is_problem
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.simulate import Person, simulate
 from app.study.observer import Observer
@@ -88,7 +88,7 @@ def test_everybody_may_be_somebody_else(
         "screening": {"tests": ["colour"], "colour_axes": ["deutan"], "on_failure": "stop"},
         "questions": [{"name": "age", "kind": "number", "minimum": 16}],
     }
-    study = operate.create_study(settings, stimulus_set, "People", exposure_s=0.4, options=parse_options(content))
+    study = create.create_study(settings, stimulus_set, "People", exposure_s=0.4, options=parse_options(content))
     mirrored = {item: -ability for item, ability in ABILITIES.items()}
     people = [
         Person(answers={"age": 31}),
@@ -130,7 +130,7 @@ def test_artificial_participants_take_every_stage_that_a_study_has(
             {"name": "hand", "text": "Which hand?", "kind": "choice", "options": ["l", "r"], "required": True}
         ],
     }
-    study = operate.create_study(settings, stimulus_set, "All stages", exposure_s=0.4, options=parse_options(content))
+    study = create.create_study(settings, stimulus_set, "All stages", exposure_s=0.4, options=parse_options(content))
     result = simulate(server, study["slug"], study["invitation"], token, 1, ABILITIES)
     assert result["votes"] == 6
     (listed,) = [one for one in operate.list_studies(settings) if one["slug"] == study["slug"]]
@@ -142,7 +142,7 @@ def test_a_stage_is_not_completed_without_what_it_asks_for(
     client: httpx.Client, settings: Settings, stimulus_set: Path
 ) -> None:
     content = {"optional_stages": ["practice", "interview"], "consent": "I agree."}
-    study = operate.create_study(settings, stimulus_set, "Strict", exposure_s=0.4, options=parse_options(content))
+    study = create.create_study(settings, stimulus_set, "Strict", exposure_s=0.4, options=parse_options(content))
     begun = client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]}).json()
     assert begun["stages"] == ["introduction", "practice", "trial", "interview", "finished"]
     introduction, practice = (f"/api/v1/session/stages/{stage}" for stage in ("introduction", "practice"))
@@ -165,4 +165,4 @@ def test_an_options_file_that_is_not_right_is_named(tmp_path: Path, text: str | 
     if text is not None:
         path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=complaint):
-        operate.read_options(path, {})
+        create.read_options(path, {})

@@ -17,6 +17,7 @@ from http_checks import is_problem
 from numpy.typing import NDArray
 
 from app import operate
+from app.create import create_study
 from app.films import FilmMaker, prepare_pairs, split_reference
 from app.settings import Settings
 from app.simulate import begin, simulate
@@ -32,7 +33,7 @@ ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
 def create(settings: Settings, stimulus_set: Path) -> Create:
     def make(**options: Any) -> dict[str, Any]:
         name = f"Study {uuid4()}"
-        return operate.create_study(settings, stimulus_set, name, exposure_s=0.4, options=parse_options(options))
+        return create_study(settings, stimulus_set, name, exposure_s=0.4, options=parse_options(options))
 
     return make
 

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from dashboard import Dashboard, ends, signed_in
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.simulate import begin, next_trial
 
@@ -160,7 +160,7 @@ def test_a_preview_walks_the_whole_study_and_leaves_no_vote(
 
 @pytest.mark.slow
 def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Settings, stimulus_set: Path) -> None:
-    operate.create_study(own, stimulus_set, "Films", exposure_s=0.4)
+    create.create_study(own, stimulus_set, "Films", exposure_s=0.4)
     with signed_in(own_server, own, "Eva") as eva:
         page = eva.get("/admin/studies/films/stimuli").text
         stills = re.findall(r'src="(/admin/studies/films/stimuli/[^"]+\.jpg)"', page)

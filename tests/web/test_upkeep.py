@@ -13,7 +13,7 @@ import shapes
 from seeding import NOW, seed_voters
 from sqlalchemy import delete, insert, select, text, update
 
-from app import operate
+from app import create, operate
 from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.migrate import newest_version, upgrade, version_of
@@ -162,7 +162,7 @@ def files_below(folder: Path) -> dict[str, bytes]:
 @pytest.mark.slow
 def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_path: Path) -> None:
     here, there = (Settings(data_dir=tmp_path / name) for name in ("here", "there"))
-    operate.create_study(here, stimulus_set, "Whole")
+    create.create_study(here, stimulus_set, "Whole")
     assert check(here) == {
         "faults": [],
         "videos": 12,

@@ -10,7 +10,7 @@ import pytest
 import shapes
 from dashboard import Dashboard, ends, files_of, signed_in, zipped
 
-from app import operate
+from app import create
 from app.settings import Settings
 
 
@@ -62,7 +62,7 @@ def test_a_page_that_calls_itself_a_film_is_refused(own_server: str, own: Settin
 @pytest.fixture(scope="module")
 def compared(own: Settings, stimulus_set: Path) -> str:
     """The address of a study to which results are uploaded."""
-    return f"/admin/studies/{operate.create_study(own, stimulus_set, 'Compared')['slug']}"
+    return f"/admin/studies/{create.create_study(own, stimulus_set, 'Compared')['slug']}"
 
 
 def send_results(dashboard: Dashboard, study: str, files: dict[str, bytes]) -> httpx.Response:

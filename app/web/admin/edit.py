@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
+from app.create import EXPOSURE_BOUNDS_S
 from app.errors import ConflictError, InvalidError
-from app.operate import EXPOSURE_BOUNDS_S
 from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, progress_of

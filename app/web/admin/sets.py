@@ -13,8 +13,8 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 
+from app.create import slugify
 from app.errors import InvalidError, NotFoundError, StimuliError
-from app.operate import slugify
 from app.settings import Settings
 from app.stimuli import MANIFEST, read_stimulus_set
 from app.store.audit import Entry, record_alone

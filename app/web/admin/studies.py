@@ -8,8 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
+from app.create import create_study, duplicate_study
 from app.errors import InvalidError, NotFoundError
-from app.operate import create_study, duplicate_study
 from app.store.invitations import preview_code
 from app.store.jobs import job_by_id
 from app.store.sessions import begin_preview
