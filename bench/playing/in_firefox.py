@@ -13,12 +13,12 @@ import numpy as np
 
 from playing.bars import both_strips, difference, goes_back
 from playing.firefox import Firefox
-from playing.in_chromium import TALL, USED
+from playing.in_chromium import TALL
 from playing.study import Study, dropped, last_viewing, summary
 
 PAUSE_S = 0.07  # between presses, besides what the protocol takes
 MOST_SHOTS = 80  # a picture of the tall window takes half a second
-PEER_PRESSES, PEER_SHOTS = 200, 30
+PEER_PRESSES, PEER_SHOTS = 100, 20
 HEAD = 86  # pixels of Firefox's own bars
 PAINTS = """(() => {
     window.presses = []; window.paints = [];
@@ -34,7 +34,8 @@ def run(of: Study, n: int) -> dict[str, Any]:
     if program is None:
         return {"skipped": "no Firefox is installed"}
     with tempfile.TemporaryDirectory() as folder:
-        firefox = Firefox(program, Path(folder), size=_outer(USED))
+        size = (TALL[0], TALL[1] + HEAD)  # from the beginning: a window that is resized leaves full screen
+        firefox = Firefox(program, Path(folder), size=size)
         try:
             version = firefox.run("navigator.userAgent").split()[-1]
             page = _page(firefox, of, n)
@@ -54,7 +55,6 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")
     size = firefox.run("[innerWidth, innerHeight]")
     timed = _timed(firefox, n)
-    firefox.tell("WebDriver:SetWindowRect", **dict(zip(("width", "height"), _outer(TALL), strict=True)))
     firefox.run("document.querySelector('.film').style.overflow = 'visible'")
     pairs = _shots(firefox, min(MOST_SHOTS, n))
     viewing = _vote(firefox, of)
@@ -72,11 +72,9 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
 
 
 def _peer(firefox: Firefox, of: Study) -> dict[str, Any]:
-    firefox.tell("WebDriver:SetWindowRect", **dict(zip(("width", "height"), _outer(USED), strict=True)))
     firefox.tell("WebDriver:Navigate", url=of.peer)
     firefox.wait_for("document.querySelector('#b').currentTime > 0.3")
     timed = _timed(firefox, PEER_PRESSES)
-    firefox.tell("WebDriver:SetWindowRect", **dict(zip(("width", "height"), _outer(TALL), strict=True)))
     firefox.run("document.body.className = 'both'")
     return {**timed, **difference(_shots(firefox, PEER_SHOTS))}
 
@@ -116,7 +114,3 @@ def _vote(firefox: Firefox, of: Study) -> dict[str, Any]:
     firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")  # the next: the vote is kept
     return last_viewing(of)
-
-
-def _outer(size: tuple[int, int]) -> tuple[int, int]:
-    return size[0], size[1] + HEAD
