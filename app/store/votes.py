@@ -64,9 +64,8 @@ _OPEN_TRIAL = select(trial.c.id).where(
     trial.c.voided_at.is_(None),
     ~exists().where(vote.c.trial_id == trial.c.id),
 )
-_LAST_OPEN_TRIAL = _OPEN_TRIAL.order_by(trial.c.assignment_id.desc()).limit(
-    1
-)  # found at once: votes begin at the first
+# The last first: votes begin at the other end, so that one is found at once.
+_LAST_OPEN_TRIAL = _OPEN_TRIAL.order_by(trial.c.assignment_id.desc()).limit(1)
 _ENDED = select(session.c.id).where(
     session.c.id.in_(bindparam("sessions", expanding=True)), _LAST_OPEN_TRIAL.scalar_subquery().is_(None)
 )

@@ -61,6 +61,11 @@ def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     return snapshot_of(database, study_id).analysis
 
 
+def load_analysis() -> None:
+    """Import what scores and figures need, before somebody waits a second for them."""
+    import app.analysis.report  # noqa: F401
+
+
 def _given(database: Database, study_id: int) -> dict[str, Any]:
     """What an analysis is made of."""
     with database.reading() as connection:

@@ -53,6 +53,9 @@ def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
     assert {frame for _, frame in shown} >= {frame for (_, frame), _ in moments}
 
 
+SOUGHT = "[...document.querySelectorAll('video.twin')].every((film) => !film.seeking && film.readyState >= 2)"
+
+
 def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
     new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
 ) -> None:
@@ -63,7 +66,8 @@ def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
     visitor.begin(study)
     visitor.is_in("exposure")
     page.evaluate("document.querySelectorAll('video.twin')[1].currentTime += 4")
-    page.wait_for_timeout(1000)  # the film seeks
+    page.wait_for_function(SOUGHT)
+    page.wait_for_timeout(500)  # and the page has noticed for a while
     (one_condition, one_frame), (other_condition, other_frame) = visitor.reads_both()
     assert one_condition != other_condition
     assert abs(one_frame - other_frame) > 10

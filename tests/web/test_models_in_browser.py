@@ -27,10 +27,16 @@ Look = Callable[[str], NDArray[np.int16]]
 
 
 @pytest.fixture(scope="module")
-def graphics(browser: Browser) -> Iterator[Browser]:
-    """The same Chromium with WebGL, drawn without a graphics card."""
+def packages() -> None:
+    """What the 3D view is made of."""
     if not VENDOR.is_dir():
         pytest.skip("the browser packages are not installed; `make setup` does it where npm's registry is reachable")
+
+
+@pytest.fixture(scope="module")
+def graphics(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Browser]:
+    """The same Chromium with WebGL, drawn without a graphics card."""
+    request.getfixturevalue("packages")
     arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     drawing = browser.browser_type.launch(executable_path=chromium(), args=arguments)
     yield drawing
@@ -154,6 +160,7 @@ def test_a_scene_without_truth_offers_no_errors(page: Page, look: Look) -> None:
     assert drawn(look("left")).sum() > 0
 
 
+@pytest.mark.usefixtures("packages")
 def test_a_browser_without_webgl_says_so(browser: Browser, server: str, settings: Settings, path: str) -> None:
     without = browser.browser_type.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-3d-apis"])
     page = without.new_page(base_url=server)

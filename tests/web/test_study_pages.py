@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,24 @@ from dashboard import Dashboard, ends, signed_in
 from app import create, operate
 from app.settings import Settings
 from app.simulate import begin, next_trial
+
+SIGNED_IN = """
+import sys, time
+from pathlib import Path
+import httpx
+from app.main import running_server
+from app.operate import add_experimenter
+from app.settings import Settings
+
+settings = Settings(data_dir=Path(sys.argv[1]), database_url=None)
+with running_server(settings) as url, httpx.Client(base_url=url, follow_redirects=True) as client:
+    assert "app.analysis" not in sys.modules
+    client.get(add_experimenter(settings, "Ada")["path"]).raise_for_status()
+    deadline = time.monotonic() + 60
+    while "app.analysis.report" not in sys.modules and time.monotonic() < deadline:
+        time.sleep(0.05)
+    sys.exit("app.analysis.report" not in sys.modules)
+"""
 
 NewStudy = Callable[[], dict[str, Any]]
 
@@ -180,3 +200,8 @@ def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, ta
     assert "as planned" in page
     assert re.search(r"found in \d+ % of studies in\s+one dataset", page)
     assert experimenter.get(f"/admin/studies/{taken['slug']}/design?participants=1e9").status_code == 422
+
+
+@pytest.mark.slow
+def test_what_scores_need_is_loaded_once_somebody_has_signed_in(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", SIGNED_IN, str(tmp_path)], check=True, timeout=120)

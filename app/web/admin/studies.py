@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Form, Path, Request
+from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
 from fastapi.responses import Response
 
 from app.create import create_study, duplicate_study
@@ -21,6 +21,7 @@ from app.web.admin.sets import known_sets, set_folder
 from app.web.admin.shell import page, see
 from app.web.gates import Acting, AStudy, Looking, Person, Store, settings
 from app.web.participant import remember
+from app.web.results import load_analysis
 
 EXPOSURE_S = Form(ge=0.1, le=3600, allow_inf_nan=False)
 
@@ -36,7 +37,8 @@ class Card:
 
 
 @router.get("")
-def studies_page(request: Request, person: Person, database: Store) -> Response:
+def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
+    afterwards.add_task(load_analysis)  # a study's pages come next
     with database.reading() as connection:
         cards = [Card(study, progress_of(connection, study.id)) for study in all_studies(connection)]
     current = [card for card in cards if card.study.standing != "archived"]
