@@ -51,7 +51,7 @@ export class TwinPlayer {
   /** @param {Shown} which */
   show(which) {
     this.shown = which;
-    this.videos.forEach((video, strip) => (video.style.opacity = strip === this.strips[which] ? "1" : "0"));
+    this.videos.forEach((video, strip) => (video.style.zIndex = strip === this.strips[which] ? "1" : "0"));
   }
 
   /** Seconds into the film, by the last frame of the one that is shown. */

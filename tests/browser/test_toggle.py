@@ -53,6 +53,20 @@ def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
     assert {frame for _, frame in shown} >= {frame for (_, frame), _ in moments}
 
 
+@pytest.mark.parametrize("technique", ["stacked", "webcodecs", "two videos"])
+def test_a_stimulus_is_on_the_screen_as_soon_as_it_is_switched_to(
+    technique: str, new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
+) -> None:
+    leave_only(page, technique)
+    study = new_study(films(5.0, 60, squares), 12.0, parse_options({"fallback": "two videos"}))
+    visitor.begin(study)
+    visitor.is_in("exposure")
+    page.wait_for_timeout(500)  # long enough for a browser to rest from painting what is not shown
+    visitor.looks()
+    (one, _), (other, _) = visitor.reads_both()
+    assert one != other
+
+
 SOUGHT = "[...document.querySelectorAll('video.twin')].every((film) => !film.seeking && film.readyState >= 2)"
 
 
