@@ -148,7 +148,8 @@ def _postgresql(address: URL) -> Engine:
 
 def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:
     dbapi_connection.isolation_level = None  # the driver begins nothing by itself: _begin_sqlite does
-    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+    # temp_store: no file is made for each statement of several rows, which could be undone half way
+    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "temp_store=MEMORY"):
         dbapi_connection.execute(f"PRAGMA {pragma}").close()
 
 

@@ -1,6 +1,8 @@
-"""The one writer of votes in a process: what arrives while it writes is kept together in the next transaction.
+"""The one writer of votes in a process: what arrives together, or while it writes, is kept in one transaction.
 
-A sync of the disk costs the same for one vote as for hundreds, and nobody is answered before theirs is over.
+A sync of the disk costs the same for one vote as for hundreds, and nobody is answered before theirs is over. Writer and
+event loop hinder each other when both run (one at a time holds the interpreter), so a batch begins when the loop has
+read what there was to read: it waits for some turns of the loop, not for some time.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
@@ -22,7 +25,9 @@ log = logging.getLogger(__name__)
 
 MOST_WAITING = 2000  # some tenths of a second of work; whoever comes later is told to come again
 LARGEST_BATCH = 256  # beyond it a transaction gains nothing, and a bad row costs more (bench/server.py)
-
+QUIET_TURNS = 2  # of an event loop: in the first a request is read, in the second its vote is queued
+LONGEST_GATHERING_S = 0.01  # where votes never cease to arrive
+RETURN_S = 0.001  # so long after an answer its participant's next vote may come, to be kept with those that wait
 
 Answer = asyncio.Future[KeptVote]
 Outcome = KeptVote | Exception
@@ -42,6 +47,8 @@ class VoteWriter:
         self._waiting: deque[_Waiting] = deque()
         self._changed = threading.Condition()
         self._is_closed = False
+        self._gathering: asyncio.AbstractEventLoop | None = None
+        self._n_answered = 0
         self._thread = threading.Thread(target=self._run, name="vote-writer", daemon=True)
 
     def __enter__(self) -> VoteWriter:
@@ -66,17 +73,33 @@ class VoteWriter:
         UnavailableError
             If too many wait, or the writer has ended.
         """
-        answer: Answer = asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        answer: Answer = loop.create_future()
         with self._changed:
             if self._is_closed or len(self._waiting) >= self._most_waiting:
                 raise UnavailableError("Too much arrives at once. Your answer is kept in your browser and sent again.")
             self._waiting.append(_Waiting(ballot, answer))
-            self._changed.notify()
+            n_waiting, is_first = len(self._waiting), self._gathering is None or self._gathering.is_closed()
+            if is_first:
+                self._gathering = loop
+        if is_first:
+            loop.call_soon(self._gather, loop, n_waiting, QUIET_TURNS, time.monotonic() + LONGEST_GATHERING_S)
         return answer
 
     @property
     def n_waiting(self) -> int:
         return len(self._waiting)
+
+    def _gather(self, loop: asyncio.AbstractEventLoop, n_before: int, n_turns: int, until_s: float) -> None:
+        """Let the writer begin once the event loop brings no further vote for some turns."""
+        n_waiting = len(self._waiting)
+        n_turns = n_turns - 1 if n_waiting == n_before else QUIET_TURNS
+        if n_turns and n_waiting < LARGEST_BATCH and time.monotonic() < until_s:
+            loop.call_soon(self._gather, loop, n_waiting, n_turns, until_s)
+            return
+        with self._changed:
+            self._gathering = None
+            self._changed.notify()
 
     def _run(self) -> None:
         while batch := self._next_batch():
@@ -85,8 +108,15 @@ class VoteWriter:
     def _next_batch(self) -> list[_Waiting]:
         """What waits, as soon as anything does; nothing at the end."""
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            self._changed.wait_for(self._has_gathered)
+            if len(self._waiting) < self._n_answered:  # most are with those who have just been answered
+                self._changed.wait_for(lambda: self._is_closed, RETURN_S)
+                self._changed.wait_for(self._has_gathered)
+            self._n_answered = len(self._waiting)
             return [self._waiting.popleft() for _ in range(min(len(self._waiting), LARGEST_BATCH))]
+
+    def _has_gathered(self) -> bool:
+        return self._is_closed or (bool(self._waiting) and self._gathering is None)
 
     def _outcomes(self, ballots: Sequence[Ballot]) -> Sequence[Outcome]:
         try:

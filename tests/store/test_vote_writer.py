@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -12,6 +13,7 @@ from ballots import Participant, ballot_of, let_in, n_votes, serve_trials
 from sqlalchemy import event
 
 from app.errors import UnavailableError
+from app.store import vote_writer
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.vote_writer import Answer, VoteWriter
@@ -117,9 +119,39 @@ def test_a_loop_that_has_ended_is_no_trouble_to_others(
     database: Database, ballots: list[Ballot], loop: BlockingPortal
 ) -> None:
     writer = VoteWriter(database)
-    with start_blocking_portal() as ended:
-        ended.call(submit, writer, ballots[:1])
+
+    def submit_and_end() -> None:
+        brief = asyncio.new_event_loop()
+        brief.run_until_complete(submit(writer, ballots[:1]))
+        brief.close()
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(submit_and_end).result()
     answers = loop.call(submit, writer, ballots[1:])
     with writer:
         assert are_new(loop.call(outcomes, answers))
     assert n_votes(database) == 6
+
+
+def test_votes_that_arrive_at_once_share_a_commit_also_while_the_writer_is_idle(
+    database: Database, ballots: list[Ballot], loop: BlockingPortal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vote_writer, "LONGEST_GATHERING_S", TIMEOUT_S)  # on a busy machine a turn may take long
+    n_commits = 0
+
+    def count(_connection: object) -> None:
+        nonlocal n_commits
+        n_commits += 1
+
+    async def submit_in_turns() -> list[KeptVote | BaseException]:
+        answers = []
+        for ballot in ballots:
+            answers.append(writer.submit(ballot))
+            await asyncio.sleep(0)  # the next one is read in the next turn of the loop
+        return await outcomes(answers)
+
+    with VoteWriter(database) as writer:
+        event.listen(database.engine, "commit", count)
+        assert are_new(loop.call(submit_in_turns))
+        event.remove(database.engine, "commit", count)
+    assert n_commits == 1
