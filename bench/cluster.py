@@ -1,17 +1,19 @@
 """How much faster two workers match and render than one, when each task uses one thread.
 
-    python bench/cluster.py [--frames 8] [--size 640x480] [--seconds 8] [--repeats 3] [--json]
+    python bench/cluster.py [--frames 10] [--size 1280x720] [--seconds 2] [--repeats 3] [--json]
 
 The same tasks run on one and on two local processes, and on a Dask cluster of one and of two workers, in turn; a pool
 is warm (modules loaded, kernels compiled) before its clock starts. Prints the median of seconds and of the speed-ups of
-neighbouring runs, and checks that all wrote the same bytes. Run it on a machine that does nothing else: where other
-programs take a core, two workers cannot be twice as fast.
+neighbouring runs, and checks that all wrote the same bytes. Each worker has a core of its own, or one would encode its
+video on the other. Arithmetic that needs no memory tells what the machine gives at most: where other programs take a
+core, two workers cannot be twice as fast.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -67,6 +69,26 @@ def rendering(run: Path, options: RenderOptions, folder: Path) -> list[partial[A
     return [partial(make_part, film, folder, part, threads=1) for film in films for part in film.parts]
 
 
+def arithmetic(folder: Path) -> list[partial[Any]]:
+    """Tasks that share nothing, not even memory: what two cores of this machine give at most."""
+    return [partial(add_up, folder / f"{number}", 1_500_000) for number in range(20)]
+
+
+def add_up(file: Path, n: int) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(str(sum(range(n)) + sum(number * number for number in range(n))))
+
+
+def warm(task: partial[Any], meeting: Path, n_workers: int) -> None:
+    """Run a task, wait for as many workers as there are, so that none does it for all, and take a core each."""
+    task()
+    meeting.mkdir(parents=True, exist_ok=True)
+    (meeting / str(os.getpid())).touch()
+    while len(found := sorted(int(file.name) for file in meeting.iterdir())) < n_workers:
+        time.sleep(0.01)
+    os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[found.index(os.getpid())]})
+
+
 def seconds(pool: Pool, tasks: Sequence[partial[Any]]) -> float:
     started = time.perf_counter()
     for _ in pool.run(tasks):
@@ -88,7 +110,8 @@ def measure(tasks_in: Tasks, new_pool: Callable[[int], Any], n_repeats: int) -> 
             for n_workers in times:
                 folder = Path(name) / f"{repeat} {n_workers}"
                 with new_pool(n_workers) as pool:
-                    seconds(pool, tasks_in(folder / "warm")[: 2 * n_workers])
+                    tasks = tasks_in(folder / "warm")[:n_workers]
+                    seconds(pool, [partial(warm, task, folder / "meeting", n_workers) for task in tasks])
                     times[n_workers].append(seconds(pool, tasks_in(folder / "made")))
                 made.append(digests(folder / "made"))
     assert all(one == made[0] for one in made), "one and two workers wrote different bytes"
@@ -103,9 +126,9 @@ def measure(tasks_in: Tasks, new_pool: Callable[[int], Any], n_repeats: int) -> 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=8)
-    parser.add_argument("--size", type=parse_size, default=(640, 480))
-    parser.add_argument("--seconds", type=float, default=8.0, help="of each video, in parts of two")
+    parser.add_argument("--frames", type=int, default=10)
+    parser.add_argument("--size", type=parse_size, default=(1280, 720))
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each video")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
@@ -117,6 +140,7 @@ def main() -> None:
         reconstruct(top / "ball", top / "run", ReconstructOptions(depths=("id",), frames=range(2)))
         shown = RenderOptions(size=arguments.size, seconds=arguments.seconds, renderer="software")
         stages = {
+            "arithmetic": arithmetic,
             "matching": partial(matching, read_capture(top / "ball")),
             "rendering": partial(rendering, top / "run", shown),
         }

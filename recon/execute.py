@@ -6,8 +6,10 @@ because the first worker was lost, writes the same file again.
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -26,6 +28,8 @@ LOSSES = 3  # times that worker processes may die before it is taken for the tas
 RETRIES = 2  # of a task that fails on a cluster for another reason than its input
 CONNECT_S = 20  # until a scheduler has answered, and a worker has come
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+KEPT_MEMORY = 32 * 2**20  # bytes: the most that glibc takes for the first of these
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # as malloc.h numbers them
 
 _one_at_a_time = Lock()
 
@@ -96,7 +100,7 @@ class LocalProcesses:
 
     def _new_executor(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")  # fork would copy the threads and locks of numba and GL
-        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_use_one_thread)
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_become_worker)
 
 
 class DaskCluster:
@@ -185,15 +189,39 @@ def _connected(address: str) -> Iterator[Client]:
 def _outcome(task: partial[Result]) -> Result | _WrongInput:
     """A task's result, or what is wrong with its input; one at a time in a process, as numba wants it."""
     with _one_at_a_time:
+        _use_one_thread()
+        _keep_memory()
         try:
             return task()
         except ValueError as error:
             return _WrongInput(error)
 
 
-def _use_one_thread() -> None:
-    for name in ONE_THREAD:
+def _become_worker() -> None:
+    for name in ONE_THREAD:  # for what is not loaded yet
         os.environ[name] = "1"
+    _use_one_thread()
+
+
+def _use_one_thread() -> None:
+    """In this process, and for numba in this thread."""
+    import cv2
+    import numba
+
+    cv2.setNumThreads(1)
+    numba.set_num_threads(1)
+
+
+def _keep_memory() -> None:
+    """Keep the memory of an array for the next ones.
+
+    Dask starts its workers with a setting of malloc that gives it back to the system at once; new memory is filled with
+    zeros page by page, and matching takes half as long again (bench/cluster.py).
+    """
+    if sys.platform == "linux":
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)  # musl has none
+        mallopt(M_MMAP_THRESHOLD, KEPT_MEMORY)
+        mallopt(M_TRIM_THRESHOLD, KEPT_MEMORY)
 
 
 Progress = Callable[[str, int, int], None]

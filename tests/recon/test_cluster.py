@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numba
 import pytest
 from command_line import Command
 from distributed import LocalCluster
@@ -103,6 +105,11 @@ def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed
     assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 3 + 1  # maps and clouds, meshes, videos, preview
     assert there == here
     assert not list(tmp_path.rglob(".*.part*"))
+
+
+def test_a_task_on_a_cluster_uses_one_thread(cluster: LocalCluster) -> None:
+    with open_pool(cluster=cluster.scheduler_address) as pool:
+        assert list(pool.run([partial(numba.get_num_threads), partial(cv2.getNumThreads)])) == [1, 1]
 
 
 def test_a_cluster_that_shares_a_bucket_and_no_folder_makes_the_same_files(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import signal
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 
 from recon.execute import LOSSES, LocalProcesses, open_pool
 
+ROOT = Path(__file__).parents[2]
 TASKS = [partial(math.factorial, n) for n in range(6)]
 
 
@@ -54,6 +57,25 @@ def test_tasks_that_kill_their_workers_again_and_again_are_given_up() -> None:
     with pytest.raises(RuntimeError, match=f"died {LOSSES} times, 1 tasks are not done"):
         list(pool.run([partial(die)]))
     pool.close()
+
+
+PROGRAM = """
+import cv2
+import numba  # before the workers are told of their threads: they load this program, too
+from functools import partial
+from recon.execute import open_pool
+if __name__ == "__main__":
+    with open_pool(2) as pool:
+        print(*pool.run([partial(numba.get_num_threads), partial(cv2.getNumThreads)]))
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["1", "1"]
 
 
 def test_no_workers_is_an_error() -> None:
