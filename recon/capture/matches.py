@@ -85,6 +85,8 @@ def epipolar_errors(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
 
 
 def _rays(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(pixels) == 0:  # OpenCV answers with None
+        return np.zeros((0, 3))
     slopes = cv2.undistortPoints(pixels[:, None], camera.K, camera.dist)[:, 0]
     return np.column_stack([slopes, np.ones(len(slopes))])
 

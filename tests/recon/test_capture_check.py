@@ -10,9 +10,12 @@ import pytest
 from board import SIZE, record_board
 
 from recon.capture.check import check_capture
+from recon.capture.consistency import Shared, compared
 from recon.capture.diagnosis import MIN_MATCHES
 from recon.capture.format import Capture, image_path, read_frame, write_capture
+from recon.capture.matches import Matches, epipolar_errors
 from recon.rig import rigid
+from recon.studio import SynthParameters, synthesise
 
 
 @pytest.fixture
@@ -76,6 +79,20 @@ def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -
     assert rows is not None
     assert rows.vertical_error_px is not None
     assert rows.vertical_error_px < 0.25
+
+
+def test_sensors_that_see_no_point_in_common_are_no_problem(board: Capture) -> None:
+    (first, second) = board.sensors
+    nothing = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    assert len(epipolar_errors(first.sensor, nothing)) == 0
+    assert compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["ball", "face", "cuboid"])  # in this size neighbours share no point of the cuboid
+def test_nothing_is_wrong_with_a_recording_of_the_studio(scene: str, tmp_path: Path) -> None:
+    synthesise(tmp_path / scene, SynthParameters(scene, n_frames=1, size=(480, 270), seed=4))
+    assert check_capture(tmp_path / scene).problems == ()
 
 
 def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
