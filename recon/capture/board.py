@@ -22,6 +22,8 @@ from recon.capture.images import CaptureError
 DEFAULT_DICTIONARY = "DICT_5X5_100"
 MIN_CORNERS = 12  # of a board that is partly covered
 MIN_SPREAD = 0.05  # of the corners across to along their main direction: below, they are on one line
+REFINED_WITHIN = 0.4  # of the distance to the next corner, to all sides
+REFINED_UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 FORMS = "chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22[:DICTIONARY] (squares, mm, marker's mm)"
 
 
@@ -116,9 +118,17 @@ class Board:
         found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
         if not found:
             raise CaptureError("the board is not found; all of it has to be in the picture")
-        corners = np.reshape(pixels, (-1, 2)).astype(np.float64)
+        corners = self._refined(grey, np.reshape(pixels, (-1, 2)).astype(np.float32))
         is_turned = not self.is_symmetric and self._is_turned_round(grey, corners)
         return Corners(np.arange(len(corners)), corners[::-1] if is_turned else corners)
+
+    def _refined(self, grey: NDArray[np.uint8], corners: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Corners (N, 2) where the edges meet: as they are found, single ones of a tilted board are off by a pixel."""
+        grid = corners.reshape(self.rows, self.columns, 2)
+        nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
+        reach = int(np.clip(REFINED_WITHIN * nearest, 2, 15))
+        cv2.cornerSubPix(grey, corners, (reach, reach), (-1, -1), REFINED_UNTIL)
+        return corners.astype(np.float64)
 
     def _is_turned_round(self, grey: NDArray[np.uint8], corners: NDArray[np.float64]) -> bool:
         """Whether a chessboard's corners (N, 2) begin at its last one: the square after the first corner is black."""

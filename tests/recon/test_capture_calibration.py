@@ -9,7 +9,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from board_pictures import corners_seen, photograph_board, relative_error, studio_rig
+from board_pictures import (
+    board_picture,
+    board_pose,
+    corners_seen,
+    photograph_board,
+    project,
+    relative_error,
+    studio_camera,
+    studio_rig,
+)
 
 from recon.capture.board import Board, Corners, parse_board
 from recon.capture.calibrate import calibrate_camera, calibrate_pair, calibrate_rig
@@ -122,6 +131,20 @@ def test_a_printed_board_is_found_where_it_is_also_turned_round(text: str, is_tu
     if is_turned:
         expected = np.array(picture.shape[::-1]) - 1 - expected
     np.testing.assert_allclose(found.pixels, expected, atol=0.3)
+
+
+@pytest.mark.slow
+def test_corners_of_a_tilted_chessboard_lie_where_its_edges_meet() -> None:
+    board, camera, rng = parse_board("chessboard:14x9:50"), studio_camera(0.0, seed=1), np.random.default_rng(2)
+    errors = []
+    while len(errors) < 8:
+        pose = board_pose(board, rng)
+        expected = project(camera, board.points @ pose[:3, :3].T + pose[:3, 3])
+        if (expected > 20).all() and (expected < np.array(camera.size) - 20).all():
+            found = board.find(board_picture(board, camera, pose, rng))
+            errors.append(np.linalg.norm(found.pixels - expected[found.ids], axis=1))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.07  # 0.15 as OpenCV's search for chessboards leaves them
+    assert np.max(errors) < 0.3
 
 
 def test_corners_on_one_line_are_not_enough() -> None:
