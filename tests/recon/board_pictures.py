@@ -75,12 +75,16 @@ def corners_seen(
 def board_picture(
     board: Board, camera: Camera, world_from_board: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """What a camera sees of a board: every pixel's ray meets its plane; lens blur, shading and sensor noise on top."""
+    """What a camera sees of a board: every pixel's ray meets its plane; lens blur, shading and sensor noise on top.
+
+    Nothing is printed on its back.
+    """
     width, height = camera.size
     picture = np.full((height, width), BACKGROUND, dtype=np.float32)
     board_from_camera = np.linalg.inv(camera.cam_from_world @ world_from_board)
     (left, top), (right, bottom) = _around(board, camera, world_from_board)
-    if left < right and top < bottom:
+    is_front = board_from_camera[2, 3] < 0  # z goes into the board
+    if is_front and left < right and top < bottom:
         slopes = _fine_slopes(camera, slice(left, right), slice(top, bottom))
         rays = np.column_stack([slopes, np.ones(len(slopes))]) @ board_from_camera[:3, :3].T
         origin = board_from_camera[:3, 3]
