@@ -14,7 +14,6 @@ import pytest
 
 from recon.execute import LOSSES, LocalProcesses, open_pool
 
-ROOT = Path(__file__).parents[2]
 TASKS = [partial(math.factorial, n) for n in range(6)]
 
 
@@ -74,7 +73,7 @@ if __name__ == "__main__":
 def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
-    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1", "1"]
 
 
