@@ -51,6 +51,7 @@ from app.web.problems import UnforeseenErrors, install_problems
 from app.web.requests import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
+from app.web.votes import vote_route
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
@@ -86,6 +87,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         lifespan=lifespan,
+        telemetry={"tracing": False, "metrics": False, "logs": False},  # it names addresses, which hold invitations
     )
     app.state.settings = settings
     app.state.database = open_store(settings)
@@ -100,8 +102,9 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     if front is not None:
         app.include_router(front_routes(front))  # before the entrance
+    app.router.routes.append(vote_route)  # routes are tried in this order, and votes are what comes most
     for router in (
-        trials.router,  # routes are tried in this order, and votes are what comes most
+        trials.router,
         participant.router,
         screening.router,
         api.router,

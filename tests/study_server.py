@@ -32,6 +32,20 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def wait_for_port(port: int, process: subprocess.Popen[Any]) -> None:
+    """Wait until a server's process answers on its port."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return
+        except OSError:
+            if process.poll() is not None:
+                raise RuntimeError(f"the server ended by itself: exit {process.returncode}") from None
+            time.sleep(0.02)
+    raise RuntimeError(f"the server on port {port} did not start within {START_TIMEOUT_S} s")
+
+
 class StudyServer:
     """A server that restarts itself whenever it is killed; `pid` is that of the one that answers now.
 
@@ -86,16 +100,7 @@ class StudyServer:
             time.sleep(0.005)
 
     def wait_until_it_answers(self) -> None:
-        deadline = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < deadline:
-            try:
-                socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
-                return
-            except OSError:
-                if self._process.poll() is not None:
-                    raise RuntimeError(f"the server ended by itself: exit {self._process.returncode}") from None
-                time.sleep(0.02)
-        raise RuntimeError(f"the server on port {self.port} did not start within {START_TIMEOUT_S} s")
+        wait_for_port(self.port, self._process)
 
 
 def _die_with_parent() -> None:

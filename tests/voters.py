@@ -148,7 +148,7 @@ class _Line:
         head = (await reader.readuntil(b"\r\n\r\n")).lower()
         length = int(head.partition(b"content-length:")[2].partition(b"\r\n")[0])
         await reader.readexactly(length)
-        if b"connection: close" in head:
+        if head.startswith(b"http/1.0") or b"connection: close" in head:
             self.close()
         return int(head[9:12])
 

@@ -208,9 +208,11 @@ def _is_screened_out(connection: Connection, of: Session, now: datetime) -> bool
     return options.stops(close_screening(connection, of.id, options, now))
 
 
-def end_trials(connection: Connection, session_id: int, options: StudyOptions, now: datetime) -> None:
+def end_trials(connection: Connection, session_id: int, now: datetime) -> None:
     """Enter the stage that follows the trials."""
-    enter_stage(connection, session_id, next_stage(TRIAL, options.way), now)
+    found = _session(connection, session.c.id == session_id)
+    assert found is not None
+    enter_stage(connection, session_id, next_stage(TRIAL, found.options.way), now)
 
 
 def withdraw(database: Database, of: Session, now: datetime) -> None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, bindparam, exists, select
+from sqlalchemy import Connection, Insert, exists, func, select
+from sqlalchemy.dialects import postgresql, sqlite
 
 from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
 from app.store.engine import Database, insert_or_ignore
 from app.store.keys import digest
+from app.store.prepared import Prepared, among
 from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
 from app.store.trials import trial_records
-from app.study.options import parse_options
 from app.study.trial import Label
 from app.study.votes import InvalidVoteError, Vote, check_vote, is_same
 
@@ -40,25 +42,6 @@ class Ballot:
     received_at: datetime
 
 
-# Trials by their public ids, locked with their sessions in one order: no two writers wait for each other.
-_TARGETS = (
-    select(
-        trial.c.public_id,
-        trial.c.id,
-        trial.c.session_id,
-        session.c.token_hash,
-        trial.c.served_at,
-        trial.c.voided_at,
-        session.c.withdrawn_at,
-        assignment.c.position,
-        assignment.c.first_shown,
-        study.c.options,
-    )
-    .select_from(trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study))
-    .where(trial.c.public_id.in_(bindparam("trials", expanding=True)))
-    .order_by(session.c.id, trial.c.id)
-    .with_for_update(of=[session, trial], key_share=True)
-)
 _OPEN_TRIAL = select(trial.c.id).where(
     trial.c.session_id == session.c.id,
     trial.c.voided_at.is_(None),
@@ -66,9 +49,53 @@ _OPEN_TRIAL = select(trial.c.id).where(
 )
 # The last first: votes begin at the other end, so that one is found at once.
 _LAST_OPEN_TRIAL = _OPEN_TRIAL.order_by(trial.c.assignment_id.desc()).limit(1)
-_ENDED = select(session.c.id).where(
-    session.c.id.in_(bindparam("sessions", expanding=True)), _LAST_OPEN_TRIAL.scalar_subquery().is_(None)
-)
+
+
+class _Statements(NamedTuple):
+    """What keeping votes takes, in the words of one database."""
+
+    targets: Prepared
+    insert: Prepared
+    ended: Prepared
+
+
+@cache
+def _statements(dialect_name: str) -> _Statements:
+    # Trials by their public ids, locked with their sessions in one order: no two writers wait for each other.
+    targets = (
+        select(
+            trial.c.public_id,
+            trial.c.id,
+            trial.c.session_id,
+            session.c.token_hash,
+            trial.c.served_at.is_not(None),
+            trial.c.voided_at.is_not(None),
+            session.c.withdrawn_at.is_not(None),
+            assignment.c.position,
+            assignment.c.first_shown,
+            func.coalesce(study.c.options["reference"].as_string(), "") != "",
+        )
+        .select_from(
+            trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study)
+        )
+        .where(among(trial.c.public_id, "trials", dialect_name))
+        .order_by(session.c.id, trial.c.id)
+        .with_for_update(of=[session, trial], key_share=True)
+    )
+    insert: Insert = (
+        postgresql.insert(vote).on_conflict_do_nothing()
+        if dialect_name == "postgresql"
+        else sqlite.insert(vote).on_conflict_do_nothing()
+    )
+    ended = select(session.c.id).where(
+        among(session.c.id, "sessions", dialect_name), _LAST_OPEN_TRIAL.scalar_subquery().is_(None)
+    )
+    columns = [column.name for column in vote.columns if not column.primary_key]
+    return _Statements(
+        Prepared(targets, dialect_name),
+        Prepared(insert.inline(), dialect_name, columns),
+        Prepared(ended, dialect_name),
+    )
 
 
 def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote | StudyError]:
@@ -86,15 +113,27 @@ def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote |
     UnavailableError
         If the database does not take them now. Any other error: a row that no database takes; none is kept.
     """
+    try:
+        return _keep(database, ballots, _insert_all)
+    except _NotAllError:  # from the beginning: which of them are new is told only by the slower way
+        return _keep(database, ballots, _insert_or_ignore)
+
+
+_InsertVotes = Callable[[Connection, Sequence[Mapping[str, Any]]], Collection[str]]
+
+
+def _keep(database: Database, ballots: Sequence[Ballot], insert: _InsertVotes) -> list[KeptVote | StudyError]:
     with database.writing() as connection:
         targets = _targets(connection, ballots)
         checked = [_checked(connection, ballot, targets.get(ballot.trial)) for ballot in ballots]
         accepted = [
             (ballot, target)
             for ballot, target in zip(ballots, checked, strict=True)
-            if isinstance(target, _Target) and target.withdrawn_at is None
+            if isinstance(target, _Target) and not target.has_withdrawn
         ]
-        inserted = _insert(connection, accepted)
+        firsts = _firsts(accepted)
+        ids = insert(connection, [_row(*first) for first in firsts.values()])
+        inserted = {client_id: firsts[client_id][0] for client_id in ids}
         _end_sessions(connection, [(ballot, target) for ballot, target in accepted if _is_in(ballot, inserted)])
         return [
             target if isinstance(target, StudyError) else _outcome(connection, ballot, target, inserted)
@@ -124,23 +163,22 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
             }
 
 
-@dataclass(frozen=True)
-class _Target:
+class _Target(NamedTuple):
     """The trial that a ballot is for, with what decides about it."""
 
     id: int
     session_id: int
     token_hash: str
-    served_at: datetime | None
-    voided_at: datetime | None
-    withdrawn_at: datetime | None
+    is_served: bool
+    is_voided: bool
+    has_withdrawn: bool
     position: int
     first_shown: Label
-    study_options: Mapping[str, Any]
+    has_reference: bool
 
 
 def _targets(connection: Connection, ballots: Sequence[Ballot]) -> dict[str, _Target]:
-    rows = connection.execute(_TARGETS, {"trials": list({ballot.trial for ballot in ballots})})
+    rows = _statements(connection.dialect.name).targets.rows(connection, trials=[ballot.trial for ballot in ballots])
     return {public_id: _Target(*rest) for public_id, *rest in rows}
 
 
@@ -149,29 +187,44 @@ def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> 
         if session_by_token(connection, ballot.token) is None:
             return NoSessionError()
         return NotFoundError("This session has no such trial.")
-    if target.withdrawn_at is not None:
+    if target.has_withdrawn:
         return target
-    if target.served_at is None:
+    if not target.is_served:
         return ConflictError("This trial has not been given out yet.")
-    if target.voided_at is not None:
+    if target.is_voided:
         return ConflictError("This trial was interrupted; it comes again at the end.")
     try:
-        check_vote(ballot.sent, target.first_shown, has_reference=bool(target.study_options.get("reference")))
+        check_vote(ballot.sent, target.first_shown, has_reference=bool(target.has_reference))
     except InvalidVoteError as error:
         return InvalidError(f"The viewing record is not right: {error}.")
     return target
 
 
-def _insert(connection: Connection, accepted: Sequence[tuple[Ballot, _Target]]) -> dict[str, Ballot]:
-    """Insert the first vote of every trial and id that has none yet; those that were inserted, by id."""
+def _firsts(accepted: Sequence[tuple[Ballot, _Target]]) -> dict[str, tuple[Ballot, _Target]]:
+    """The first vote of every trial and id, by id."""
     first_of_trial: dict[int, tuple[Ballot, _Target]] = {}
     for ballot, target in accepted:
         first_of_trial.setdefault(target.id, (ballot, target))
     firsts: dict[str, tuple[Ballot, _Target]] = {}
     for ballot, target in first_of_trial.values():
         firsts.setdefault(ballot.sent.client_id, (ballot, target))
-    ids = insert_or_ignore(connection, vote, [_row(*first) for first in firsts.values()], vote.c.client_id)
-    return {client_id: firsts[client_id][0] for client_id in ids}
+    return firsts
+
+
+class _NotAllError(Exception):
+    """Some votes were there already; a number of rows does not say which."""
+
+
+def _insert_all(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> Collection[str]:
+    """Insert votes of which none is there yet; their ids."""
+    if rows and _statements(connection.dialect.name).insert.insert(connection, rows) != len(rows):
+        raise _NotAllError
+    return [row["client_id"] for row in rows]
+
+
+def _insert_or_ignore(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> Collection[str]:
+    """Insert votes whose trials and ids have none yet; the ids of those that were inserted."""
+    return insert_or_ignore(connection, vote, rows, vote.c.client_id)
 
 
 def _row(ballot: Ballot, target: _Target) -> dict[str, Any]:
@@ -205,7 +258,7 @@ def _outcome(
 def _sent_before(connection: Connection, sent: Vote, target: _Target) -> KeptVote | StudyError:
     """The vote that stood in the way, if it is this one."""
     row = connection.execute(select(vote).where(vote.c.trial_id == target.id)).one_or_none()
-    if row is None and target.withdrawn_at is not None:
+    if row is None and target.has_withdrawn:
         return GoneError("You have withdrawn from the study, so this answer was not kept.")
     if row is None:
         return ConflictError("This vote's id belongs to another vote.")
@@ -217,9 +270,9 @@ def _sent_before(connection: Connection, sent: Vote, target: _Target) -> KeptVot
 
 def _end_sessions(connection: Connection, inserted: Sequence[tuple[Ballot, _Target]]) -> None:
     """Let the sessions go on of which no trial is left."""
-    by_session = {target.session_id: (ballot, target) for ballot, target in inserted}
-    if not by_session:
+    last_at = {target.session_id: ballot.received_at for ballot, target in inserted}
+    if not last_at:
         return
-    for session_id in connection.scalars(_ENDED, {"sessions": list(by_session)}).all():
-        ballot, target = by_session[session_id]
-        end_trials(connection, session_id, parse_options(target.study_options), ballot.received_at)
+    ended = _statements(connection.dialect.name).ended.rows(connection, sessions=list(last_at))
+    for (session_id,) in ended:
+        end_trials(connection, session_id, last_at[session_id])

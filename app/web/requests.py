@@ -14,12 +14,11 @@ import time
 from contextvars import ContextVar
 from datetime import UTC, datetime
 
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.web.metrics import Metrics
 
-ID_HEADER = "X-Request-ID"
+ID_HEADER = b"x-request-id"
 VALID_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 NOWHERE = "unknown"  # the route of addresses that lead nowhere
 QUIET = ("/healthz", "/readyz", "/metrics")  # asked every few seconds by machines
@@ -39,14 +38,14 @@ class Requests:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        given = Headers(scope=scope).get(ID_HEADER, "")
+        given = dict(scope["headers"]).get(ID_HEADER, b"").decode("latin-1")
         own = given if VALID_ID.fullmatch(given) else f"{random.getrandbits(64):016x}"
         token = request_id.set(own)
         started = time.perf_counter()
 
         async def watch(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message)[ID_HEADER] = own
+                message["headers"] = [*message["headers"], (ID_HEADER, own.encode())]
                 self._note(scope, message["status"], time.perf_counter() - started)
             await send(message)
 
@@ -59,6 +58,8 @@ class Requests:
         route = route_of(scope)
         self.metrics.answered(scope["method"], route, status, seconds)
         level = logging.DEBUG if route in QUIET else logging.INFO
+        if not log.isEnabledFor(level):
+            return
         facts = {"method": scope["method"], "route": route, "status": status, "ms": round(1000 * seconds, 2)}
         log.log(level, "%s %s: %d in %.1f ms", *facts.values(), extra={"facts": facts})
 

@@ -1,60 +1,23 @@
-"""Trials over REST: which comes next is the server's decision, and a vote is acknowledged once it is on disk."""
+"""Trials over REST: which comes next is the server's decision."""
 
 from __future__ import annotations
 
 import logging
-from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
-from pydantic import BaseModel
+from fastapi import APIRouter, Path, Response
 
 from app.errors import ConflictError, GoneError
 from app.store.designs import practice_pairs
 from app.store.sessions import done_of
 from app.store.trials import mark_served, next_trials, void_trial
-from app.store.votes import Ballot
 from app.study.stages import SCREENED_OUT, TRIAL, is_past
-from app.study.votes import Vote
-from app.web.gates import Now, Participant, ParticipantToken, Store, now, vote_writer
-from app.web.trial_views import OneTrialView, TrialView, TroubleBody, VoidBody, VoteBody, practice_view, trial_view
+from app.web.gates import Now, Participant, Store
+from app.web.trial_views import OneTrialView, TrialView, TroubleBody, VoidBody, practice_view, trial_view
 
 log = logging.getLogger(__name__)
 
 router = APIRouter(prefix="/api/v1/session", tags=["participants"])
-
-
-class VoteView(BaseModel):
-    """A vote that is on disk; the same again for the same vote."""
-
-    id: str
-    trial: str
-    number: int
-    choice: Literal["a", "b", "none"]
-    received_at: datetime
-
-
-@router.put(
-    "/trials/{trial}/vote", response_model=VoteView, responses={201: {"model": VoteView, "description": "Kept"}}
-)
-async def vote(
-    trial: Annotated[str, Path(max_length=32)],
-    body: VoteBody,
-    token: ParticipantToken,
-    request: Request,
-    response: Response,
-) -> VoteView:
-    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
-    sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
-    kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request)))
-    response.status_code = 201 if kept.is_new else 200
-    return VoteView(
-        id=kept.vote.client_id,
-        trial=trial,
-        number=kept.number,
-        choice=kept.vote.choice,
-        received_at=kept.received_at,
-    )
 
 
 @router.get("/trials/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})

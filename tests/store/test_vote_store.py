@@ -174,6 +174,32 @@ def test_many_votes_are_kept_together_and_a_refused_one_harms_no_other(
         assert list(connection.scalars(select(session.c.stage).order_by(session.c.id))) == ["finished", "trial"]
 
 
+def test_votes_that_come_again_among_new_ones_are_told_from_them(database: Database, of: Participant) -> None:
+    trials = serve_trials(database, of, 6)
+    ballots = [ballot_of(of, trial) for trial in trials]
+    keep_votes(database, ballots[1:3])
+    another = ballot_of(of, trials[1], choice="b")
+    outcomes = keep_votes(database, [*ballots, another])
+    assert isinstance(outcomes.pop(), ConflictError)
+    are_new = [outcome.is_new for outcome in outcomes if isinstance(outcome, KeptVote)]
+    assert are_new == [True, False, False, True, True, True]
+    assert n_votes(database) == 6
+    with database.reading() as connection:
+        assert connection.scalar(select(session.c.stage)) == "finished"
+
+
+def test_a_vote_is_kept_to_the_last_digit(database: Database, of: Participant) -> None:
+    trial = serve_next(database, of)
+    switches = [{"to": "b" if trial.first_shown == "a" else "a", "at_ms": 1 / 3, "media_time_s": 0.1 + 0.2}]
+    viewing = dict(vote_on(trial).viewing) | {"shown_ms": 1e4 / 7, "response_ms": 2**0.5, "switches": switches}
+    ballot = ballot_of(of, trial, viewing=viewing)
+    keep_votes(database, [ballot])
+    with database.reading() as connection:
+        row = connection.execute(select(vote)).one()
+    assert (row.viewing, row.shown_ms, row.response_ms) == (viewing, 1e4 / 7, 2**0.5)
+    assert row.received_at == ballot.received_at
+
+
 def test_votes_are_kept_however_the_clock_jumps(database: Database, of: Participant) -> None:
     for number, jump_days in enumerate([0, -400, 3, 3000, -1, 0]):
         trial = serve_next(database, of)
@@ -192,6 +218,28 @@ def test_the_same_vote_many_times_in_one_batch_is_kept_once(database: Database, 
     assert sum(outcome.is_new for outcome in outcomes if isinstance(outcome, KeptVote)) >= 1
     assert all(isinstance(outcome, KeptVote) and outcome.vote == ballot.sent for outcome in outcomes)
     assert n_votes(database) == 1
+
+
+def test_an_id_that_two_trials_use_at_once_is_kept_for_one(
+    database: Database, of: Participant, invite: MakeInvitation
+) -> None:
+    """Two processes, as two engines: who comes second is refused, and not answered with the other's vote."""
+    elsewhere = open_database(str(database.engine.url))
+    other = let_in(database, invite(None))
+    for mine, theirs in zip(serve_trials(database, of, 6), serve_trials(database, other, 6), strict=True):
+        ballot = ballot_of(of, mine)
+        ballots = [ballot, ballot_of(other, theirs, client_id=ballot.sent.client_id)]
+        barrier = threading.Barrier(2)
+
+        def vote_at_once(where: Database, ballot: Ballot, barrier: threading.Barrier = barrier) -> object:
+            barrier.wait()
+            return keep_votes(where, [ballot])[0]
+
+        with ThreadPoolExecutor(2) as pool:
+            outcomes = list(pool.map(vote_at_once, [database, elsewhere], ballots))
+        assert sorted(type(outcome).__name__ for outcome in outcomes) == ["ConflictError", "KeptVote"]
+    elsewhere.dispose()
+    assert n_votes(database) == 6
 
 
 def test_a_vote_and_an_interruption_at_once_never_both_count(database: Database, invite: MakeInvitation) -> None:

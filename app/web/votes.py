@@ -1,0 +1,82 @@
+"""Votes over REST: one is acknowledged once it is on disk."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from fastapi import Path, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from pydantic import BaseModel, ValidationError
+from starlette.types import Receive, Scope, Send
+
+from app.store.votes import Ballot
+from app.study.votes import Vote
+from app.web.gates import ParticipantToken, now, participant_token, vote_writer
+from app.web.trial_views import VoteBody
+
+JSON = "application/json"
+
+
+class VoteView(BaseModel):
+    """A vote that is on disk; the same again for the same vote."""
+
+    id: str
+    trial: str
+    number: int
+    choice: Literal["a", "b", "none"]
+    received_at: datetime
+
+
+async def vote(
+    trial: Annotated[str, Path(max_length=32)], body: VoteBody, token: ParticipantToken, request: Request
+) -> Response:
+    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
+    sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
+    kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request)))
+    view = VoteView(
+        id=kept.vote.client_id,
+        trial=trial,
+        number=kept.number,
+        choice=kept.vote.choice,
+        received_at=kept.received_at,
+    )
+    return Response(view.model_dump_json(), 201 if kept.is_new else 200, media_type=JSON)
+
+
+class _VoteRoute(APIRoute):
+    """Described as `vote` declares it, but called without what FastAPI does around a function: that takes longer than
+    all the rest of a vote, and votes are what comes most (bench/server.py)."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.app = _take
+
+
+async def _take(scope: Scope, receive: Receive, send: Send) -> None:
+    request = Request(scope, receive)
+    body = _read(request, await request.body())
+    response = await vote(scope["path_params"]["trial"], body, await participant_token(request), request)
+    await response(scope, receive, send)
+
+
+def _read(request: Request, content: bytes) -> VoteBody:
+    media_type = request.headers.get("content-type", "none").partition(";")[0].strip().lower()
+    if media_type != JSON:
+        fault = {"type": "media_type", "loc": ("header", "content-type"), "msg": f"{media_type}: expected {JSON}"}
+        raise RequestValidationError([fault])
+    try:
+        return VoteBody.model_validate_json(content)
+    except ValidationError as error:
+        raise RequestValidationError([{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]) from error
+
+
+vote_route = _VoteRoute(
+    "/api/v1/session/trials/{trial}/vote",
+    vote,
+    methods=["PUT"],
+    tags=["participants"],
+    response_model=VoteView,
+    responses={201: {"model": VoteView, "description": "Kept"}},
+)
