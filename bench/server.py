@@ -7,7 +7,8 @@ One server process (tests/study_server.py), one client process, all on this mach
 commits" is one thread that inserts rows of the same size into the same database and does nothing else; "as avrateNG"
 is bench/avrateng.py, where bottle is installed (`pip install bottle`). The slow disk takes 5 ms more for every sync.
 The last row sends 300 votes a second while a third process fetches video over eight lines of 14.1 MB/s: what 140
-participants watch. The bars come last.
+participants watch; the row before it tells how long the disk alone keeps as many commits waiting (TMPDIR=/dev/shm
+leaves it out). The bars come last.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import argparse
 import asyncio
 import importlib.util
 import json
+import math
 import sqlite3
 import subprocess
 import sys
@@ -47,6 +49,7 @@ from app.store.tables import pair
 AVRATENG = Path(__file__).parent / "avrateng.py"
 SLOW_MS = 5.0
 VIDEO_BYTES = 15_000_000
+RATE_PER_S = 300.0
 N_WATCHERS, WATCHED_MB_S = 8, 14.1  # a little over the bar
 WARM_UP_S = 3.0  # until all of them watch
 
@@ -97,14 +100,19 @@ def as_avrateng(n_votes: int) -> dict[str, Any]:
             process.wait()
 
 
-def bare_sqlite(n_rows: int) -> dict[str, Any]:
+def bare_sqlite(n_rows: int, per_s: float = math.inf) -> dict[str, Any]:
+    """Commits as fast as they go, or at a rate."""
     with tempfile.TemporaryDirectory() as folder:
         connection = sqlite3.connect(f"{folder}/bare.sqlite", isolation_level=None)
         connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; CREATE TABLE vote (content TEXT)")
-        started = time.perf_counter()
-        for _ in range(n_rows):
+        tally, started = Tally(), time.perf_counter()
+        for number in range(n_rows):
+            time.sleep(max(0.0, number / per_s - (time.perf_counter() - started)))
+            begun = time.perf_counter()
             connection.execute("INSERT INTO vote VALUES (?)", ("x" * 400,))
-        return {"votes_per_s": round(n_rows / (time.perf_counter() - started))}
+            tally.latencies_ms.append(1000 * (time.perf_counter() - begun))
+        tally.seconds = time.perf_counter() - started
+        return row_of(tally)
 
 
 def bare_postgresql(uri: str, n_rows: int) -> dict[str, Any]:
@@ -156,7 +164,7 @@ def beside_video(n_votes: int) -> dict[str, Any]:
             try:
                 time.sleep(WARM_UP_S)
                 before = n_received.value
-                tally = asyncio.run(send_at_rate(server.port, bundles, 300.0))
+                tally = asyncio.run(send_at_rate(server.port, bundles, RATE_PER_S))
                 n_bytes = n_received.value - before
             finally:
                 watchers.kill()
@@ -179,6 +187,7 @@ def measure(n_votes: int) -> Iterator[tuple[str, dict[str, Any]]]:
         yield "PostgreSQL, bare commits", bare_postgresql(postgres.new_database("bare"), n_votes)
         yield "PostgreSQL, a commit each, 16", load(16, n_votes, "--batch", "1", url=postgres.new_database("each"))
         yield "PostgreSQL, our writer, 16", load(16, n_votes, url=postgres.new_database("ours"))
+    yield "SQLite, bare commits, 300/s", bare_sqlite(n_votes, RATE_PER_S)
     yield "300/s beside video", beside_video(n_votes)
 
 
