@@ -48,13 +48,13 @@ class Prepared:
         compiled = statement.compile(dialect=self._dialect, column_keys=columns)
         self._text = str(compiled)
         self._constants: dict[str, Any] = {}
-        self._processors: dict[str, Callable[[Any], Any]] = {}
+        self._processors: list[tuple[str, Callable[[Any], Any]]] = []
         for parameter, name in compiled.bind_names.items():
             process = parameter.type.dialect_impl(self._dialect).bind_processor(self._dialect)
             if not parameter.required:
                 self._constants[name] = process(parameter.value) if process else parameter.value
             elif process:
-                self._processors[name] = process
+                self._processors.append((name, process))
 
     def rows(self, connection: Connection, **values: Any) -> list[tuple[Any, ...]]:
         """What a SELECT finds."""
@@ -71,8 +71,10 @@ class Prepared:
         return self._run(connection, insert_each)
 
     def _bound(self, values: Row) -> dict[str, Any]:
-        processed = {name: process(values[name]) for name, process in self._processors.items()}
-        return {**self._constants, **values, **processed}
+        bound = {**self._constants, **values}
+        for name, process in self._processors:
+            bound[name] = process(bound[name])
+        return bound
 
     def _run(self, connection: Connection, what: Callable[[Any], Found]) -> Found:
         cursor = connection.connection.cursor()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram, generate_latest
@@ -31,6 +32,8 @@ class Metrics:
             buckets=LATENCY_BUCKETS_S,
             registry=self._registry,
         )
+        self._count_of = cache(lambda method, route, status: self.requests.labels(method, route, str(status)))
+        self._times_of = cache(self.seconds.labels)  # looking a label up takes longer than counting
         self._n_waiting = n_waiting
         self._waiting = Gauge(
             "reconstudy_votes_waiting",
@@ -40,8 +43,8 @@ class Metrics:
         )
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
-        self.requests.labels(method, route, str(status)).inc()
-        self.seconds.labels(route).observe(seconds)
+        self._count_of(method, route, status).inc()
+        self._times_of(route).observe(seconds)
         self._waiting.set(self._n_waiting())
 
     def text(self) -> tuple[bytes, str]:

@@ -9,6 +9,7 @@ from fastapi import Path, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
+from pydantic_core import to_json
 from starlette.types import Receive, Scope, Send
 
 from app.store.votes import Ballot
@@ -35,14 +36,14 @@ async def vote(
     """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
     sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
     kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request)))
-    view = VoteView(
-        id=kept.vote.client_id,
-        trial=trial,
-        number=kept.number,
-        choice=kept.vote.choice,
-        received_at=kept.received_at,
-    )
-    return Response(view.model_dump_json(), 201 if kept.is_new else 200, media_type=JSON)
+    view = {
+        "id": kept.vote.client_id,
+        "trial": trial,
+        "number": kept.number,
+        "choice": kept.vote.choice,
+        "received_at": kept.received_at,
+    }
+    return Response(to_json(view), 201 if kept.is_new else 200, media_type=JSON)
 
 
 class _VoteRoute(APIRoute):
