@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 
 MOST_WAITING = 2000  # some tenths of a second of work; whoever comes later is told to come again
 LARGEST_BATCH = 256  # beyond it a transaction gains nothing, and a bad row costs more (bench/server.py)
+FEW = 4  # votes in a batch: the next waits for no others, as a turn of a loop that sends video takes milliseconds
 QUIET_TURNS = 2  # of an event loop: in the first a request is read, in the second its vote is queued
 LONGEST_GATHERING_S = 0.01  # where votes never cease to arrive
 RETURN_S = 0.001  # so long after an answer its participant's next vote may come, to be kept with those that wait
@@ -83,7 +84,8 @@ class VoteWriter:
             if is_first:
                 self._gathering = loop
         if is_first:
-            loop.call_soon(self._gather, loop, n_waiting, QUIET_TURNS, time.monotonic() + LONGEST_GATHERING_S)
+            n_turns = QUIET_TURNS if self._n_answered > FEW else 0
+            loop.call_soon(self._gather, loop, n_waiting, n_turns, time.monotonic() + LONGEST_GATHERING_S)
         return answer
 
     @property
@@ -93,7 +95,8 @@ class VoteWriter:
     def _gather(self, loop: asyncio.AbstractEventLoop, n_before: int, n_turns: int, until_s: float) -> None:
         """Let the writer begin once the event loop brings no further vote for some turns."""
         n_waiting = len(self._waiting)
-        n_turns = n_turns - 1 if n_waiting == n_before else QUIET_TURNS
+        if n_turns:
+            n_turns = n_turns - 1 if n_waiting == n_before else QUIET_TURNS
         if n_turns and n_waiting < LARGEST_BATCH and time.monotonic() < until_s:
             loop.call_soon(self._gather, loop, n_waiting, n_turns, until_s)
             return
