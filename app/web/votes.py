@@ -18,6 +18,7 @@ from app.web.gates import ParticipantToken, now, participant_token, vote_writer
 from app.web.trial_views import VoteBody
 
 JSON = "application/json"
+LONGEST_TRIAL = 32  # characters of its id
 
 
 class VoteView(BaseModel):
@@ -31,7 +32,7 @@ class VoteView(BaseModel):
 
 
 async def vote(
-    trial: Annotated[str, Path(max_length=32)], body: VoteBody, token: ParticipantToken, request: Request
+    trial: Annotated[str, Path(max_length=LONGEST_TRIAL)], body: VoteBody, token: ParticipantToken, request: Request
 ) -> Response:
     """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
     sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
@@ -56,21 +57,26 @@ class _VoteRoute(APIRoute):
 
 
 async def _take(scope: Scope, receive: Receive, send: Send) -> None:
-    request = Request(scope, receive)
+    request, trial = Request(scope, receive), scope["path_params"]["trial"]
+    if len(trial) > LONGEST_TRIAL:
+        raise _refusal("path", "trial", f"expected at most {LONGEST_TRIAL} characters")
     body = _read(request, await request.body())
-    response = await vote(scope["path_params"]["trial"], body, await participant_token(request), request)
+    response = await vote(trial, body, await participant_token(request), request)
     await response(scope, receive, send)
 
 
 def _read(request: Request, content: bytes) -> VoteBody:
     media_type = request.headers.get("content-type", "none").partition(";")[0].strip().lower()
     if media_type != JSON:
-        fault = {"type": "media_type", "loc": ("header", "content-type"), "msg": f"{media_type}: expected {JSON}"}
-        raise RequestValidationError([fault])
+        raise _refusal("header", "content-type", f"{media_type}: expected {JSON}")
     try:
         return VoteBody.model_validate_json(content)
     except ValidationError as error:
         raise RequestValidationError([{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors()]) from error
+
+
+def _refusal(part: str, name: str, message: str) -> RequestValidationError:
+    return RequestValidationError([{"type": "value_error", "loc": (part, name), "msg": message}])
 
 
 vote_route = _VoteRoute(

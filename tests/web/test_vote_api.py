@@ -56,6 +56,7 @@ def test_somebody_elses_trial_is_not_found(
         begin(other, study["slug"], study["invitation"])
         assert is_problem(other.put(path(trial), json=vote_body(trial)), 404)
     assert is_problem(participant.put("/api/v1/session/trials/invented/vote", json=vote_body(trial)), 404)
+    assert is_problem(participant.put(f"/api/v1/session/trials/{'x' * 33}/vote", json=vote_body(trial)), 422)
 
 
 def switch(to: str, at_ms: float, media_time_s: float = 0.0) -> dict[str, Any]:
