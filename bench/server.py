@@ -8,7 +8,9 @@ commits" is one thread that inserts rows of the same size into the same database
 is bench/avrateng.py, where bottle is installed (`pip install bottle`). The slow disk takes 5 ms more for every sync.
 The row beside video sends 300 votes a second while a third process fetches video over eight lines of 14.1 MB/s: what
 140 participants watch; the bare commits at that rate tell how long the disk alone keeps them waiting. Rows that are
-compared are measured in turn, several rounds; medians are shown, and the bars come last.
+compared are measured in turn, several rounds; medians are shown, and the bars come last. A virtual machine's host may
+take its processors away for tens of milliseconds: where it took more than 1 % of their time, a row is measured again,
+up to four times in all, and the run of which it took least is kept, whatever it gave.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import importlib.util
+import itertools
 import json
 import math
 import sqlite3
@@ -25,6 +28,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from http.client import HTTPConnection
 from multiprocessing import get_context
 from multiprocessing.sharedctypes import Synchronized
@@ -50,12 +54,13 @@ from app.store.tables import pair
 AVRATENG_SERVER = Path(__file__).parent / "avrateng.py"
 HTTP, OURS, AVRATENG = "HTTP only, 16", "SQLite, our writer, 16", "as avrateNG, 16"
 SLOW_EACH, SLOW_OURS = "slow disk, a commit each, 32", "slow disk, our writer, 32"
-BESIDE = "300/s beside video"
+BESIDE, BARE = "300/s beside video", "SQLite, bare commits, 300/s"
 SLOW_MS = 5.0
 VIDEO_BYTES = 15_000_000
 RATE_PER_S = 300.0
 N_WATCHERS, WATCHED_MB_S = 8, 14.1  # a little over the bar
 WARM_UP_S = 3.0  # until all of them watch
+CALM_PERCENT, MOST_TRIES = 1.0, 4
 
 
 def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
@@ -66,6 +71,7 @@ def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
     voters, rng = seed_voters(database, n_connections, n_approaches), Random(1)
     with database.writing() as connection:
         connection.execute(pair.update().values(file="film.mp4"))
+        connection.exec_driver_sql("ANALYZE")  # PostgreSQL does so by itself within a minute, SQLite plans well without
     database.dispose()
     return [letters_of(voter, rng)[: n_votes // n_connections] for voter in voters]
 
@@ -125,7 +131,7 @@ def bare_postgresql(uri: str, n_rows: int) -> dict[str, Any]:
         started = time.perf_counter()
         for _ in range(n_rows):
             connection.execute("INSERT INTO bare VALUES (%s)", ("x" * 400,))
-        return {"votes_per_s": round(n_rows / (time.perf_counter() - started))}
+        return {"votes_per_s": round(n_rows / (time.perf_counter() - started)), "errors": 0}
 
 
 def watch(port: int, video: str, n_received: Synchronized[int]) -> None:
@@ -189,23 +195,46 @@ def in_turn(n_votes: int, n_rounds: int) -> dict[str, list[dict[str, Any]]]:
         cases[SLOW_EACH] = lambda: load(32, max(n_votes // 8, 32), "--batch", "1", *slow)
         cases[SLOW_OURS] = lambda: load(32, n_votes, *slow)
     cases[BESIDE] = lambda: beside_video(n_votes)
+    cases[BARE] = lambda: bare_sqlite(n_votes, RATE_PER_S)
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in cases}
     for number in range(n_rounds):
         print(f"round {number + 1} of {n_rounds}", file=sys.stderr)
         for name, case in cases.items():
-            rows[name].append(case())
+            rows[name].append(in_calm(case))
     return rows
+
+
+def in_calm(case: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A row while which the machine's host took little processor time, else the least of several; errors of all."""
+    tries: list[dict[str, Any]] = []
+    while len(tries) < MOST_TRIES and all(row["stolen_percent"] > CALM_PERCENT for row in tries):
+        stolen, total = stolen_and_total()
+        row = case()
+        stolen_after, total_after = stolen_and_total()
+        tries.append({**row, "stolen_percent": round(100 * (stolen_after - stolen) / (total_after - total), 1)})
+    calmest = min(tries, key=lambda row: row["stolen_percent"])
+    return {**calmest, "errors": sum(row["errors"] for row in tries)}
+
+
+def stolen_and_total() -> tuple[int, int]:
+    """Processor time since the machine's start that its host took away, and all, in ticks (proc(5), /proc/stat)."""
+    ticks = [int(field) for field in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+    return ticks[7], sum(ticks)
 
 
 def once(n_votes: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """What the rest is to be read by."""
-    yield "SQLite, bare commits", bare_sqlite(n_votes)
-    yield "SQLite, bare commits, 300/s", bare_sqlite(n_votes, RATE_PER_S)
-    yield "SQLite, a commit each, 16", load(16, n_votes, "--batch", "1")
+    yield "SQLite, bare commits", in_calm(lambda: bare_sqlite(n_votes))
+    yield "SQLite, a commit each, 16", in_calm(lambda: load(16, n_votes, "--batch", "1"))
     with PostgresServer() as postgres:
-        yield "PostgreSQL, bare commits", bare_postgresql(postgres.new_database("bare"), n_votes)
-        yield "PostgreSQL, a commit each, 16", load(16, n_votes, "--batch", "1", url=postgres.new_database("each"))
-        yield "PostgreSQL, our writer, 16", load(16, n_votes, url=postgres.new_database("ours"))
+        names = (f"study{number}" for number in itertools.count())
+        cases: dict[str, Callable[[str], dict[str, Any]]] = {
+            "PostgreSQL, bare commits": lambda url: bare_postgresql(url, n_votes),
+            "PostgreSQL, a commit each, 16": lambda url: load(16, n_votes, "--batch", "1", url=url),
+            "PostgreSQL, our writer, 16": lambda url: load(16, n_votes, url=url),
+        }
+        for name, case in cases.items():
+            yield name, in_calm(partial(lambda case: case(postgres.new_database(next(names))), case))
 
 
 def verdicts(rounds: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, float, float, bool]]:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import anyio
 import httpx
 
 
@@ -13,3 +18,15 @@ def is_problem(answer: httpx.Response, status: int) -> bool:
         and answer.headers["content-type"] == "application/problem+json"
         and {"type", "title", "detail"} <= body.keys()
     )
+
+
+def ask(app: Any, path: str = "/", headers: Mapping[str, str] | None = None) -> httpx.Response:
+    """One request to an ASGI app without a server."""
+
+    async def request() -> httpx.Response:
+        transport = httpx.ASGITransport(app=app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
+            return await client.get(path, headers=headers)
+
+    with ThreadPoolExecutor(1) as pool:  # the browser tests leave an event loop in this one
+        return pool.submit(anyio.run, request).result()

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
 from typing import Any
 
 import httpx
 import pytest
-from http_checks import is_problem
+from http_checks import ask, is_problem
+
+from app.web.media import Film
 
 
 @pytest.fixture
@@ -78,3 +85,47 @@ def test_names_of_media_say_nothing_about_content(client: httpx.Client, url: str
     assert len(name) == 16
     assert name not in client.get(url).headers["etag"]
     assert study["slug"] not in url
+
+
+preadv = os.preadv
+
+
+def in_memory(file: int, buffers: list[bytearray], at: int, _flags: int) -> int:
+    return preadv(file, buffers, at)
+
+
+def half_in_memory(file: int, buffers: list[bytearray], at: int, _flags: int) -> int:
+    return preadv(file, [memoryview(buffers[0])[: len(buffers[0]) // 2]], at)
+
+
+def on_disk(*_: Any) -> int:
+    raise BlockingIOError(errno.EAGAIN, "it must be waited for")
+
+
+def where_nobody_can_tell(*_: Any) -> int:
+    raise OSError(errno.EOPNOTSUPP, "this file system does not tell")
+
+
+@pytest.mark.parametrize("where", [in_memory, half_in_memory, on_disk, where_nobody_can_tell])
+def test_a_film_is_the_same_wherever_its_pieces_are(
+    where: Callable[..., int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = Random(1).randbytes(2 * Film.chunk_size + 7)
+    (tmp_path / "film.mp4").write_bytes(content)
+    n_waited = 0
+
+    async def in_another_thread(read: Callable[..., bytes], *arguments: int) -> bytes:
+        nonlocal n_waited
+        n_waited += 1
+        return read(*arguments)
+
+    monkeypatch.setattr(os, "preadv", where)
+    monkeypatch.setattr("app.web.media.run_in_threadpool", in_another_thread)
+    film = Film(tmp_path / "film.mp4", media_type="video/mp4")
+    assert ask(film).content == content
+    assert n_waited == (1 if where is in_memory else 3)  # the last piece is not whole
+    start, end = 5, Film.chunk_size + 9
+    assert ask(film, headers={"Range": f"bytes={start}-{end - 1}"}).content == content[start:end]
+    several = ask(film, headers={"Range": f"bytes=0-2,{start}-{end - 1}"}).content
+    assert content[0:3] in several
+    assert content[start:end] in several

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import logging
 import re
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import anyio
 import httpx
 import pytest
-from fastapi import FastAPI
-from http_checks import is_problem
+from http_checks import ask, is_problem
 
 from app.main import create_app
 from app.settings import Settings
@@ -45,24 +42,12 @@ def test_what_nobody_foresaw_is_logged_and_not_told(tmp_path: Path, caplog: pyte
     def broken() -> None:
         raise RuntimeError("secret detail")
 
-    answer = ask(app, "/api/v1/broken", caplog)
+    with caplog.at_level(logging.ERROR):
+        answer = ask(app, "/api/v1/broken")
     assert is_problem(answer, 500)
     assert "secret" not in answer.text
     assert "secret detail" in caplog.text
     assert "content-security-policy" in answer.headers
-
-
-def ask(app: FastAPI, path: str, caplog: pytest.LogCaptureFixture) -> httpx.Response:
-    """One request to an app without a server."""
-
-    async def request() -> httpx.Response:
-        transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
-            return await client.get(path)
-
-    # In a thread of its own: the browser tests leave an event loop in this one.
-    with caplog.at_level(logging.ERROR), ThreadPoolExecutor(1) as pool:
-        return pool.submit(anyio.run, request).result()
 
 
 @pytest.mark.parametrize("path", ["/", "/healthz", "/static/css/tokens.css", "/api/v1/nothing", "/admin"])
