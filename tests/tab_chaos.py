@@ -140,7 +140,7 @@ async def _open_tab(context: BrowserContext, server: StudyServer) -> Page:
         tab = await context.new_page()
         try:
             await tab.goto(f"{server.base_url}/tab")
-            await tab.wait_for_function("window.isReady === true", timeout=1000 * READY_S)
+            await tab.wait_for_function("() => window.isReady === true", timeout=1000 * READY_S)
             return tab
         except Error:
             await tab.close()

@@ -139,7 +139,7 @@ async def peer(page: Page, of: Study, _n: int) -> dict[str, Any]:
     runs = []
     for _ in range(STARTS):
         await page.goto(of.peer)
-        await page.wait_for_function("!a.paused && !b.paused && a.currentTime > 0.2")
+        await page.wait_for_function("() => !a.paused && !b.paused && a.currentTime > 0.2")
         await page.evaluate("document.body.className = 'both'")
         pictures = await pictures_while(page, lambda: asyncio.sleep(START_S))
         runs.append([(read_bars(p[len(p) // 4]), read_bars(p[3 * len(p) // 4])) for _, p in pictures])

@@ -67,7 +67,7 @@ def test_a_stimulus_is_on_the_screen_as_soon_as_it_is_switched_to(
     assert one != other
 
 
-SOUGHT = "[...document.querySelectorAll('video.twin')].every((film) => !film.seeking && film.readyState >= 2)"
+SOUGHT = "() => [...document.querySelectorAll('video.twin')].every((film) => !film.seeking && film.readyState >= 2)"
 
 
 def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
