@@ -28,7 +28,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from http.client import HTTPConnection
 from multiprocessing import get_context
 from multiprocessing.sharedctypes import Synchronized
@@ -60,7 +59,7 @@ VIDEO_BYTES = 15_000_000
 RATE_PER_S = 300.0
 N_WATCHERS, WATCHED_MB_S = 8, 14.1  # a little over the bar
 WARM_UP_S = 3.0  # until all of them watch
-CALM_PERCENT, MOST_TRIES = 0.2, 4  # at 1 % already one vote in fifty waits for the processor
+CALM_PERCENT, MOST_TRIES = 0.2, 4  # what 1 % does to a p99: docs/operations.md
 
 
 def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
@@ -229,13 +228,13 @@ def once(n_votes: int) -> Iterator[tuple[str, dict[str, Any]]]:
     yield "SQLite, a commit each, 16", in_calm(lambda: load(16, n_votes, "--batch", "1"))
     with PostgresServer() as postgres:
         names = (f"study{number}" for number in itertools.count())
-        cases: dict[str, Callable[[str], dict[str, Any]]] = {
-            "PostgreSQL, bare commits": lambda url: bare_postgresql(url, n_votes),
-            "PostgreSQL, a commit each, 16": lambda url: load(16, n_votes, "--batch", "1", url=url),
-            "PostgreSQL, our writer, 16": lambda url: load(16, n_votes, url=url),
-        }
-        for name, case in cases.items():
-            yield name, in_calm(partial(lambda case: case(postgres.new_database(next(names))), case))
+
+        def new() -> str:
+            return postgres.new_database(next(names))
+
+        yield "PostgreSQL, bare commits", in_calm(lambda: bare_postgresql(new(), n_votes))
+        yield "PostgreSQL, a commit each, 16", in_calm(lambda: load(16, n_votes, "--batch", "1", url=new()))
+        yield "PostgreSQL, our writer, 16", in_calm(lambda: load(16, n_votes, url=new()))
 
 
 def verdicts(rounds: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, float, float, bool]]:
