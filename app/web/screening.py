@@ -170,11 +170,13 @@ def skip(test: Test, body: SkipBody, signed_in: Participant, database: Store, no
 
 @router.get("/{test}/{number}.png", response_class=Response)
 def picture(test: Test, number: Number, signed_in: Participant, database: Store) -> Response:
-    """A ring or plate as a picture. A ring is to be shown at the display's own pixels."""
+    """A ring or plate as a picture, never kept: at the same browser, the next participant's is another one.
+
+    A ring is to be shown at the display's own pixels.
+    """
     with database.reading() as connection:
         served = item_of(connection, signed_in.session.id, test, number)
-    content = png(draw(test, served.setup, served.content))
-    return Response(content, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})
+    return Response(png(draw(test, served.setup, served.content)), media_type="image/png")
 
 
 @router.put("/{test}/{number}", response_model=ItemView, responses=OVER)

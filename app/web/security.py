@@ -19,6 +19,7 @@ POLICY = "; ".join(
     (
         "default-src 'self'",
         "media-src 'self' blob:",  # a pair's video is fetched whole and played from memory
+        "img-src 'self' blob:",  # and so is a picture of the screening shown
         "object-src 'none'",
         "base-uri 'none'",
         "form-action 'self'",

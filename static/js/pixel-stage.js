@@ -23,11 +23,9 @@ export class PixelStage {
     }
   }
 
-  /** @param {string} url @returns {Promise<void>} once it is on the canvas */
-  async show(url) {
-    const response = await fetch(url);
-    if (!response.ok) throw new Error(`${response.status} from ${url}`);
-    this.#picture = await createImageBitmap(await response.blob());
+  /** @param {Blob} picture */
+  async show(picture) {
+    this.#picture = await createImageBitmap(picture);
     this.#draw();
   }
 

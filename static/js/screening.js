@@ -5,7 +5,7 @@ import { watchDot } from "./blind-spot.js";
 import { Refusal, patiently } from "./connection.js";
 import { listenForDirections } from "./directions.js";
 import { PixelStage } from "./pixel-stage.js";
-import { answerItem, readItem, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
+import { answerItem, readItem, readPicture, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
 import { enterFullScreen } from "./page.js";
 
 /**
@@ -48,7 +48,7 @@ async function takeRings(page, state, hasBegun) {
   page.show("rings-intro");
   await pressed("begin-rings");
   const stage = new PixelStage(/** @type {HTMLCanvasElement} */ (byId("ring-canvas")));
-  await takeItems(page, "acuity", "rings", (item) => stage.show(item.picture), () => stage.clear());
+  await takeItems(page, "acuity", "rings", (picture) => stage.show(picture), () => stage.clear());
 }
 
 /** @param {Page} page */
@@ -56,9 +56,10 @@ async function takePlates(page) {
   page.show("plates-intro");
   await pressed("begin-plates");
   const plate = /** @type {HTMLImageElement} */ (byId("plate"));
-  const showPlate = async (/** @type {ScreeningItem} */ item) => {
-    plate.src = item.picture;
+  const showPlate = async (/** @type {Blob} */ picture) => {
+    plate.src = URL.createObjectURL(picture);
     await plate.decode();
+    URL.revokeObjectURL(plate.src);
     plate.hidden = false;
   };
   const hidePlate = () => {
@@ -70,7 +71,7 @@ async function takePlates(page) {
 /**
  * Pictures and answers, one after the other, until the server has no more.
  * @param {Page} page @param {string} test @param {string} view
- * @param {(item: ScreeningItem) => Promise<void>} draw @param {() => void} blank
+ * @param {(picture: Blob) => Promise<void>} draw @param {() => void} blank
  */
 async function takeItems(page, test, view, draw, blank) {
   let item = await patiently(() => readItem(test));
@@ -79,7 +80,7 @@ async function takeItems(page, test, view, draw, blank) {
   while (item) {
     const shown = item;
     page.tell({ item: shown.number, items: shown.total });
-    await draw(shown);
+    await draw(await patiently(() => readPicture(shown.picture)));
     const answer = await answered(page, view, shown);
     blank();
     const pause = new Promise((resolve) => setTimeout(resolve, BLANK_MS));

@@ -170,6 +170,14 @@ export function tellTrouble(trial, why) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/trouble`, { why: why.slice(0, LONGEST_REASON) });
 }
 
+/** @param {string} url of a ring or a plate @returns {Promise<Blob>} */
+export async function readPicture(url) {
+  const response = await request(url);
+  return response.blob().catch((cause) => {
+    throw new Unreachable(`${url} broke off`, { cause });
+  });
+}
+
 /** For the server's log: this browser cannot show the study. @param {string} slug @param {string} invitation */
 export function tellTurnedAway(slug, invitation) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation });

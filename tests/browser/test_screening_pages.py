@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from eyes import DRAWN, answers_plates, answers_rings, fits_card, picture_of, shows, types_distance
-from playwright.sync_api import Browser, Page, expect
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, Page, Route, expect
 from test_accessibility import check_accessibility
 from visitor import NewStudy, Study, Visitor
 
@@ -65,6 +66,15 @@ def test_a_screening_is_passed_by_keyboard_with_open_eyes(screened: Any, page: P
     assert colour["verdict"] == "passed"
 
 
+def shows_as_drawn(page: Page, study: Study) -> NDArray[np.uint8]:
+    """The first ring as the server draws it, which is what is on the screen."""
+    drawn = read_png(page.request.get(f"{study.url}/api/v1/session/screening/acuity/1.png").body())
+    screen = picture_of(page)[..., 0]
+    top, left = (round(share * size - len(drawn) / 2) for share, size in zip((0.4, 0.5), screen.shape, strict=True))
+    assert np.array_equal(screen[top : top + len(drawn), left : left + len(drawn)], drawn)
+    return drawn
+
+
 @pytest.mark.parametrize("ratio", [1, 1.5, 2])
 def test_a_ring_stands_on_the_displays_own_pixels_as_it_was_drawn(
     screened: Any, browser: Browser, ratio: float
@@ -72,17 +82,57 @@ def test_a_ring_stands_on_the_displays_own_pixels_as_it_was_drawn(
     context = browser.new_context(viewport={"width": 960, "height": 540}, device_scale_factor=ratio)
     page = context.new_page()
     visitor = Visitor(page)
-    enters(visitor, screened(tests=["acuity"], distance="fixed", distance_cm=300))
+    study = screened(tests=["acuity"], distance="fixed", distance_cm=300)
+    enters(visitor, study)
     page.keyboard.press("Enter")
     fits_card(visitor)
     visitor.sees("rings-intro")
     page.keyboard.press("Enter")
     page.wait_for_function(DRAWN)
-    drawn = read_png(context.request.get(f"{page.url.split('/s/')[0]}/api/v1/session/screening/acuity/1.png").body())
-    screen = picture_of(page)[..., 0]
-    top, left = (round(share * size - len(drawn) / 2) for share, size in zip((0.4, 0.5), screen.shape, strict=True))
-    assert np.array_equal(screen[top : top + len(drawn), left : left + len(drawn)], drawn)
+    shows_as_drawn(page, study)
     context.close()
+
+
+def comes_to_rings(visitor: Visitor, study: Study, distance_cm: int) -> None:
+    enters(visitor, study)
+    visitor.page.keyboard.press("Enter")
+    fits_card(visitor)
+    types_distance(visitor, "distance", distance_cm)
+    visitor.sees("rings-intro")
+    visitor.page.keyboard.press("Enter")
+
+
+def test_the_next_participant_at_a_browser_sees_a_ring_of_their_own(
+    screened: Any, page: Page, visitor: Visitor
+) -> None:
+    sizes = []
+    for distance_cm in (200, 400):
+        study = screened(tests=["acuity"])
+        comes_to_rings(visitor, study, distance_cm)
+        page.wait_for_function(DRAWN)
+        sizes.append(len(shows_as_drawn(page, study)))
+    assert sizes[1] > 1.9 * sizes[0]
+
+
+def test_a_picture_that_is_lost_on_its_way_is_fetched_again(screened: Any, page: Page, visitor: Visitor) -> None:
+    lost: list[str] = []
+
+    def lose_once(route: Route) -> None:
+        if route.request.url in lost:
+            route.continue_()
+        else:
+            lost.append(route.request.url)
+            route.abort("connectionreset")
+
+    page.route("**/1.png", lose_once)
+    comes_to_rings(visitor, screened(tests=["acuity"]), 250)
+    page.wait_for_function(DRAWN)
+    enters(visitor, screened(tests=["colour"]))
+    page.keyboard.press("Enter")
+    visitor.sees("plates-intro")
+    page.keyboard.press("Enter")
+    expect(page.locator("#plate")).to_be_visible()
+    assert len(lost) == 2
 
 
 def test_the_blind_spot_a_step_back_that_cannot_be_taken_and_a_reload(
@@ -107,6 +157,7 @@ def test_the_blind_spot_a_step_back_that_cannot_be_taken_and_a_reload(
     expect(page.get_by_text("From here this display cannot show rings")).to_be_visible()
     page.keyboard.press("Enter")
     shows(page, "Ring 1 of 24")
+    page.wait_for_function(DRAWN)  # before it is, there is nothing to answer
     page.get_by_role("button", name="right and up").click()
     shows(page, "Ring 2 of 24")
     page.reload()
