@@ -22,6 +22,7 @@ from app.errors import StimuliError
 
 MANIFEST = "manifest.json"
 WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
+TOGETHER = "all"  # what results call all datasets, or all that is compared
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 
 Progress = Callable[[int, int, str], None]  # done, total, what
@@ -195,6 +196,9 @@ def _read_manifest(path: Path) -> tuple[_Manifest, str]:
 
 
 def _check_names(stimulus_set: StimulusSet, manifest: Path) -> None:
+    for what, own in (("dataset", stimulus_set.datasets), ("factor", stimulus_set.factors)):
+        if TOGETHER in own:
+            raise StimuliError(f"{manifest}: a {what} is called {TOGETHER!r}, as results call all of them together")
     names = [stimulus.name for stimulus in stimulus_set.stimuli]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise StimuliError(f"{manifest}: {twice[0]} is there twice, expected every approach once for a dataset")

@@ -91,8 +91,8 @@ def transitivity(counts: PairCounts) -> dict[str, int] | None:
     if n > LARGEST_TRANSITIVITY:
         return None
     share = np.full((n, n), np.nan)
-    first_share = (counts.wins + counts.ties / 2) / counts.totals
-    share[counts.first, counts.second], share[counts.second, counts.first] = first_share, 1 - first_share
+    share[counts.first, counts.second] = (counts.wins + counts.ties / 2) / counts.totals
+    share[counts.second, counts.first] = (counts.losses + counts.ties / 2) / counts.totals
     found = {"weak": 0, "moderate": 0, "strong": 0, "n_triples": 0}
     for triple in combinations(range(n), 3):
         broken = _broken(share, triple)
@@ -121,6 +121,15 @@ def _broken(share: NDArray[np.float64], triple: tuple[int, ...]) -> tuple[bool, 
     return weak, moderate, strong
 
 
+def _has_repeats(votes: VotesTable) -> bool:
+    """Whether a participant judged a pair more than once: those who agree would be counted with themselves."""
+    if not votes.has_participants:
+        return False
+    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
+    _, times = np.unique(np.stack([votes.participant, low, high]), axis=1, return_counts=True)
+    return bool((times > 1).any() or (votes.count > 1).any())
+
+
 def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
     """Return agreement and transitivity per dataset, and over all votes without a name of a dataset."""
     names = [(name, votes.where(votes.dataset == index)) for index, name in enumerate(votes.datasets) if name]
@@ -128,7 +137,7 @@ def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
     for name, part in names or [("all", votes)]:
         if len(part):
             counts = count_pairs(only_compared(part))
-            found = agreement(counts)
+            found = NO_AGREEMENT if _has_repeats(part) else agreement(counts)
             rows.append(
                 {
                     "dataset": name,

@@ -40,6 +40,10 @@ class Bootstrap:
         """Replicates that have no maximum and are left out."""
         return int((~self.kept).sum())
 
+    def has_percentiles(self, level: float) -> bool:
+        """Whether a tail of the distribution is known: those without a maximum are the extremes, and miss there."""
+        return self.n_without_maximum <= (1 - level) / 2 * len(self.kept)
+
     def interval(self, level: float) -> Array:
         """Return the percentile interval of each score, (2, n)."""
         tail = (1 - level) / 2

@@ -53,6 +53,7 @@ class Fit:
     participant_covariance : float64 (P, P) or None
         From the sandwich clustered by participant.
     n_participants : int or None
+        None where they are unknown.
     """
 
     items: tuple[str, ...]
@@ -148,6 +149,17 @@ class Fit:
         has_decided = bool((self.counts.wins + self.counts.losses).any())
         return self._parameter(-1) if has_decided else None
 
+    def preference(self, difference: Array) -> Array:
+        """Probability that the first of two items is preferred, given that one of them is, for differences of scores.
+
+        By Davidson's model it does not depend on how often there is no preference; by Rao and Kupper's it does.
+        """
+        assert self.theta is not None
+        tie = self.theta[-1] if self.design.has_tie else 0.0
+        win, loss, _ = self.design.model.probabilities(difference, np.full_like(difference, tie))
+        result: Array = win / (win + loss)
+        return result
+
     def error(self, parameter: int, *, by_participant: bool = False) -> float | None:
         """Return the standard error of one parameter."""
         covariance = self.participant_covariance if by_participant else self.covariance
@@ -206,10 +218,10 @@ def fit_scores(
     """
     counts = _counted(count_pairs(votes, is_ordered=order_effect), TIE_MODELS[ties])
     fit = fit_counts(counts, votes.items, ties=ties, levels=levels, penalty=penalty)
-    if fit.theta is None or fit.penalty is not None or not votes.has_participants:
+    if fit.theta is None or not votes.has_participants:
         return fit
-    sandwich, n_participants = participant_covariance(fit, votes)
-    return replace(fit, participant_covariance=sandwich, n_participants=n_participants)
+    sandwich = None if fit.penalty else participant_covariance(fit, votes)
+    return replace(fit, participant_covariance=sandwich, n_participants=len(np.unique(votes.participant)))
 
 
 def fit_counts(
@@ -320,8 +332,8 @@ def _described(fit: Fit, theta: Array, iterations: int) -> Fit:
     return replace(fit, theta=np.r_[theta[:n] - shift, theta[n:]], iterations=iterations)
 
 
-def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, int]:
-    """Return the covariance of the parameters with participants as the independent units, and their number.
+def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
+    """Return the covariance of the parameters with participants as the independent units.
 
     The sandwich inverse information x sum of outer products of the participants' gradients x inverse information,
     times J / (J - 1).
@@ -338,11 +350,11 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> tuple[Array | None, i
     gradients = participant_gradients(fit, votes)
     n = len(gradients)
     if n < 2 or fit.covariance is None:
-        return None, n
+        return None
     influence = gradients @ fit.covariance  # (J, P)
     result: Array = influence.T @ influence * n / (n - 1)
     is_degenerate = bool((np.diag(result) <= ALIKE * np.diag(fit.covariance)).any())
-    return (None if is_degenerate else result), n
+    return None if is_degenerate else result
 
 
 def participant_gradients(fit: Fit, votes: VotesTable) -> Array:

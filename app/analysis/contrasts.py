@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.bradley_terry import Fit
+from app.analysis.bradley_terry import ALIKE, Fit
 
 Array = NDArray[np.float64]
 
@@ -40,20 +41,49 @@ class Contrast:
     p_holm: float
 
 
+class Differences(NamedTuple):
+    """Differences of scores with their errors and two-sided p-values, all float64 (K,)."""
+
+    difference: Array
+    se: Array
+    p_value: Array
+
+
 def contrasts(fit: Fit) -> list[Contrast]:
     """Compare every item with every other; empty without a finite maximum, without errors, or with too many items."""
-    covariance = fit.covariance if fit.participant_covariance is None else fit.participant_covariance
     n = len(fit.items)
-    if fit.status != "ok" or n > MOST_ITEMS or covariance is None or fit.scores is None:
+    has_errors = fit.participant_covariance is not None or (fit.n_participants is None and fit.covariance is not None)
+    if fit.status != "ok" or n > MOST_ITEMS or not has_errors or fit.scores is None:
         return []
     first, second = np.triu_indices(n, 1)
-    variance = np.diag(covariance)[:n]
-    difference = fit.scores[first] - fit.scores[second]
-    se = np.sqrt(np.maximum(variance[first] + variance[second] - 2 * covariance[first, second], np.finfo(float).tiny))
-    p_values = two_sided(difference / se, None if fit.participant_covariance is None else fit.n_participants)
-    columns = difference.tolist(), se.tolist(), p_values.tolist(), holm(p_values).tolist()
+    found = differences(fit, first, second)
+    columns = (*(column.tolist() for column in found), holm(found.p_value).tolist())
     names = [(fit.items[a], fit.items[b]) for a, b in zip(first, second, strict=True)]
     return [Contrast(a, b, *numbers) for (a, b), *numbers in zip(names, *columns, strict=True)]
+
+
+def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> Differences:
+    """Return the differences of the scores of pairs of items, for a fit that has errors.
+
+    A difference on which all participants voted alike has an error of zero by them, from which nothing follows about
+    other people: it is given the error from the information, and a p-value of 1.
+    """
+    assert fit.scores is not None
+    assert fit.covariance is not None
+    difference, naive = fit.scores[first] - fit.scores[second], _variances(fit.covariance, first, second)
+    if fit.participant_covariance is None:
+        se = np.sqrt(naive)
+        return Differences(difference, se, two_sided(difference / se, None))
+    variance = _variances(fit.participant_covariance, first, second)
+    is_alike = variance <= ALIKE * naive
+    se = np.sqrt(np.where(is_alike, naive, variance))
+    return Differences(difference, se, np.where(is_alike, 1.0, two_sided(difference / se, fit.n_participants)))
+
+
+def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
+    """Return the variances of differences of parameters."""
+    own = np.diag(covariance)
+    return np.asarray(own[first] + own[second] - 2 * covariance[first, second])
 
 
 def two_sided(ratio: Array, n_participants: int | None) -> Array:

@@ -103,8 +103,8 @@ def _described(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any
 
 def _association(parts: Sequence[tuple[Array, Array, list[tuple[int, int]]]]) -> dict[str, Any]:
     """Return the correlations and the pairs in order, of values, scores and significantly different pairs."""
-    values = np.concatenate([part[0] - part[0].mean() for part in parts])
-    scores = np.concatenate([part[1] - part[1].mean() for part in parts])
+    values = np.concatenate([_centred(part[0]) for part in parts])
+    scores = np.concatenate([_centred(part[1]) for part in parts])
     direction = defined(spearman, values, scores) or 0.0
     differences = [value[a] - value[b] for value, _, pairs in parts for a, b in pairs]
     correct = float(sum(1.0 if d * direction > 0 else 0.5 * (d == 0) for d in differences))
@@ -114,6 +114,11 @@ def _association(parts: Sequence[tuple[Array, Array, list[tuple[int, int]]]]) ->
         "pairs_different": len(differences),
         "pairs_correct": correct / len(differences) if differences and direction else None,
     }
+
+
+def _centred(values: Array) -> Array:
+    """Values without their mean; equal ones are zero, and no rounding noise."""
+    return np.zeros_like(values) if np.ptp(values) == 0 else values - values.mean()
 
 
 def defined(correlation: Callable[[Array, Array], float], values: Array, scores: Array) -> float | None:
@@ -146,9 +151,9 @@ def monotone_pearson(values: Array, scores: Array) -> float:
     Never below the linear correlation in size; with few points it flatters, so it stands beside the others.
     """
     sign = 1.0 if spearman(values, scores) >= 0 else -1.0
-    order = np.lexsort((sign * scores, sign * values))
-    fitted = np.empty_like(scores)
-    fitted[order] = isotonic_regression(scores[order]).x
+    _, place, times = np.unique(sign * values, return_inverse=True, return_counts=True)
+    means = np.bincount(place, scores) / times  # a function has one value for what measures alike
+    fitted = np.asarray(isotonic_regression(means, weights=times).x)[place]
     return 0.0 if np.ptp(fitted) == 0 else sign * pearson(fitted, scores)
 
 

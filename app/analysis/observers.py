@@ -72,7 +72,7 @@ def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
         compared = only_compared(votes.where(rows))
         fit = _fit_without_participants(compared, ties) if rows.any() else None
         if fit is not None and fit.scores is not None:
-            p_a[rows] = 1 / (1 + np.exp(fit.scores[compared.item_b] - fit.scores[compared.item_a]))
+            p_a[rows] = fit.preference(fit.scores[compared.item_a] - fit.scores[compared.item_b])
     return p_a
 
 

@@ -39,7 +39,7 @@ from app.analysis.rows import (
 )
 from app.analysis.settings import AnalysisSettings
 from app.analysis.triads import triads
-from app.analysis.votes import MAIN, VotesTable
+from app.analysis.votes import MAIN, WITHDRAWN, VotesError, VotesTable
 from app.analysis.warnings import MOST_PAIRS, warnings_of
 
 MEASURE_REPLICATES = 500  # over participants, for the intervals of correlations
@@ -56,9 +56,10 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     Raises
     ------
     VotesError
-        If an item has no level of a factor.
+        If an item has no level of a factor, or a dataset or factor has the name of all of them together.
     """
     settings = settings or AnalysisSettings()
+    _check_names(votes, settings)
     used = _used(votes, settings)
     check_factors(used, settings.factors)
     check_groups(votes, settings.groups)
@@ -91,6 +92,13 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in pair_rows(one)],
         "warnings": warnings_of(votes, used, compared),
     }
+
+
+def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
+    """Raise if what is said of all votes together would be taken for one dataset or factor."""
+    for what, names in (("dataset", votes.datasets), ("factor", settings.factors)):
+        if ALL in names:
+            raise VotesError(f"a {what} is called {ALL!r}, which stands for all of them together: rename it")
 
 
 def _factor_results(
@@ -190,8 +198,8 @@ def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
 
 
 def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
-    """Return the scores as they would be without any exclusion; empty if nothing was excluded."""
-    everybody = replace(votes, excluded=np.zeros(len(votes), bool)).used()
+    """Return the scores as they would be without the experimenter's exclusions; empty if there are none."""
+    everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
     if len(everybody) == len(used):
         return []
     plain = replace(settings, bootstrap=0)

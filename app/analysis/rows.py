@@ -47,7 +47,7 @@ def score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
             "ci_high": None if high is None else float(high[index]),
             "ci_method": method,
             "jod": None if score is None else score / LOG_ODDS_PER_JOD,
-            "win_probability": None if fit.scores is None else _win_probability(fit.scores, index) if n > 1 else None,
+            "win_probability": None if fit.scores is None or n < 2 else _win_probability(fit, index),
             "n_votes": wins[index] + losses[index] + ties[index],
             "wins": wins[index],
             "losses": losses[index],
@@ -77,26 +77,29 @@ def _letters(fit: Fit) -> dict[str, str]:
 def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Array | None, str | None]:
     """Return the limits of the scores' 95 % intervals and how they were made.
 
-    Percentiles of the participant bootstrap if there is one; else t(J - 1) on the errors clustered by participant;
-    else, without participants, the normal distribution on the errors from the information.
+    Percentiles of the participant bootstrap if it has them; else t(J - 1) on the errors clustered by participant;
+    else, where participants are unknown, the normal distribution on the errors from the information. Where they are
+    known and nothing is known of how they differ (one of them, all alike, no maximum), there is no interval.
     """
     if fit.scores is None or fit.covariance is None:
         return None, None, None
-    if bootstrap is not None and len(bootstrap.scores):
+    if bootstrap is not None and bootstrap.has_percentiles(LEVEL):
         low, high = bootstrap.interval(LEVEL)
         return low, high, "participant bootstrap"
     n = len(fit.items)
-    if fit.participant_covariance is not None and fit.n_participants is not None:
+    if fit.n_participants is not None:
+        if fit.participant_covariance is None:
+            return None, None, None
         half = student.ppf((1 + LEVEL) / 2, fit.n_participants - 1) * np.sqrt(np.diag(fit.participant_covariance)[:n])
         return fit.scores - half, fit.scores + half, "t on participant errors"
     half = norm.ppf((1 + LEVEL) / 2) * np.sqrt(np.diag(fit.covariance)[:n])
     return fit.scores - half, fit.scores + half, "normal on information"
 
 
-def _win_probability(scores: Array, index: int) -> float:
+def _win_probability(fit: Fit, index: int) -> float:
     """Return the probability that the item is preferred to another one taken at random, ties apart."""
-    others = np.delete(scores, index)
-    return float(np.mean(1 / (1 + np.exp(others - scores[index]))))
+    assert fit.scores is not None
+    return float(np.mean(fit.preference(fit.scores[index] - np.delete(fit.scores, index))))
 
 
 def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
@@ -168,10 +171,12 @@ def model_row(one: Comparison) -> dict[str, Any]:
 
 
 def effect_row(effect: Effect) -> dict[str, Any]:
-    if effect.se_participant is None or effect.n_participants is None:
+    if effect.n_participants is None:
         half = float(norm.ppf((1 + LEVEL) / 2)) * effect.se
-    else:
+    elif effect.se_participant is not None:
         half = float(student.ppf((1 + LEVEL) / 2, effect.n_participants - 1)) * effect.se_participant
+    else:
+        return asdict(effect) | {"ci_low": None, "ci_high": None}
     return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
 
 

@@ -131,8 +131,8 @@ def binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one si
 
     Source: Bradley and Terry (1952).
     """
-    win = 1 / (1 + np.exp(-d))
-    return np.stack([win, 1 - win, np.zeros_like(win)])
+    win, loss = 1 / (1 + np.exp(-d)), 1 / (1 + np.exp(d))  # 1 - win is 0 beyond 37 log-odds
+    return np.stack([win, loss, np.zeros_like(win)])
 
 
 def binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:  # noqa: ARG001

@@ -13,6 +13,7 @@ CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
+WITHDRAWN = "withdrawn"  # the reason of an exclusion that nobody undoes: the participant's own
 
 
 class VotesError(ValueError):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.analysis.comparison import Comparison
+from app.analysis.settings import LEVEL
 from app.analysis.votes import MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # of one comparison that are listed
@@ -47,7 +48,8 @@ def _fit_warnings(one: Comparison) -> Iterator[str]:
     if one.bootstrap is not None and one.bootstrap.n_without_maximum:
         total = len(one.bootstrap.scores) + one.bootstrap.n_without_maximum
         missing = one.bootstrap.n_without_maximum
-        yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and are left out"
+        what = "are left out" if one.bootstrap.has_percentiles(LEVEL) else "are too many for percentiles to hold"
+        yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and {what}"
 
 
 def _repeats(votes: VotesTable) -> list[str]:

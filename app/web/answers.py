@@ -71,15 +71,21 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wan
     headers = {"X-Total-Count": str(counted.count_to_the_end())}
     if chosen.format != "json":
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
-    return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers)
+    return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers, beside=headers["X-Total-Count"])
 
 
 def streamed(
-    content: SpooledTemporaryFile[bytes], media_type: str, chosen: Wanted, headers: Mapping[str, str]
+    content: SpooledTemporaryFile[bytes],
+    media_type: str,
+    chosen: Wanted,
+    headers: Mapping[str, str],
+    beside: str = "",
 ) -> Response:
-    """As `tagged`, from a temporary file, which is closed when it has been sent."""
+    """As `tagged`, from a temporary file, which is closed when it has been sent; what stands `beside` it counts too."""
     content.seek(0)
-    digest = hashlib.file_digest(content, "sha256").hexdigest()
+    whole = hashlib.file_digest(content, "sha256")
+    whole.update(beside.encode())
+    digest = whole.hexdigest()
     if is_known(chosen, digest):
         content.close()
         return unchanged(digest)

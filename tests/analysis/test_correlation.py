@@ -99,3 +99,19 @@ def test_a_table_of_measures_that_is_none_is_refused(tmp_path: Path, text: str) 
     path.write_text(text, encoding="utf-8")
     with pytest.raises(VotesError):
         read_measures(path)
+
+
+def test_no_function_of_a_measure_tells_tied_values_apart() -> None:
+    assert monotone_pearson(np.array([1.0, 1, 1, 2, 2, 2]), np.arange(6.0)) == pytest.approx(np.sqrt(27 / 35))
+    lone = np.array([1.0, 1, 1, 1, 1, 2]), np.array([1, 2, 3, 4, 5, 5.01])
+    assert monotone_pearson(*lone) == pytest.approx(pearson(*lone))
+
+
+def test_a_measure_that_is_constant_in_each_dataset_has_no_correlation() -> None:
+    scores = {"ball": score_set([0.3, -0.1, -0.2], ((0, 2),)), "box": score_set([0.2, 0.1, -0.3], ((0, 2),))}
+    values = {"m": {name: dict.fromkeys(("i0", "i1", "i2"), level) for name, level in (("ball", 0.1), ("box", 0.5))}}
+    overall = correlation_rows(scores, values, np.random.default_rng(0))[-1]
+    assert overall["dataset"] == "all"
+    assert [overall[name] for name in ("pearson", "spearman", "kendall", "pearson_monotone", "pairs_correct")] == [
+        None
+    ] * 5

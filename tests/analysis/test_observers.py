@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse
-from app.analysis.agreement import agreement, transitivity
+from app.analysis.agreement import agreement, agreement_rows, transitivity
 from app.analysis.bradley_terry import only_compared
 from app.analysis.counts import count_pairs
+from app.analysis.observers import observer_rows
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.votes import VotesTable
@@ -154,3 +155,49 @@ def test_agreement_and_transitivity_have_the_reference_values(real_data: Path, n
         assert own.chi2 == pytest.approx(wanted["chi2"], abs=1e-5)
         assert own.df == pytest.approx(wanted["df"], abs=1e-10)
         assert own.p_value == pytest.approx(wanted["p"], abs=1e-10)
+
+
+def test_agreement_is_of_people_who_judge_a_pair_once() -> None:
+    rows = [
+        {"participant": f"p{who}", "dataset": "ball", "item_a": a, "item_b": b, "choice": "ab"[who]}
+        for who in (0, 1)
+        for a, b in combinations("xyz", 2)
+    ]
+    assert agreement_rows(votes_from_rows(rows))[0]["u"] == pytest.approx(-1)
+    assert agreement_rows(votes_from_rows(rows + rows))[0]["u"] is None
+
+
+@pytest.mark.parametrize("order", list(permutations("xyz")))
+def test_transitivity_does_not_depend_on_the_order_of_items(order: tuple[str, ...]) -> None:
+    """Three judges of a circle, each pair two to one: weak is broken once, whatever the items are called."""
+    place = {item: order.index(item) for item in order}
+    rows = []
+    for better, worse in ("xy", "yz", "xz"):
+        a, b = sorted((better, worse), key=place.__getitem__)
+        rows += [
+            {"participant": f"p{n}", "dataset": "ball", "item_a": a, "item_b": b, "choice": "a" if is_a else "b"}
+            for n, is_a in enumerate(((a == better),) * 2 + (a != better,))
+        ]
+    assert agreement_rows(votes_from_rows(sorted(rows, key=lambda row: place[row["item_a"]])))[0]["transitivity"] == {
+        "weak": 0,
+        "moderate": 0,
+        "strong": 0,
+        "n_triples": 1,
+    }
+
+
+def test_side_rates_are_expected_from_the_ties_model() -> None:
+    """By Rao and Kupper's model fewer choices go to the worse item than the scores alone would have it."""
+    rng, theta, ability = np.random.default_rng(5), 1.0, {"x": 1.5, "y": 0.0}
+    rows = []
+    for who in range(20):
+        for _ in range(60):
+            win, loss = (1 / (1 + np.exp(theta - sign * 1.5)) for sign in (1, -1))
+            drawn = rng.random()
+            choice = "a" if drawn < win else "b" if drawn < win + loss else "none"
+            rows.append({"participant": f"p{who}", "dataset": "", "item_a": "x", "item_b": "y", "choice": choice})
+    assert ability["x"] > ability["y"]
+    found = observer_rows(votes_from_rows(rows), [], ties="rao-kupper")
+    observed, expected = (np.mean([row[f"side_a_{what}"] for row in found]) for what in ("rate", "expected"))
+    assert expected == pytest.approx(observed, abs=0.01)
+    assert not [row for row in found if "prefers one side" in row["flags"]]

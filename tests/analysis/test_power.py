@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.power import StudyPlan, plan_study, power, simulate_votes
+from app.analysis.power import StudyPlan, detectable_jod, plan_study, power, simulate_votes
 
 
 def test_simulated_votes_have_the_abilities_and_ties_put_in() -> None:
@@ -45,3 +45,14 @@ def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
 def test_an_impossible_plan_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         StudyPlan(**{"conditions": 6, "datasets": 5, "participants": 22, **wrong})  # type: ignore[arg-type]
+
+
+def test_few_people_who_agree_by_chance_are_no_finding() -> None:
+    for participants in (2, 5):
+        assert power(StudyPlan(2, 1, participants), 1e-9, 1, 200) <= 0.08
+    assert power(StudyPlan(2, 1, 3), 1.5, 1, 100) == 0  # three of three are p = 0.25
+    assert power(StudyPlan(2, 1, 30), 4.0, 1, 50) > 0.9  # thirty of thirty are a finding
+
+
+def test_a_plan_without_a_chance_has_no_detectable_difference() -> None:
+    assert detectable_jod(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None

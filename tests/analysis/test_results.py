@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -272,3 +273,81 @@ def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
     assert "Davidson" in report
     assert "pm_fb" in report
     assert not list(out.rglob("*.part*"))
+
+
+def opinions(*choices: str, pairs: str = "xy yz xz") -> list[dict[str, Any]]:
+    """A row for each word of choices (one of each participant, a letter for each pair): a, b or n for a tie."""
+    return [
+        {"participant": f"p{who}", "dataset": "ball", "item_a": pair[0], "item_b": pair[1], "choice": choice}
+        for who, own in enumerate(choices)
+        for pair, choice in zip(pairs.split(), own.replace("n", "-"), strict=True)
+    ]
+
+
+def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str, Any]:
+    words = {"a": "a", "b": "b", "none": "-"}
+    return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
+
+
+def test_who_has_withdrawn_is_in_no_scores() -> None:
+    rows = [
+        row | {"excluded": row["participant"] in why, "reason": why.get(row["participant"], "")}
+        for why in ({"p2": "asleep", "p3": "withdrawn"},)
+        for row in opinions("aba", "baa", "abb", "aab")
+    ]
+    analysis = analyse(votes_from_rows(rows))
+    assert {row["n_votes"] for row in only(analysis["scores"], dataset="all")} == {4}
+    assert {row["n_votes"] for row in only(analysis["scores_with_excluded"], dataset="all")} == {6}
+    only_withdrawn = [row | {"excluded": row["participant"] == "p3"} for row in rows]
+    assert analyse(votes_from_rows(only_withdrawn))["scores_with_excluded"] == []
+
+
+def test_a_bootstrap_that_loses_its_extremes_gives_way_to_participant_errors() -> None:
+    one_for_z = ("abb", *["aaa", "baa"] * 4, "aaa")
+    analysis = analysed(*one_for_z, bootstrap=400, seed=1)
+    plain = analysed(*one_for_z)
+    (model,) = only(analysis["models"], dataset="all")
+    assert model["bootstrap_without_maximum"] > 40
+    assert analysis["scores"] == plain["scores"]
+    assert {row["ci_method"] for row in analysis["scores"]} == {"t on participant errors"}
+    assert any("too many for percentiles to hold" in warning for warning in analysis["warnings"])
+
+
+def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
+    for choices in (["aaa"] * 5, ["aba"]):
+        analysis = analysed(*choices)
+        (model,) = only(analysis["models"], dataset="all")
+        assert model["n_participants"] == len(choices)
+        for row in analysis["scores"]:
+            assert row["score"] is not None
+            assert (row["ci_low"], row["ci_high"], row["ci_method"]) == (None, None, None)
+    assert any("a single participant voted" in warning for warning in analysis["warnings"])
+
+
+def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:
+    """Both prefer a to b twice in three; on b and c they differ, so that every score has an error."""
+    analysis = analysed("aabaab", "aabbba", pairs="ab ab ab bc bc bc")
+    contrast = next(row for row in analysis["contrasts"] if (row["item_a"], row["item_b"]) == ("a", "b"))
+    assert contrast["difference"] == pytest.approx(np.log(2))
+    assert contrast["se"] > 0.5
+    assert contrast["p_value"] == contrast["p_holm"] == 1
+
+
+@pytest.mark.parametrize("odds", [10, 30])
+def test_a_rare_loss_to_a_far_item_leaves_numbers(odds: int) -> None:
+    items = [f"i{rank:02}" for rank in range(18)]
+    rows = [(a, b, choice) for a, b in pairwise(items) for choice in "a" * odds + "b"] + [(items[0], items[-1], "a")]
+    named = [
+        {"participant": "p", "dataset": "ball", "item_a": a, "item_b": b, "choice": choice} for a, b, choice in rows
+    ]
+    analysis = analyse(votes_from_rows(named))
+    json.dumps(analysis, allow_nan=False)
+    assert analysis["models"][0]["pearson_x2"] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_dataset_or_factor_called_all_is_refused() -> None:
+    rows = opinions("aba", "baa")
+    with pytest.raises(VotesError, match="a dataset is called 'all'"):
+        analyse(votes_from_rows([row | {"dataset": "all"} for row in rows]))
+    with pytest.raises(VotesError, match="a factor is called 'all'"):
+        analyse(votes_from_rows(rows), AnalysisSettings(factors={"all": {"x": "1", "y": "1", "z": "2"}}))

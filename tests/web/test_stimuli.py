@@ -99,6 +99,11 @@ def twice(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
     stimuli.append(stimuli[0])
 
 
+def like_all_together(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
+    for one in stimuli:
+        one["dataset"] = "all"
+
+
 def alone(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
     del stimuli[1:3]
 
@@ -131,6 +136,7 @@ def odd(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
         (unlike_others("n_frames", 9), r"manifest\.json: ball/pm_fb has n_frames 9, ball/id_fa has 10"),
         (unlike_others("width", True), r"manifest\.json: stimuli\.2\.width: .*found True"),
         (twice, r"manifest\.json: ball/id_fa is there twice"),
+        (like_all_together, r"manifest\.json: a dataset is called 'all'"),
         (alone, r"manifest\.json: dataset ball has one stimulus"),
         (outside, r"elsewhere\.mp4: ball/id_fa lies outside"),
         (unknown_level, r"ball/id_fa has depth = xy"),
