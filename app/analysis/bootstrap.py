@@ -148,7 +148,7 @@ def _fit_alone(fit: Fit, wins: Array, losses: Array, ties: Array) -> Array | Non
     own = wins[seen].astype(float), losses[seen].astype(float), ties[seen].astype(float)
     counts = PairCounts(fit.counts.n_items, first, second, *own, is_ordered=fit.counts.is_ordered)
     try:
-        refit = fit_counts(counts, fit.items, ties=fit.ties, levels=fit.design.levels)
+        refit = fit_counts(counts, fit.items, ties=fit.ties, levels=fit.design.levels, penalty=None)
     except (ConvergenceError, RuntimeError):
         return None
     return refit.scores if refit.status == "ok" else None

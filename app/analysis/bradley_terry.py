@@ -225,9 +225,12 @@ def fit_scores(
 
 
 def fit_counts(
-    counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None, penalty: str = "firth"
+    counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None, penalty: str | None = "firth"
 ) -> Fit:
-    """Fit scores to counts that the model has `counted` already; as `fit_scores`, without participants."""
+    """Fit scores to counts that the model has `counted` already; as `fit_scores`, without participants.
+
+    Without a `penalty` there are no numbers where no maximum exists.
+    """
     has_tie = bool(TIE_MODELS[ties].parameter and counts.ties.any())
     design = Design(counts, TIE_MODELS[ties] if has_tie else WITHOUT_TIES, has_tie, levels)
     existence, is_certain = _existence(counts, design)
@@ -289,7 +292,7 @@ def _by_direction(direction: Array) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(np.flatnonzero(rounded == value).tolist()) for value in np.unique(rounded)[::-1])
 
 
-def _maximum(fit: Fit, penalty: str, *, is_certain: bool) -> Fit:
+def _maximum(fit: Fit, penalty: str | None, *, is_certain: bool) -> Fit:
     counts, design = fit.counts, fit.design
     table = counts.wins, counts.losses, counts.ties
     if not design.n_parameters:
@@ -312,7 +315,9 @@ def _is_for_gradients(design: Design) -> bool:
     return design.counts.n_items > MANY_ITEMS and design.levels is None and not design.has_order
 
 
-def _penalised(fit: Fit, penalty: str) -> Fit:
+def _penalised(fit: Fit, penalty: str | None) -> Fit:
+    if penalty is None:
+        return fit
     counts, design = fit.counts, fit.design
     if penalty == "firth" and design.model.is_canonical and design.n_parameters <= LARGEST_FIRTH:
         theta, iterations = maximise_firth(design, counts)
