@@ -33,7 +33,7 @@ def test_different_opinions_cost_power() -> None:
 @pytest.mark.slow
 def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
     """0.91 JOD in one dataset and 0.41 pooled over five, for people whose errors are about 1.4 times the naive ones."""
-    plan = plan_study(StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=300)
+    plan = plan_study(StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=150)
     assert plan["votes"] == 1650
     assert plan["detectable_jod_one_dataset"] == pytest.approx(0.91, abs=0.15)
     assert plan["detectable_jod_pooled"] == pytest.approx(0.43, abs=0.08)
@@ -47,6 +47,7 @@ def test_an_impossible_plan_is_refused(wrong: dict[str, float]) -> None:
         StudyPlan(**{"conditions": 6, "datasets": 5, "participants": 22, **wrong})  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_few_people_who_agree_by_chance_are_no_finding() -> None:
     for participants in (2, 5):
         assert power(StudyPlan(2, 1, participants), 1e-9, 1, 200) <= 0.08

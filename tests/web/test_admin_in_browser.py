@@ -54,6 +54,7 @@ WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEn
     .reduce((sum, entry) => sum + entry.decodedBodySize, 0)"""
 
 
+@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # pages look the same on the other
 def test_every_page_fits_a_telephone_is_accessible_and_light(
     page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
 ) -> None:
