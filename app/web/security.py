@@ -15,19 +15,15 @@ from app.store.experimenters import SESSION_LASTS
 from app.web.gates import EXPERIMENTER_COOKIE
 from app.web.problems import problem
 
-POLICY = "; ".join(
-    (
-        "default-src 'self'",
-        "media-src 'self' blob:",  # a pair's video is fetched whole and played from memory
-        "img-src 'self' blob:",  # and so is a picture of the screening shown
-        "object-src 'none'",
-        "base-uri 'none'",
-        "form-action 'self'",
-        "frame-ancestors 'none'",
-    )
+POLICY = (
+    "default-src 'self'",
+    "img-src 'self' blob:",  # a picture of the screening is fetched and shown from memory
+    "object-src 'none'",
+    "base-uri 'none'",
+    "form-action 'self'",
+    "frame-ancestors 'none'",
 )
 HEADERS = {
-    "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "same-origin",
@@ -45,9 +41,9 @@ class SecurityHeaders:
 
     def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
         self.app = app
-        headers = {**HEADERS, "Strict-Transport-Security": "max-age=31536000"} if is_https else dict(HEADERS)
-        if media_origin is not None:  # from where a page fetches the pairs' videos
-            headers["Content-Security-Policy"] = f"{POLICY}; connect-src 'self' {media_origin}"
+        headers = {"Content-Security-Policy": policy(media_origin), **HEADERS}
+        if is_https:
+            headers["Strict-Transport-Security"] = "max-age=31536000"
         self.headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -60,6 +56,14 @@ class SecurityHeaders:
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
+
+
+def policy(media_origin: str | None) -> str:
+    """What pages may load, and from where; films may come from another origin, too."""
+    elsewhere = f" {media_origin}" if media_origin is not None else ""
+    fetched = f"connect-src 'self'{elsewhere}"  # a pair's film, by a participant's page
+    played = f"media-src 'self' blob:{elsewhere}"  # that film from memory, and the dashboard's where they lie
+    return "; ".join((*POLICY, fetched, played))
 
 
 class SameOrigin:

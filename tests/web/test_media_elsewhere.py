@@ -15,9 +15,10 @@ from typing import Any
 import httpx
 import pytest
 from object_store import BUCKET, object_store
+from playwright.sync_api import Browser
 from study_server import free_port
 
-from app import create
+from app import create, operate
 from app.main import running_server
 from app.media import MediaStore
 from app.settings import Settings
@@ -25,6 +26,7 @@ from app.simulate import begin
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 START_TIMEOUT_S = 20
+ALL_FILMS_ARE_THERE = "() => [...document.querySelectorAll('video')].every((film) => film.readyState === 4)"
 
 
 def media_of_first_trial(client: httpx.Client, study: dict[str, Any]) -> str:
@@ -126,8 +128,30 @@ def test_browsers_are_sent_to_a_signed_address_of_the_object_store(
         part = client.get(url, headers={"Range": "bytes=0-3"}, follow_redirects=True)
         assert (part.status_code, len(part.content)) == (206, 4)
         assert client.get(url, headers={"If-None-Match": f'"{etag}"'}).status_code == 304
-        policy = client.get(f"/s/{study['invitation']}").headers["content-security-policy"]
-        assert policy.endswith(f"connect-src 'self' {bucket}")
+        policy = client.get(f"/s/{study['invitation']}").headers["content-security-policy"].split("; ")
+        assert f"connect-src 'self' {bucket}" in policy
+        assert f"media-src 'self' blob: {bucket}" in policy
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@pytest.mark.usefixtures("bucket")
+def test_the_dashboard_plays_films_from_the_object_store(browser: Browser, stimulus_set: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, media_url=f"s3://{BUCKET}/pairs")
+    study = create.create_study(settings, stimulus_set, "Stored")
+    base = f"/admin/studies/{study['slug']}"
+    with running_server(settings) as server, httpx.Client(base_url=server, timeout=30) as client:
+        begin(client, study["slug"], study["invitation"])
+        trial = client.get("/api/v1/session/trials/next").json()["trial"]
+        page = browser.new_page(base_url=server)
+        page.set_default_timeout(20_000)
+        page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+        page.goto(f"{base}/votes/{trial}")
+        page.wait_for_function(ALL_FILMS_ARE_THERE)
+        page.goto(f"{base}/stimuli")
+        page.get_by_role("button", name="Play").first.click()
+        page.wait_for_function("() => document.querySelector('video').currentTime > 0")
+        page.close()
 
 
 def test_a_public_host_serves_under_the_same_names() -> None:
