@@ -13,7 +13,7 @@ from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Entry, record, record_alone
 from app.store.engine import Database, open_database
-from app.store.experimenters import Role, renew_link, set_up_link
+from app.store.experimenters import Role, experimenter_named, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
@@ -131,7 +131,7 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
 
 
 def add_experimenter(settings: Settings, name: str, role: Role | None = None) -> dict[str, Any]:
-    """A sign-in link for an experimenter, who is added if need be; an older link of theirs ends.
+    """A sign-in link for an experimenter, who is added if need be; an older link ends, and so does a password.
 
     Parameters
     ----------
@@ -140,9 +140,12 @@ def add_experimenter(settings: Settings, name: str, role: Role | None = None) ->
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
     with opened_store(settings) as database:
+        with database.reading() as connection:
+            known = experimenter_named(connection, name.strip())
+        password_ended = known is not None and known.has_password
         secret = renew_link(database, name.strip(), utc_now(), role)
-        _note(database, "sign-in link made", name.strip())
-    return {"name": name.strip(), "path": f"/admin/login/{secret}"}
+        _note(database, "sign-in link made", name.strip(), password_ended=password_ended)
+    return {"name": name.strip(), "path": f"/admin/login/{secret}", "password_ended": password_ended}
 
 
 def set_up_path(settings: Settings) -> str | None:

@@ -53,7 +53,7 @@ def admin_add(
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """A sign-in link for an experimenter, good for a week; an older link of theirs ends."""
+    """A sign-in link for an experimenter, good for a week; an older link of theirs ends, and so does a password."""
     from app.operate import add_experimenter
     from app.settings import Settings
     from app.store.experimenters import ROLES
@@ -62,7 +62,8 @@ def admin_add(
         raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
     added = add_experimenter(Settings(), experimenter, next((known for known in ROLES if known == role), None))
     added["link"] = url + added["path"]
-    print_result(added, f"{added['name']} signs in with {added['link']}", as_json=as_json)
+    ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
+    print_result(added, f"{added['name']} signs in with {added['link']}{ended}", as_json=as_json)
 
 
 @token_app.command("add")

@@ -49,7 +49,10 @@ class OpenSession:
 
 
 def renew_link(database: Database, name: str, now: datetime, role: Role | None = None) -> str:
-    """The secret of a new sign-in link for an experimenter, who is added if need be; an older link ends.
+    """The secret of a new sign-in link for an experimenter, who is added if need be.
+
+    An older link ends. So does a password, which may be forgotten or known to others, and the sessions of who has one:
+    each of them could choose the next without knowing it.
 
     Parameters
     ----------
@@ -60,6 +63,7 @@ def renew_link(database: Database, name: str, now: datetime, role: Role | None =
     if role is not None:
         values["role"] = role
     with database.writing() as connection:
+        _forget_password(connection, name)
         changed = connection.execute(update(experimenter).where(experimenter.c.name == name).values(**values))
         if not changed.rowcount:
             connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
@@ -182,13 +186,23 @@ def disable(connection: Connection, name: str, now: datetime) -> None:
     """
     spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
     connection.execute(update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **spent))
-    own = select(experimenter.c.id).where(experimenter.c.name == name)
-    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(own)))
+    _end_sessions(connection, name)
     _refuse_to_lock_out(connection)
 
 
 def experimenter_named(connection: Connection, name: str) -> Experimenter | None:
     return _one(connection, experimenter.c.name == name)
+
+
+def _forget_password(connection: Connection, name: str) -> None:
+    known = (experimenter.c.name == name, experimenter.c.password_hash.is_not(None))
+    if connection.execute(update(experimenter).where(*known).values(password_hash=None)).rowcount:
+        _end_sessions(connection, name)
+
+
+def _end_sessions(connection: Connection, name: str) -> None:
+    own = select(experimenter.c.id).where(experimenter.c.name == name)
+    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(own)))
 
 
 def _refuse_to_lock_out(connection: Connection) -> None:

@@ -85,6 +85,76 @@ def test_a_changed_password_ends_the_other_sessions(server: str, settings: Setti
         assert here.act("/admin/account/password", current=PASSWORD, **again).status_code == 200
 
 
+@pytest.fixture
+def small(tmp_path: Path) -> Settings:
+    return Settings(data_dir=tmp_path)
+
+
+@pytest.fixture
+def small_server(small: Settings) -> Iterator[str]:
+    """A server of one test's own: a few wrong passwords there hold up nobody else."""
+    with running_server(small) as url:
+        yield url
+
+
+@pytest.fixture
+def forgetful(small_server: str, small: Settings) -> Iterator[Dashboard]:
+    """Fred, who has a password and is signed in."""
+    with signed_in(small_server, small, "Fred", "experimenter") as fred:
+        fred.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        yield fred
+
+
+def test_an_owners_new_link_replaces_a_forgotten_password(
+    small_server: str, small: Settings, forgetful: Dashboard
+) -> None:
+    with signed_in(small_server, small, "Olaf", "owner") as olaf:
+        shown = olaf.act("/admin/users/link", name="Fred").text
+        entry = next(line for line in olaf.get("/admin/audit?search=Fred").text.split("<tr") if "link made" in line)
+    assert "Olaf" in entry
+    assert "password" in entry
+    link = shown.split(f"{small_server}/admin/login/")[1].split("<")[0]
+    assert forgetful.get("/admin").status_code == 401
+    new = "another horse battery"
+    with Dashboard(small_server) as fred:
+        assert fred.enter("/admin/sign-in", name="Fred", password=PASSWORD).status_code == 401
+        fred.get(f"/admin/login/{link}")
+        assert "Current password" not in fred.get("/admin/account").text
+        assert fred.act("/admin/account/password", password=new, again=new).status_code == 200
+        assert "Your role is experimenter" in fred.get("/admin/account").text
+    with Dashboard(small_server) as fred:
+        assert fred.get(f"/admin/login/{link}").status_code == 401
+        assert "Studies" in fred.enter("/admin/sign-in", name="Fred", password=new).text
+
+
+@pytest.mark.usefixtures("forgetful")
+def test_the_command_line_replaces_a_forgotten_password_and_says_so(small_server: str, small: Settings) -> None:
+    added = operate.add_experimenter(small, "Fred")
+    assert added["password_ended"]
+    with Dashboard(small_server) as fred:
+        fred.get(added["path"])
+        assert fred.act("/admin/account/password", password=PASSWORD, again=PASSWORD).status_code == 200
+    assert not operate.add_experimenter(small, "Somebody new")["password_ended"]
+
+
+def test_adding_a_name_that_is_there_takes_nobodys_password(
+    small_server: str, small: Settings, forgetful: Dashboard
+) -> None:
+    with signed_in(small_server, small, "Olaf", "owner") as olaf:
+        refused = olaf.act("/admin/users", name="Fred", role="viewer")
+        assert olaf.act("/admin/users/link", name="Nobody").status_code == 404
+        assert olaf.act("/admin/users/link", name="Olaf").status_code == 409
+    assert refused.status_code == 409
+    assert "New link" in refused.text
+    assert "Your role is experimenter" in forgetful.get("/admin/account").text
+
+
+def test_only_an_owner_makes_links_for_others(small_server: str, small: Settings, forgetful: Dashboard) -> None:
+    with signed_in(small_server, small, "Xenia", "experimenter") as xenia:
+        assert xenia.act("/admin/users/link", name="Fred").status_code == 403
+    assert forgetful.get("/admin").status_code == 200
+
+
 def test_guessing_passwords_is_slowed_down_for_that_name(tmp_path: Path) -> None:
     with running_server(Settings(data_dir=tmp_path)) as url, Dashboard(url) as stranger:
         statuses = [stranger.enter("/admin/sign-in", name="Paula", password="guess").status_code for _ in range(6)]

@@ -10,10 +10,18 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.audit import audit_records
-from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_role
+from app.store.experimenters import (
+    Experimenter,
+    Role,
+    all_experimenters,
+    disable,
+    experimenter_named,
+    renew_link,
+    set_role,
+)
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
 from app.web.admin.shell import page, see
-from app.web.gates import ActingOwner, Looking, Owner, Store
+from app.web.gates import ActingOwner, Looking, Owner, Store, database
 
 ENTRIES_ON_A_PAGE = 50
 LONGEST_TOKEN_DAYS = 3650
@@ -34,17 +42,39 @@ def users_page(request: Request, person: Owner, database: Store) -> Response:
 def add_user(
     request: Request, person: Owner, actor: ActingOwner, name: Name, role: Annotated[Role, Form()], database: Store
 ) -> Response:
-    """Add somebody, or give them a new link; the link is shown this once."""
     name = name.strip()
-    with database.reading() as connection:
-        known = experimenter_named(connection, name)
     if not name:
         raise InvalidError("A name is needed.")
-    if known and known.name == actor.name:
-        raise ConflictError("You are signed in already; change your password under your name.")
-    secret = renew_link(database, name, actor.now, None if known else role)
+    with database.reading() as connection:
+        known = experimenter_named(connection, name)
+    if known:
+        raise ConflictError(
+            f"{name} is here already. Nothing was changed; use New link beside the name to let them in."
+        )
+    secret = renew_link(database, name, actor.now, role)
     with database.writing() as connection:
-        actor.note(connection, "sign-in link made", subject=name, role=known.role if known else role)
+        actor.note(connection, "sign-in link made", subject=name, role=role)
+    return _with_link(request, person, name, secret)
+
+
+@router.post("/users/link")
+def new_link(request: Request, person: Owner, actor: ActingOwner, name: Name, database: Store) -> Response:
+    """A sign-in link in place of somebody's password or earlier link."""
+    with database.reading() as connection:
+        known = experimenter_named(connection, name)
+    if known is None:
+        raise NotFoundError("There is nobody of this name.")
+    if known.name == actor.name:
+        raise ConflictError("You are signed in already; change your password under your name.")
+    secret = renew_link(database, name, actor.now)
+    with database.writing() as connection:
+        actor.note(connection, "sign-in link made", subject=name, role=known.role, password_ended=known.has_password)
+    return _with_link(request, person, name, secret)
+
+
+def _with_link(request: Request, person: Experimenter, name: str, secret: str) -> Response:
+    """Everybody, and a link that is shown this once."""
+    with database(request).reading() as connection:
         found = all_experimenters(connection)
     link = {"name": name, "url": f"{request.base_url}admin/login/{secret}"}
     return page(request, "users", person, {"people": found, "link": link})
