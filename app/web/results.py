@@ -6,7 +6,7 @@ import gc
 import hashlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -20,11 +20,14 @@ from app.store.studies import Study
 from app.store.votes import vote_records
 from app.study.groupings import groupings
 from app.study.options import parse_options
+from app.web.shared import Shared
 
-ANALYSES_KEPT = 16  # of the latest votes and settings; a study of 100 participants takes some MB
+ANALYSES_KEPT = 16  # their results, of the latest votes and settings; a study of 100 participants takes some MB
 CHARTS_KEPT = 4
 WITHDRAWN = "withdrawn"
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
+
+_analyses: Shared[Mapping[str, Any]] = Shared(ANALYSES_KEPT)
 
 
 @dataclass(frozen=True)
@@ -82,18 +85,25 @@ def _given(database: Database, study_id: int) -> dict[str, Any]:
 
 
 def _snapshot(given: Mapping[str, Any]) -> Snapshot:
-    content = json.dumps(given, sort_keys=True, default=str)
-    digest = hashlib.sha256(content.encode()).hexdigest()
-    return Snapshot(digest, _analysed(content) if given["rows"] else None)
+    rows = given["rows"]
+    others = json.dumps({name: value for name, value in given.items() if name != "rows"}, sort_keys=True)
+    digest = _digest(rows, others)
+    return Snapshot(digest, _analyses.get(digest, lambda: _analysed(rows, json.loads(others))) if rows else None)
 
 
-@lru_cache(maxsize=ANALYSES_KEPT)
-def _analysed(content: str) -> Mapping[str, Any]:
+def _digest(rows: Iterable[Mapping[str, Any]], others: str) -> str:
+    """Of all that an analysis follows from; a vote at a time, because a million as one text take hundreds of MB."""
+    digest = hashlib.sha256(others.encode())
+    for row in rows:
+        digest.update(json.dumps(row, sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+def _analysed(rows: Sequence[Mapping[str, Any]], others: Mapping[str, Any]) -> Mapping[str, Any]:
     from app.analysis import AnalysisSettings, analyse, votes_from_rows
 
-    given = json.loads(content)
-    settings = AnalysisSettings(factors=given["factors"], measures=given["measures"], groups=given.get("groups", {}))
-    return analyse(votes_from_rows(given["rows"]), settings)
+    settings = AnalysisSettings(factors=others["factors"], measures=others["measures"], groups=others.get("groups", {}))
+    return analyse(votes_from_rows(rows), settings)
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
