@@ -50,7 +50,7 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
     Raises
     ------
     ValueError
-        If the file is not a whole backup, or the database holds studies and they are not to be replaced.
+        If the file is not a whole backup, or the database holds something that is not to be replaced.
     """
     try:
         archive = ZipFile(path)

@@ -103,7 +103,9 @@ def backup(
 @app.command()
 def restore(
     file: Annotated[Path, typer.Argument(help="What `reconstudy backup` wrote, on either kind of database.")],
-    replace: Annotated[bool, typer.Option("--replace", help="Drop the studies that the database holds.")] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Drop what the database holds: studies, people, tokens, the audit log.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Bring a backup back, all of it or nothing; the server may run."""

@@ -8,22 +8,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
 from zipfile import ZipFile
 
+from alembic.migration import MigrationContext
 from sqlalchemy import JSON, Connection, DateTime, MetaData, Table, func, insert, inspect, select, text
 
 from app.store.engine import Database
+from app.store.experimenters import UNNAMED
 from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
 from app.store.schema import metadata
-from app.store.tables import study
+from app.store.tables import experimenter
 
 FACTS = "backup.json"
 SCHEMA_VERSION = 1
 ROWS_AT_ONCE = 500
+TABLES_NAMED = 3  # of those that stand in the way
+VERSION_TABLE = "alembic_version"
+MISSED = {  # tables whose rows nobody loses without saying so; the others' rows belong to these
+    "study": "studies",
+    "experimenter": "experimenters",
+    "api_token": "tokens",
+    "audit_entry": "entries of the audit log",
+}
 
 
 def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[str, int]:
@@ -57,12 +67,12 @@ def read_tables(database: Database, archive: ZipFile, *, replace: bool = False) 
 
     Parameters
     ----------
-    replace : drop what the database holds; otherwise it must hold no study
+    replace : drop what the database holds; otherwise it must hold no studies, people, tokens or entries of its log
 
     Raises
     ------
     ValueError
-        If the archive is not whole or of a newer version, or the database holds studies.
+        If the archive is not whole or of a newer version, or the database holds these or tables of another program.
     """
     facts = _facts(archive)
     with database.writing() as connection:
@@ -102,15 +112,39 @@ def _facts(archive: ZipFile) -> dict[str, Any]:
 
 
 def _empty(connection: Connection, *, replace: bool) -> None:
+    """Drop this program's tables, unless somebody would miss what is in the database."""
+    names = set(inspect(connection).get_table_names())
+    _refuse_tables_of_others(connection, names)
     present = MetaData()
-    present.reflect(connection)
-    if study.name in present.tables and not replace:
-        n_studies = connection.scalar(select(func.count()).select_from(present.tables[study.name]))
-        if n_studies:
-            raise ValueError(
-                f"the database holds {n_studies} studies; restore into an empty one, or give --replace to drop them"
-            )
+    present.reflect(connection, only=sorted(names))
+    if not replace and (held := _held(connection, present)):
+        raise ValueError(f"the database holds {held}; restore into an empty one, or give --replace to drop them")
     present.drop_all(connection)
+
+
+def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:
+    """Another program's table may have the name of one of ours: what is dropped must be ours as a whole."""
+    strange = names - {*metadata.tables, VERSION_TABLE}
+    if names and MigrationContext.configure(connection).get_current_revision() not in revisions():
+        strange = names
+    if strange:
+        some = ", ".join(sorted(strange)[:TABLES_NAMED]) + (", …" if len(strange) > TABLES_NAMED else "")
+        raise ValueError(
+            f"the database holds tables of another program, or of another version of this one ({some}); restore into a "
+            "database of its own: create an empty one and name it by RECONSTUDY_DATABASE_URL"
+        )
+
+
+def _held(connection: Connection, present: MetaData) -> str:
+    """What a database holds, in words; empty where nobody would miss it."""
+    counts = {}
+    for name, what in MISSED.items():
+        if (table := present.tables.get(name)) is not None:
+            rows = select(func.count()).select_from(table)
+            if name == experimenter.name:
+                rows = rows.where(table.c.name != UNNAMED)  # a link that a server's start made
+            counts[what] = connection.scalar(rows)
+    return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
 
 
 def _rows(archive: ZipFile, name: str, facts: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

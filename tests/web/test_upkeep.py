@@ -140,6 +140,57 @@ def test_studies_are_not_replaced_unless_one_says_so(here: Settings, tmp_path: P
     assert rows_of(here) == before
 
 
+def test_tables_of_another_program_are_never_dropped(here: Settings, tmp_path: Path) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    before = rows_of(here)
+    database = open_database(here.url)
+    with database.writing() as connection:
+        connection.execute(text("CREATE TABLE bookings (day INTEGER)"))
+        connection.execute(text("INSERT INTO bookings VALUES (7)"))
+    with pytest.raises(ValueError, match=r"bookings.*database of its own"):
+        restore(here, tmp_path / "backup.zip", replace=True)
+    with database.reading() as connection:
+        assert connection.scalars(text("SELECT day FROM bookings")).all() == [7]
+    database.dispose()
+    assert rows_of(here) == before
+
+
+def test_another_programs_database_with_a_table_of_the_same_name_is_left_alone(
+    here: Settings, tmp_path: Path, new_database_url: Callable[[], str]
+) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    there = Settings(data_dir=tmp_path / "there", database_url=new_database_url())
+    database = open_database(there.url)
+    with database.writing() as connection:
+        connection.execute(text("CREATE TABLE session (cookie INTEGER)"))
+    with pytest.raises(ValueError, match=r"session.*database of its own"):
+        restore(there, tmp_path / "backup.zip", replace=True)
+    with database.reading() as connection:
+        assert connection.scalars(text("SELECT cookie FROM session")).all() == []
+    database.dispose()
+
+
+def test_people_and_tokens_are_not_dropped_unless_one_says_so(
+    here: Settings, tmp_path: Path, new_database_url: Callable[[], str]
+) -> None:
+    back_up(here, tmp_path / "backup.zip")
+    there = Settings(data_dir=tmp_path / "there", database_url=new_database_url())
+    operate.upgrade_database(there)
+    operate.set_up_path(there)  # nobody has used it yet
+    restore(there, tmp_path / "backup.zip")
+    database = open_database(there.url)
+    with database.writing() as connection:
+        for table in reversed(metadata.sorted_tables):
+            connection.execute(delete(table))
+    database.dispose()
+    operate.add_experimenter(there, "Eva Example")
+    operate.add_token(there, "tests")
+    with pytest.raises(ValueError, match=r"holds 1 experimenters, 1 tokens, 2 entries of the audit log.*--replace"):
+        restore(there, tmp_path / "backup.zip")
+    restore(there, tmp_path / "backup.zip", replace=True)
+    assert rows_of(there) == rows_of(here)
+
+
 def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> None:
     back_up(here, tmp_path / "backup.zip")
     with ZipFile(tmp_path / "backup.zip") as whole, ZipFile(tmp_path / "damaged.zip", "w") as damaged:
