@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import shutil
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
@@ -15,7 +16,7 @@ from app.files import whole_file
 from app.reports import PLAIN_NAME
 from app.settings import Settings
 from app.stimuli import file_digest
-from app.store.backup import faults_of, read_tables, write_tables
+from app.store.backup import faults_of, read_tables, refuse_what_is_held, write_tables
 from app.store.designs import film_files
 from app.store.engine import Database, open_database
 from app.store.keys import utc_now
@@ -23,6 +24,7 @@ from app.store.models import model_digests
 from app.store.reports import report_digests
 
 MEDIA = "media/"
+DAMAGED = (BadZipFile, zlib.error, EOFError)
 ATTACHED = re.compile(rf"reports/[0-9a-f]{{64}}/{PLAIN_NAME.pattern}|models/[0-9a-f]{{64}}\.ply")  # in the data folder
 
 
@@ -45,7 +47,7 @@ def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict
 
 
 def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
-    """Bring back what `back_up` wrote, into either kind of database.
+    """Bring back what `back_up` wrote, into either kind of database: all of it, or nothing is changed.
 
     Raises
     ------
@@ -60,14 +62,18 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
         videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
         if strange := [name for name in videos if Path(name).name != name]:
             raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
-        tables = read_tables(database, archive, replace=replace)
-        for name in videos:
-            with whole_file(settings.media_dir / name) as temporary:
-                _extract(archive, MEDIA + name, temporary)
         attached = [name for name in archive.namelist() if ATTACHED.fullmatch(name)]
-        for name in attached:
-            with whole_file(settings.data_dir / name) as temporary:
-                _extract(archive, name, temporary)
+        refuse_what_is_held(database, replace=replace)
+        places = {MEDIA + name: settings.media_dir / name for name in videos}
+        places |= {name: settings.data_dir / name for name in attached}
+        try:
+            with ExitStack() as files:
+                for name, place in places.items():
+                    _extract(archive, name, files.enter_context(whole_file(place)))
+                # as late as can be, for what lies there may be of the rows that are to be replaced
+                tables = read_tables(database, archive, replace=replace, before_commit=files.close)
+        except DAMAGED as error:
+            raise ValueError(f"{path}: is damaged: {error}") from error
     return {"tables": tables, "videos": len(videos), "attached": len(attached)}
 
 

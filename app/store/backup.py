@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Set
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
@@ -16,6 +17,7 @@ from zipfile import ZipFile
 
 from alembic.migration import MigrationContext
 from sqlalchemy import JSON, Connection, DateTime, MetaData, Table, func, insert, inspect, select, text
+from sqlalchemy.exc import OperationalError
 
 from app.store.engine import Database
 from app.store.experimenters import UNNAMED
@@ -26,6 +28,8 @@ from app.store.tables import experimenter
 FACTS = "backup.json"
 SCHEMA_VERSION = 1
 ROWS_AT_ONCE = 500
+LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
+LOCKED_WITHIN_S = 30
 TABLES_NAMED = 3  # of those that stand in the way
 VERSION_TABLE = "alembic_version"
 MISSED = {  # tables whose rows nobody loses without saying so; the others' rows belong to these
@@ -60,7 +64,9 @@ def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[st
     return {name: table["rows"] for name, table in facts.items()}
 
 
-def read_tables(database: Database, archive: ZipFile, *, replace: bool = False) -> dict[str, int]:
+def read_tables(
+    database: Database, archive: ZipFile, *, replace: bool = False, before_commit: Callable[[], None]
+) -> dict[str, int]:
     """Fill a database with the rows of an archive, all or none; the number of rows by table.
 
     An older version's rows are migrated. Whoever reads or writes meanwhile waits, and then sees the restored rows.
@@ -68,6 +74,7 @@ def read_tables(database: Database, archive: ZipFile, *, replace: bool = False) 
     Parameters
     ----------
     replace : drop what the database holds; otherwise it must hold no studies, people, tokens or entries of its log
+    before_commit : called when all rows are there; where it raises, nothing has changed
 
     Raises
     ------
@@ -83,6 +90,7 @@ def read_tables(database: Database, archive: ZipFile, *, replace: bool = False) 
         for table in reflected.sorted_tables:
             _fill(connection, table, _rows(archive, table.name, facts["tables"][table.name]))
         upgrade_within(connection, newest_version())
+        before_commit()
     return {name: table["rows"] for name, table in facts["tables"].items()}
 
 
@@ -111,15 +119,57 @@ def _facts(archive: ZipFile) -> dict[str, Any]:
     return facts
 
 
+def refuse_what_is_held(database: Database, *, replace: bool = False) -> None:
+    """Check, before any work is done, whether `read_tables` would fill this database.
+
+    Raises
+    ------
+    ValueError
+    """
+    with database.reading() as connection:
+        _droppable(connection, replace=replace)
+
+
 def _empty(connection: Connection, *, replace: bool) -> None:
-    """Drop this program's tables, unless somebody would miss what is in the database."""
+    if connection.dialect.name == "postgresql":
+        _lock(connection)
+    _droppable(connection, replace=replace).drop_all(connection)
+
+
+def _lock(connection: Connection) -> None:
+    """Take all tables from a server that may run.
+
+    Whoever has begun goes first: what is taken is given back before PostgreSQL looks for a deadlock, which it might
+    end by ending a transaction of the server.
+    """
+    names = metadata.tables.keys() & set(inspect(connection).get_table_names())
+    if not names:
+        return
+    lock = text(f"LOCK TABLE {', '.join(sorted(names))} IN ACCESS EXCLUSIVE MODE")
+    until_s = time.monotonic() + LOCKED_WITHIN_S
+    connection.execute(text(f"SET LOCAL statement_timeout = {LOCK_ATTEMPT_MS}"))
+    while True:
+        try:
+            with connection.begin_nested():
+                connection.execute(lock)
+            break
+        except OperationalError as error:
+            if connection.invalidated:  # the database is away
+                raise
+            if time.monotonic() > until_s:
+                raise ValueError("the database is in use all the time; stop the server, then restore again") from error
+    connection.execute(text("SET LOCAL statement_timeout TO DEFAULT"))
+
+
+def _droppable(connection: Connection, *, replace: bool) -> MetaData:
+    """This program's tables that are there, unless somebody would miss what is in the database."""
     names = set(inspect(connection).get_table_names())
     _refuse_tables_of_others(connection, names)
     present = MetaData()
     present.reflect(connection, only=sorted(names))
     if not replace and (held := _held(connection, present)):
         raise ValueError(f"the database holds {held}; restore into an empty one, or give --replace to drop them")
-    present.drop_all(connection)
+    return present
 
 
 def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
 import pytest
 import shapes
+from postgresql import PostgresServer
 from seeding import NOW, seed_voters
 from sqlalchemy import delete, insert, select, text, update
 
@@ -204,6 +206,54 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
     (tmp_path / "no.zip").write_bytes(b"something else")
     with pytest.raises(ValueError, match="is not a backup"):
         restore(here, tmp_path / "no.zip")
+
+
+def test_a_backup_with_a_damaged_film_changes_nothing(here: Settings, tmp_path: Path) -> None:
+    film = here.media_dir / "file.mp4"
+    film.parent.mkdir(parents=True)
+    film.write_bytes(b"what the film was then")
+    back_up(here, tmp_path / "backup.zip", with_media=True)
+    content = (tmp_path / "backup.zip").read_bytes()
+    (tmp_path / "damaged.zip").write_bytes(content.replace(b"what the film was then", b"what the film was thex"))
+    film.write_bytes(b"what the film is now")
+    database = open_database(here.url)
+    with database.writing() as connection:
+        connection.execute(delete(vote))
+    database.dispose()
+    before = rows_of(here)
+    with pytest.raises(ValueError, match=r"is damaged.*file\.mp4"):
+        restore(here, tmp_path / "damaged.zip", replace=True)
+    assert rows_of(here) == before
+    assert files_below(here.media_dir) == {"file.mp4": b"what the film is now"}
+    with pytest.raises(ValueError, match="--replace"):
+        restore(here, tmp_path / "backup.zip")
+    assert files_below(here.media_dir) == {"file.mp4": b"what the film is now"}
+    restore(here, tmp_path / "backup.zip", replace=True)
+    assert files_below(here.media_dir) == {"file.mp4": b"what the film was then"}
+
+
+@pytest.mark.slow
+def test_a_restore_gives_way_to_what_the_server_has_begun(tmp_path: Path, postgres: PostgresServer) -> None:
+    settings = Settings(data_dir=tmp_path / "here", database_url=postgres.new_database("in_use"))
+    operate.upgrade_database(settings)
+    database = open_database(settings.url)
+    seed_voters(database, 1, 2)
+    back_up(settings, tmp_path / "backup.zip")
+    waits = text("SELECT count(*) FROM pg_locks WHERE NOT granted AND mode = 'AccessExclusiveLock'")
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            connection.execute(update(trial).values(void_reason="here"))
+            restored = pool.submit(restore, settings, tmp_path / "backup.zip", replace=True)
+            with database.reading() as looking:
+                looking = looking.execution_options(isolation_level="AUTOCOMMIT")
+                while not looking.scalar(waits):
+                    assert not restored.done()
+            connection.execute(text("UPDATE study SET name = 'Other'"))  # which the restore has taken by then
+            connection.execute(text("UPDATE vote SET choice = 'a'"))
+        assert restored.result()["tables"]["study"] == 1
+    with database.reading() as connection:
+        assert connection.scalar(text("SELECT name FROM study")) == "Test"
+    database.dispose()
 
 
 def files_below(folder: Path) -> dict[str, bytes]:
