@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -12,7 +13,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, RedirectResponse, Response
 
-from app.errors import NotFoundError
+from app.errors import NotFoundError, UnavailableError
 from app.films import FilmFile
 from app.media import SIGNED_FOR_S, MediaStore
 from app.store.designs import film_file
@@ -22,6 +23,8 @@ from app.web.gates import Store, settings
 # A name never gets other content; shared caches must not serve a study's material to others.
 FOREVER = "private, max-age=31536000, immutable"
 FOR_A_WHILE = f"private, max-age={SIGNED_FOR_S // 2}"  # of an address that ends
+
+log = logging.getLogger(__name__)
 
 Piece = bytes | bytearray
 
@@ -82,7 +85,13 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
     if accel := settings(request).media_accel:
         headers["X-Accel-Redirect"] = accel + found.file
         return Response(headers=headers, media_type="video/mp4")
-    return Film(settings(request).media_dir / found.file, headers=headers, media_type="video/mp4")
+    path = settings(request).media_dir / found.file
+    try:
+        status = path.stat()
+    except FileNotFoundError as error:
+        log.error("%s is missing; `reconstudy db check` names all such films, a backup with --media has them", path)
+        raise UnavailableError("This video is missing on the server. Please tell the experimenter.") from error
+    return Film(path, headers=headers, media_type="video/mp4", stat_result=status)
 
 
 def entity_tag(media: str, film: FilmFile) -> str:

@@ -14,6 +14,8 @@ import httpx
 import pytest
 from http_checks import ask, is_problem
 
+from app.settings import Settings
+from app.stimuli import file_digest
 from app.web.media import Film
 
 
@@ -73,6 +75,23 @@ def test_who_has_it_is_told_so(client: httpx.Client, url: str, form: str) -> Non
 
 def test_who_has_something_else_gets_it(client: httpx.Client, url: str) -> None:
     assert client.get(url, headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_a_film_that_is_missing_on_the_server_is_said_and_logged(
+    client: httpx.Client, url: str, settings: Settings, caplog: pytest.LogCaptureFixture
+) -> None:
+    sha256 = hashlib.sha256(client.get(url).content).hexdigest()
+    (film,) = (path for path in settings.media_dir.iterdir() if file_digest(path) == sha256)
+    film.rename(film.with_suffix(".away"))
+    try:
+        answer = client.get(url)
+    finally:
+        film.with_suffix(".away").rename(film)
+    assert is_problem(answer, 503)
+    assert "missing" in answer.json()["detail"]
+    assert film.name not in answer.text  # which would tell two trials' films from each other
+    assert str(film) in caplog.text
+    assert client.get(url).status_code == 200
 
 
 @pytest.mark.parametrize("path", ["/media/invented", "/media/..%2fstudy.sqlite", "/media/%00"])
