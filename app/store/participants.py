@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Table, delete, func, insert, select, update
+from sqlalchemy import Connection, Table, delete, func, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.engine import insert_or_ignore
 from app.store.exclusions import in_force
 from app.store.keys import digest, new_secret
 from app.store.schema import metadata
@@ -96,10 +97,9 @@ def exclude(connection: Connection, person: Person, reason: str, by: str, now: d
     ConflictError
         If they are left out already.
     """
-    if connection.execute(select(exclusion.c.id).where(in_force(person.id))).first():
-        raise ConflictError(f"{person.label} is excluded already.")
     values = {"participant_id": person.id, "reason": reason, "excluded_by": by, "excluded_at": now}
-    connection.execute(insert(exclusion).values(**values))
+    if not insert_or_ignore(connection, exclusion, [values], exclusion.c.id):
+        raise ConflictError(f"{person.label} is excluded already.")
 
 
 def undo_exclusion(connection: Connection, person: Person, by: str, now: datetime) -> None:

@@ -360,6 +360,14 @@ exclusion = Table(
     Column("undone_at", UtcDateTime),  # NULL: it holds
 )
 
+Index(
+    "uq_exclusion_in_force",
+    exclusion.c.participant_id,
+    unique=True,
+    sqlite_where=exclusion.c.undone_at.is_(None),
+    postgresql_where=exclusion.c.undone_at.is_(None),
+)
+
 experimenter = Table(
     "experimenter",
     metadata,

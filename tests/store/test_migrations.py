@@ -29,7 +29,8 @@ from sqlalchemy import (
 )
 
 from app.store.engine import Database, open_database
-from app.store.migrate import ROOT, newest_version, upgrade, version_of, why_not_ready
+from app.store.migrate import ROOT, newest_version, upgrade, upgrade_within, version_of, why_not_ready
+from app.store.participants import exclusion_records
 from app.store.studies import study_by_slug
 from app.store.tables import metadata
 from app.study.options import StudyOptions, parse_options
@@ -108,6 +109,25 @@ def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str]
         kept = study_by_slug(connection, "study.slug")
     assert kept is not None
     assert parse_options(kept.options) == StudyOptions()
+    database.dispose()
+
+
+def test_who_was_excluded_twice_is_so_once_by_the_first_reason(new_database_url: Callable[[], str]) -> None:
+    database = open_database(new_database_url())
+    reasons = ("first", "second", "third")
+    with database.writing() as connection:
+        upgrade_within(connection, "0011")
+        tables = {table.name: table for table in tables_of(connection)}
+        for name in ("study", "invitation", "participant", "exclusion"):
+            insert_some_row(connection, tables[name])
+        row = {"participant_id": 1, "excluded_by": "Eva", "excluded_at": datetime(2026, 1, 1, tzinfo=UTC)}
+        for number, reason in enumerate(reasons, 2):
+            connection.execute(insert(tables["exclusion"]).values(id=number, reason=reason, **row))
+    upgrade(database)
+    with database.reading() as connection:
+        rows = exclusion_records(connection, 1)
+    undone_by = {row["reason"]: row["undone_by"] for row in rows}
+    assert [undone_by[reason] for reason in reasons] == [None, "database upgrade", "database upgrade"]
     database.dispose()
 
 
