@@ -14,8 +14,8 @@ depends_on = None
 def upgrade() -> None:
     op.execute(
         "UPDATE exclusion SET undone_at = excluded_at, undone_by = 'database upgrade' "
-        "WHERE undone_at IS NULL AND EXISTS (SELECT 1 FROM exclusion AS earlier "
-        "WHERE earlier.participant_id = exclusion.participant_id AND earlier.undone_at IS NULL AND earlier.id < exclusion.id)"
+        "WHERE undone_at IS NULL AND EXISTS (SELECT 1 FROM exclusion AS earlier WHERE earlier.undone_at IS NULL "
+        "AND earlier.participant_id = exclusion.participant_id AND earlier.id < exclusion.id)"
     )
     holds = sa.text("undone_at IS NULL")
     op.create_index(
