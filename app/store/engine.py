@@ -27,6 +27,8 @@ from app.errors import InvalidError, NotFoundError, UnavailableError
 
 log = logging.getLogger(__name__)
 
+Transaction = Connection  # what the blocks below are given, for those outside who hand it on to the store
+
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less

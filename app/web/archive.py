@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import IO, Any
 
 from app.store.audit import audit_records
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
@@ -22,20 +22,25 @@ from app.study.options import parse_options
 from app.study.study_file import StudyFile, write_study_file
 from app.web.answers import PART, write_csv
 from app.web.columns import TABLES
-from app.web.results import analysis_of
+from app.web.results import given_of, snapshot_of_given
 
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in it, so that the same content is the same archive
 
 
 def write_archive(out: IO[bytes], database: Database, of: Study) -> None:
-    """Write the archive; the same bytes as long as nothing changes, and never more of a table in memory than a part."""
-    analysis = analysis_of(database, of.id)
+    """Write the archive, all of one moment: the same bytes as long as nothing changes.
+
+    Of a table, never more than a part is in memory.
+    """
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         files = _Files(archive, of.slug)
         files.write("README.md", _dictionary(of))
         files.write("study.toml", _study_file(of))
-        for name, rows in _tables(database, of.id):
-            files.write_table(name, rows, list(TABLES[name]))
+        with database.snapshot() as connection:
+            given = given_of(connection, of.id)
+            for name, rows in _tables(connection, of.id):
+                files.write_table(name, rows, list(TABLES[name]))
+        analysis = snapshot_of_given(given).analysis
         for name in ("scores", "triads", "observers"):
             rows = list((analysis or {}).get(name, ()))
             columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
@@ -86,16 +91,14 @@ class _Hashed(io.RawIOBase):
         return self._file.write(part)
 
 
-def _tables(database: Database, study_id: int) -> Iterator[tuple[str, Iterable[Mapping[str, Any]]]]:
-    """As they are at one moment."""
-    with database.reading() as connection:
-        yield "votes", vote_records(connection, study_id)
-        yield "trials", trial_records(connection, study_id)
-        yield "participants", participant_records(connection, study_id)
-        yield "screening", screening_records(connection, study_id)
-        yield "questionnaire", questionnaire_records(connection, study_id)
-        yield "validation", measurement_records(connection, study_id)
-        yield "audit", audit_records(connection, study_id=study_id)
+def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Iterable[Mapping[str, Any]]]]:
+    yield "votes", vote_records(connection, study_id)
+    yield "trials", trial_records(connection, study_id)
+    yield "participants", participant_records(connection, study_id)
+    yield "screening", screening_records(connection, study_id)
+    yield "questionnaire", questionnaire_records(connection, study_id)
+    yield "validation", measurement_records(connection, study_id)
+    yield "audit", audit_records(connection, study_id=study_id)
 
 
 def _dictionary(of: Study) -> str:

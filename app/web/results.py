@@ -13,7 +13,7 @@ from typing import Any
 
 from app.reports import by_measure
 from app.store.designs import conditions_of
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import questionnaire_records
 from app.store.studies import Study
@@ -45,20 +45,21 @@ def snapshot_of(database: Database, study_id: int, *, with_excluded: bool = Fals
     ----------
     with_excluded : count those whom the experimenter has excluded, too; who has withdrawn is never counted
     """
-    given = _given(database, study_id)
+    with database.reading() as connection:
+        given = given_of(connection, study_id)
     if with_excluded:
         given["rows"] = [row | {"excluded": row["reason"] == WITHDRAWN} for row in given["rows"]]
-    return _snapshot(given)
+    return snapshot_of_given(given)
 
 
 def grouped_snapshot_of(database: Database, study: Study) -> Snapshot:
     """As `snapshot_of`, with groups of participants compared by their answers; for who may see participants."""
-    given = _given(database, study.id)
     with database.reading() as connection:
+        given = given_of(connection, study.id)
         answers = questionnaire_records(connection, study.id)
     people = {row["participant"] for row in given["rows"] if not row["excluded"]}
     counted = [row for row in answers if row["source"] == "written" and row["participant"] in people]
-    return _snapshot(given | {"groups": groupings(parse_options(study.options).questions, counted)})
+    return snapshot_of_given(given | {"groups": groupings(parse_options(study.options).questions, counted)})
 
 
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
@@ -75,16 +76,16 @@ def load_analysis() -> None:
     gc.freeze()  # as app/main.py does with what was loaded before: looking through it would hold up votes for 55 ms
 
 
-def _given(database: Database, study_id: int) -> dict[str, Any]:
+def given_of(connection: Transaction, study_id: int) -> dict[str, Any]:
     """What an analysis is made of."""
-    with database.reading() as connection:
-        rows = list(vote_records(connection, study_id))
-        levels = conditions_of(connection, study_id)
-        measures = by_measure(measurement_records(connection, study_id))
+    rows = list(vote_records(connection, study_id))
+    levels = conditions_of(connection, study_id)
+    measures = by_measure(measurement_records(connection, study_id))
     return {"rows": rows, "factors": items_factors(levels), "measures": measures}
 
 
-def _snapshot(given: Mapping[str, Any]) -> Snapshot:
+def snapshot_of_given(given: Mapping[str, Any]) -> Snapshot:
+    """The analysis of what `given_of` has read; no connection is needed any more."""
     rows = given["rows"]
     others = json.dumps({name: value for name, value in given.items() if name != "rows"}, sort_keys=True)
     digest = _digest(rows, others)

@@ -1,22 +1,32 @@
-"""A study's archive needs no more memory the more was voted."""
+"""A study's archive is of one moment, and needs no more memory the more was voted."""
 
 from __future__ import annotations
 
+import csv
+import json
 import tracemalloc
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Any
 
 import pytest
+from seeding import NOW, seed_voters
+from sqlalchemy import Connection
 
 from app.settings import Settings
 from app.store.engine import open_database
+from app.store.migrate import upgrade
 from app.store.studies import study_by_slug
+from app.store.trials import trial_records
+from app.store.votes import Ballot, keep_votes, vote_records
+from app.study.votes import Vote
 from app.web import archive
 from app.web.answers import IN_MEMORY
 
 N_TRIALS = 25_000
+VIEWING = {"shown_ms": 1000.0, "response_ms": 12.5, "switches": []}
 
 
 def trials(*_: object) -> Iterator[dict[str, Any]]:
@@ -44,3 +54,40 @@ def test_an_archive_of_many_trials_takes_little_memory(
     database.dispose()
     assert size > 4 * IN_MEMORY
     assert peak < 3 * IN_MEMORY
+
+
+def test_an_archive_is_of_one_moment_while_votes_come_in(
+    tmp_path: Path, new_database_url: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = open_database(new_database_url())
+    upgrade(database)
+    (voter,) = seed_voters(database, 1, 3)
+    votes = [
+        Ballot(voter.token, trial, Vote(f"vote {number}", "a", VIEWING | {"first_shown": first_shown}), NOW)
+        for number, (trial, first_shown) in enumerate(voter.trials)
+    ]
+    keep_votes(database, votes[:1])
+
+    def trials_after_a_vote(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+        keep_votes(database, votes[1:])
+        return trial_records(connection, study_id)
+
+    monkeypatch.setattr(archive, "trial_records", trials_after_a_vote)
+    with database.reading() as connection:
+        of = study_by_slug(connection, "test")
+    assert of is not None
+    with (tmp_path / "archive.zip").open("wb") as out:
+        archive.write_archive(out, database, of)
+    with database.reading() as connection:
+        assert len(list(vote_records(connection, of.id))) == 3
+    database.dispose()
+    with zipfile.ZipFile(tmp_path / "archive.zip") as written:
+        tables = {
+            name: list(csv.DictReader(written.read(f"test/{name}.csv").decode().splitlines()))
+            for name in ("votes", "trials", "participants")
+        }
+        analysis = json.loads(written.read("test/analysis.json"))
+    assert len(tables["votes"]) == 1
+    assert sum(bool(row["choice"]) for row in tables["trials"]) == 1
+    assert [row["n_votes"] for row in tables["participants"]] == ["1"]
+    assert sum(row["n_votes"] for row in analysis["observers"]) == 1
