@@ -7,6 +7,7 @@ import { listenForDirections } from "./directions.js";
 import { PixelStage } from "./pixel-stage.js";
 import { answerItem, readItem, readPicture, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
 import { enterFullScreen } from "./page.js";
+import { tenths } from "./viewing.js";
 
 /**
  * @typedef {import("./session.js").ScreeningState} ScreeningState
@@ -102,7 +103,7 @@ function answered(page, view, item) {
       if (answer === null ? !item.may_be_nothing : !item.choices.includes(answer)) return;
       listening.abort();
       stopKeys();
-      resolve({ answer, response_ms: Math.round(performance.now() - shownAt) });
+      resolve({ answer, response_ms: tenths(performance.now() - shownAt) });
     };
     const stopKeys = listenForDirections(give, () => page.showing() === view && !isDialogOpen());
     const press = (/** @type {Event} */ event) => {

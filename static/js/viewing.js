@@ -2,6 +2,8 @@
 
 /** @typedef {import("./session.js").Viewing} Viewing */
 
+const LONGEST_MS = 24 * 3600 * 1000; // as the server takes it: the vote of a tab left open over a weekend counts, and its length tells
+
 /** @returns {NonNullable<Viewing["display"]>} */
 export function display() {
   return {
@@ -25,7 +27,7 @@ export function dwell({ first_shown, shown_ms, switches }, hasReference) {
   return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
 }
 
-/** @param {number} milliseconds */
+/** @param {number} milliseconds @returns {number} to a tenth, and no more than the server takes */
 export function tenths(milliseconds) {
-  return Math.round(10 * milliseconds) / 10;
+  return Math.round(10 * Math.min(milliseconds, LONGEST_MS)) / 10;
 }

@@ -23,6 +23,11 @@ NO_STORAGE = """const refuse = () => { throw new DOMException("refused", "Securi
 for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
     Object.defineProperty(window, name, { get: refuse });
 }"""
+A_DAY_MS = 86_400_000
+A_WEEKEND_PASSES = """() => {
+    const now = performance.now.bind(performance);
+    performance.now = () => now() + 3 * 864e5;
+}"""
 CLOCK_JUMPS = """const real = Date.now; let calls = 0;
 Date.now = () => real() + (++calls % 2 ? 1 : -1) * 36e5;"""
 
@@ -75,6 +80,17 @@ def test_a_clock_that_jumps_changes_no_record(study: Study, page: Page, visitor:
     assert viewing["shown_ms"] == pytest.approx(1600, abs=600)
     assert 0 <= viewing["switches"][0]["at_ms"] < viewing["shown_ms"]
     assert viewing["response_ms"] < 60_000
+
+
+def test_a_tab_left_at_the_vote_over_a_weekend_has_its_vote_taken(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("voting")
+    page.evaluate(A_WEEKEND_PASSES)
+    for key in ("1", "3"):  # the second is shown while the clock of the page is far ahead of that of its frames
+        visitor.votes(key)
+        visitor.is_in("exposure")
+    voted = [trial["viewing"] for trial in study.read("trials") if trial["choice"]]
+    assert voted[0]["response_ms"] == voted[1]["shown_ms"] == A_DAY_MS
 
 
 def test_what_is_refused_is_logged_without_the_invitation(study: Study, caplog: pytest.LogCaptureFixture) -> None:
