@@ -12,6 +12,7 @@ import { sendVoid, sendVote } from "./session.js";
 const DATABASE = "reconstudy";
 const STORE = "votes";
 const SETTLED_ELSEWHERE = 409; // another tab has voted on this trial
+const NEVER_TAKEN = 422; // it is not as the server wants it, and sending it again does not make it so: the trial comes again
 
 export class Outbox {
   /** @param {Shelf} shelf @param {string} owner whose votes to send: a browser may serve several participants in a row */
@@ -42,7 +43,7 @@ export class Outbox {
     for (const { id } of await this.shelf.list(this.owner)) await this.shelf.remove(id);
   }
 
-  /** Resolves when the server has every vote; rejects when it refuses one. @returns {Promise<void>} */
+  /** Resolves when the server has every vote that it can take; rejects when it takes none now. @returns {Promise<void>} */
   emptied() {
     const turn = this.delivery.catch(() => {}).then(() => this.#deliver());
     this.delivery = turn;
@@ -51,16 +52,17 @@ export class Outbox {
 
   async #deliver() {
     for (const { id, trial, vote, interruption } of await this.shelf.list(this.owner)) {
-      if (vote) await patiently(() => sendVote(trial, vote)).catch(ignoreSettled);
-      if (interruption) await patiently(() => sendVoid(trial, interruption)).catch(ignoreSettled);
+      if (vote) await patiently(() => sendVote(trial, vote)).catch(letGo);
+      if (interruption) await patiently(() => sendVoid(trial, interruption)).catch(letGo);
       await this.shelf.remove(id);
     }
   }
 }
 
-/** @param {unknown} error */
-function ignoreSettled(error) {
-  if (!(error instanceof Refusal) || error.status !== SETTLED_ELSEWHERE) throw error;
+/** Whether what was sent need not be kept any longer: else it throws. @param {unknown} error */
+function letGo(error) {
+  if (error instanceof Refusal && error.status === NEVER_TAKEN) console.error("this can never be taken and is dropped:", error);
+  else if (!(error instanceof Refusal) || error.status !== SETTLED_ELSEWHERE) throw error;
 }
 
 /**

@@ -88,6 +88,29 @@ def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study,
     assert [vote["choice"] for vote in study.read("votes")] == ["a"]
 
 
+def test_a_vote_that_is_refused_for_good_is_dropped_and_its_trial_comes_again(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    told: list[str] = []
+    page.on("console", lambda message: told.append(message.text))
+    sent: list[str] = []
+
+    def spoil_the_first(route: Route) -> None:
+        sent.append(route.request.post_data_json["id"])
+        route.continue_(post_data="{}" if sent[-1] == sent[0] else None)
+
+    page.route(VOTES, spoil_the_first)
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3")
+    for key in ("1", "2", "3"):
+        visitor.votes(key)
+        visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
+    assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+    assert any("never be taken" in text for text in told)
+
+
 def test_a_vote_stays_with_its_participant_when_the_next_one_sits_down(
     study: Study, page: Page, visitor: Visitor
 ) -> None:
