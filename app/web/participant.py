@@ -26,6 +26,7 @@ from app.store.sessions import (
     withdraw,
 )
 from app.study.comprehension import is_understood
+from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.stage_data import InvalidStageError, check_stage_data
 from app.study.stages import TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
@@ -34,7 +35,7 @@ from app.web.throttle import WRONG_CODES
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
 LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
-LARGEST_STAGE_DATA = 16 * 1024  # characters as JSON
+LARGEST_STAGE_DATA = MOST_QUESTIONS * (2 * LONGEST_ANSWER + 100)  # bytes: an interview in letters of two bytes, named
 
 log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])
@@ -50,8 +51,8 @@ class Strict(BaseModel):
 
 
 def _plain_json(value: dict[str, Any]) -> dict[str, Any]:
-    if len(json.dumps(value, allow_nan=False)) > LARGEST_STAGE_DATA:
-        raise ValueError(f"longer than {LARGEST_STAGE_DATA} characters")
+    if len(json.dumps(value, allow_nan=False, ensure_ascii=False).encode(errors="surrogatepass")) > LARGEST_STAGE_DATA:
+        raise ValueError(f"longer than {LARGEST_STAGE_DATA} bytes")
     return value
 
 

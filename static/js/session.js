@@ -88,7 +88,7 @@ import { Unreachable, request } from "./connection.js";
 
 const API = "/api/v1";
 const LONGEST_REASON = 300; // characters
-const LARGEST_KEPT_ALIVE = 32_768; // characters; browsers refuse more than 64 KiB under way at once
+const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 
 /** @param {string} slug @param {string} invitation @param {string} key the same again for the same session @returns {Promise<Session>} */
 export function beginSession(slug, invitation, key) {
@@ -185,7 +185,7 @@ export function tellTurnedAway(slug, invitation) {
 
 /** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */
 async function call(method, path, body) {
-  const json = body && JSON.stringify(body);
+  const json = body && new TextEncoder().encode(JSON.stringify(body));
   const response = await request(API + path, {
     method,
     headers: body ? { "Content-Type": "application/json" } : {},

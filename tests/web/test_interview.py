@@ -13,8 +13,9 @@ from http_checks import is_problem
 
 from app import create, operate
 from app.settings import Settings
-from app.simulate import begin, simulate
+from app.simulate import Person, begin, simulate
 from app.study.options import parse_options
+from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 
 SPOKEN = ("Which was easiest?", "Anything else?")
 
@@ -90,3 +91,15 @@ def test_personal_data_takes_a_scope_of_its_own(
 def test_spoken_questions_are_texts(content: Any) -> None:
     with pytest.raises(ValueError, match="spoken_questions"):
         parse_options({"spoken_questions": content})
+
+
+def test_the_longest_answers_are_kept_in_any_alphabet(
+    settings: Settings, stimulus_set: Path, server: str, token: str, analyst: httpx.Client
+) -> None:
+    names = [f"question_{number}" for number in range(MOST_QUESTIONS)]
+    questions = [{"name": name, "text": f"{name}?", "kind": "text"} for name in names]
+    content = {"optional_stages": ["interview"], "questions": questions}
+    made = create.create_study(settings, stimulus_set, "Long", exposure_s=0.4, options=parse_options(content))
+    answers = dict.fromkeys(names, "Ж" * LONGEST_ANSWER)
+    simulate(server, made["slug"], made["invitation"], token, [Person(answers=answers)])
+    assert {row["question"]: row["answer"] for row in rows(analyst, made, "questionnaire")} == answers

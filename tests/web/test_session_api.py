@@ -109,7 +109,7 @@ def test_trials_wait_for_the_introduction(client: httpx.Client, study: dict[str,
 def test_what_comes_with_a_stage_is_bounded(client: httpx.Client, study: dict[str, Any]) -> None:
     client.post(sessions(study), json={"invitation": study["invitation"]})
     path = "/api/v1/session/stages/introduction"
-    assert is_problem(client.put(path, json={"data": {"long": "x" * 20_000}}), 422)
+    assert is_problem(client.put(path, json={"data": {"long": "x" * 220_000}}), 422)
     assert is_problem(
         client.put(path, content=b'{"data": {"x": NaN}}', headers={"Content-Type": "application/json"}), 422
     )
