@@ -1,4 +1,8 @@
-/** The questionnaire: what its fields hold, as the answers that the server keeps. */
+/** The questionnaire: what its fields hold, as the answers that the server keeps, and here until it has them. */
+
+import { inTab } from "./remembered.js";
+
+const DRAFT = "interview";
 
 /** @param {HTMLFormElement} form @returns {Record<string, string | number | null>} null where a question was left out */
 export function readAnswers(form) {
@@ -12,4 +16,25 @@ export function readAnswers(form) {
     answers[name ?? ""] = value === "" ? null : isNumber ? Number(value) : value;
   }
   return answers;
+}
+
+/** Remembers what is typed, so that nothing of it is lost with the page. @param {HTMLFormElement} form @param {string} session its id */
+export function keepDraft(form, session) {
+  inTab.set(DRAFT, JSON.stringify({ session, answers: Object.fromEntries(new FormData(form)) }));
+}
+
+/** Fills in what was typed before, in this session; what another one left here is forgotten. @param {HTMLFormElement} form @param {string} session */
+export function restoreDraft(form, session) {
+  const draft = JSON.parse(inTab.get(DRAFT) ?? "{}");
+  if (draft.session !== session) forgetDraft();
+  else for (const [name, answer] of Object.entries(draft.answers)) fillIn(form.elements.namedItem(name), answer);
+}
+
+export function forgetDraft() {
+  inTab.forget(DRAFT);
+}
+
+/** @param {Element | RadioNodeList | null} field null: the question is not asked any more @param {string} answer */
+function fillIn(field, answer) {
+  if (field) /** @type {HTMLInputElement | RadioNodeList} */ (field).value = answer;
 }

@@ -3,7 +3,7 @@
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
-import { readAnswers } from "./interview.js";
+import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
 import { enterFullScreen } from "./page.js";
 import { inBrowser, inTab } from "./remembered.js";
@@ -27,6 +27,7 @@ const beginKey = `begin ${code}`;
 const shelf = await openShelf();
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
+const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
 /** @type {Outbox} */
 let outbox; // of the session, once there is one
 /** @type {object[]} rounds of practice */
@@ -66,8 +67,9 @@ document.getElementById("consent")?.addEventListener("submit", consent);
 document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
 for (const id of ["practise", "practise-again"]) document.getElementById(id)?.addEventListener("click", goOnWithPractice);
 document.getElementById("end-practice")?.addEventListener("click", endPractice);
-document.getElementById("questionnaire")?.addEventListener("submit", sendInterview);
-document.getElementById("questionnaire")?.addEventListener("keydown", stayOnEnter);
+questionnaire?.addEventListener("submit", sendInterview);
+questionnaire?.addEventListener("keydown", stayOnEnter);
+questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.owner));
 for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => dialog().showModal());
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
@@ -200,7 +202,11 @@ async function screen() {
 function sendInterview(event) {
   event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
-  if (form.reportValidity()) guarded(() => completed("interview", { answers: readAnswers(form) }));
+  if (!form.reportValidity()) return;
+  guarded(async () => {
+    await completed("interview", { answers: readAnswers(form) });
+    forgetDraft();
+  });
 }
 
 /** Practice: each pair again until it was switched; what is chosen is not judged. */
@@ -262,6 +268,7 @@ function leaveForGood() {
   guarded(async () => {
     await patiently(withdraw);
     await outbox.clear();
+    forgetDraft();
     show("withdrawn");
   });
 }
@@ -307,6 +314,7 @@ async function enterSession(session) {
   outbox = new Outbox(shelf, session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;
+  if (questionnaire) restoreDraft(questionnaire, session.session);
   tellSession(session);
   if (await claim(session.session, yieldToOther)) return;
   show("elsewhere");

@@ -66,6 +66,39 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     check_accessibility(page)
 
 
+def test_what_was_typed_in_the_interview_outlives_an_error_and_is_then_forgotten(
+    full_study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.comes_after_the_trials(full_study)
+    visitor.sees("interview")
+    page.get_by_label("What made one model").fill("Чёткие\nкрая")
+    page.get_by_role("radio", name="other").check()
+    page.route("**/stages/interview", lambda route: route.fulfill(status=422, body="{}"))
+    page.get_by_role("button", name="Finish").click()
+    visitor.sees("problem")
+    page.unroute_all(behavior="wait")
+    page.get_by_role("button", name="Try again").click()
+    visitor.sees("interview")
+    expect(page.get_by_label("What made one model")).to_have_value("Чёткие\nкрая")
+    expect(page.get_by_role("radio", name="other")).to_be_checked()
+    page.get_by_role("button", name="Finish").click()
+    visitor.sees("thanks")
+    assert "Чёткие" not in page.evaluate("JSON.stringify(sessionStorage)")
+    answers = {row["question"]: row["answer"] for row in full_study.read("questionnaire")}
+    assert answers["criteria"].split() == ["Чёткие", "края"]
+
+
+def test_what_was_typed_in_the_interview_is_never_shown_to_the_next_participant(
+    full_study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.comes_after_the_trials(full_study)
+    page.get_by_label("What made one model").fill("Mine alone")
+    visitor.comes_after_the_trials(full_study)
+    visitor.sees("interview")
+    expect(page.get_by_label("What made one model")).to_have_value("")
+    assert "Mine alone" not in page.evaluate("JSON.stringify(sessionStorage)")
+
+
 def _read_instructions(visitor: Visitor) -> None:
     for number in (1, 2, 3):
         visitor.sees(f"instructions-{number}")

@@ -14,6 +14,8 @@ from films import Draw, decode_squares
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
+from app.simulate import begin, next_trial, vote
+
 
 @dataclass(frozen=True)
 class Study:
@@ -55,6 +57,15 @@ class Visitor:
         for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
             self.sees(view)
             self.page.keyboard.press("Enter")
+
+    def comes_after_the_trials(self, study: Study) -> None:
+        """Opens the page of a session whose trials are voted on already."""
+        with httpx.Client(base_url=study.url) as client:
+            token = begin(client, study.slug, study.invitation)["token"]
+            while trial := next_trial(client, token):
+                vote(client, token, trial, "a", np.random.default_rng(1))
+        self.page.context.add_cookies([{"name": "session", "value": token, "url": study.url}])
+        self.page.goto(study.address)
 
     def sees(self, view: str) -> None:
         self.page.locator(f"[data-view={view}]").wait_for()
