@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import secrets
 from datetime import UTC, datetime
 
@@ -36,6 +37,15 @@ def resume_code(token: str) -> str:
     return "".join(
         CODE_ALPHABET[number // len(CODE_ALPHABET) ** place % len(CODE_ALPHABET)] for place in range(CODE_LENGTH)
     )
+
+
+def resumed_token(code: str, key: str) -> str:
+    """The token of a session that goes on: it follows from the code and from a key of the browser that used it.
+
+    Whoever lacks one of the two cannot tell it, so that only this browser gets the same answer again; as secret as the
+    key, which is random, and never the same for two codes.
+    """
+    return hmac.new(key.encode(), f"go on {code}".encode(), hashlib.sha256).hexdigest()
 
 
 def digest(secret: str) -> str:

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, func, insert, select, update
 from app.errors import ClosedError, ConflictError, GoneError
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
-from app.store.keys import digest, new_opaque_id, new_secret, resume_code, token_of_key
+from app.store.keys import digest, new_opaque_id, new_secret, resume_code, resumed_token, token_of_key
 from app.store.orders import pairs_to_show, take_order_slot
 from app.store.participants import forget_preview_votes
 from app.store.screening import close_screening
@@ -153,16 +153,23 @@ def session_by_token(connection: Connection, token: str) -> Session | None:
     return _session(connection, session.c.token_hash == digest(token))
 
 
-def resume_session(database: Database, code: str) -> str | None:
-    """Give the session with this resume code a new token, and with it a new resume code; the old ones end."""
-    token = new_secret()
+def resume_session(database: Database, code: str, key: str | None = None) -> str | None:
+    """Give the session with this resume code a new token, and with it a new resume code; the old ones end.
+
+    Parameters
+    ----------
+    key : random, of who asks: with it the same code may be sent again, because an answer was lost, for as long as the
+        session has not gone on from there; None: the code leads on once
+    """
+    token = resumed_token(code, key) if key else new_secret()
     with database.writing() as connection:
         changed = connection.execute(
             update(session)
             .where(session.c.resume_hash == digest(code))
             .values(token_hash=digest(token), resume_hash=digest(resume_code(token)))
         )
-        return token if changed.rowcount else None
+        has_gone_on = changed.rowcount > 0 or session_by_token(connection, token) is not None
+    return token if has_gone_on else None
 
 
 def done_of(connection: Connection, session_id: int) -> Done:

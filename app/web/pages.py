@@ -66,12 +66,12 @@ def resume_elsewhere(
     database: Store,
     form_token: Annotated[str, Form(max_length=100)] = "",
 ) -> Response:
-    """Go on in this browser with a session that began in another one."""
+    """Go on in this browser with a session that began in another one; sent twice, the form leads there all the same."""
     if not is_own_form(request, form_token):
         log.warning("a resume code came from elsewhere than the entrance's form")
         return _page(request, "participant/entrance.html", 403)
     throttle(request).check(WRONG_CODES, address(request))
-    token = resume_session(database, resume_code.strip().lower())
+    token = resume_session(database, resume_code.strip().lower(), form_token)
     if token is None:
         throttle(request).count(WRONG_CODES, address(request))
         message = "unknown_resume_code"

@@ -65,6 +65,9 @@ class Admission(Strict):
 
 class Resumption(Strict):
     resume_code: Code
+    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+        default=None, description="random, made by the client: the same code with it leads to the same session again"
+    )
 
 
 class StageData(Strict):
@@ -141,9 +144,12 @@ def turn_away(slug: Slug, admission: Admission, request: Request) -> None:
 def resume(
     resumption: Resumption, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
-    """Go on with a session in another browser; the session's older token and resume code end."""
+    """Go on with a session in another browser; the session's older token and resume code end.
+
+    With a key, a request whose answer was lost may be sent again, until the new code is used.
+    """
     throttle(request).check(WRONG_CODES, address(request))
-    token = resume_session(database, resumption.resume_code)
+    token = resume_session(database, resumption.resume_code, resumption.key)
     if token is None:
         throttle(request).count(WRONG_CODES, address(request))
         raise NotFoundError("There is no session with this code. Please check it.")

@@ -109,6 +109,7 @@ def test_a_code_leads_to_another_computer(study: Study, page: Page, visitor: Vis
     there.keyboard.press("Enter")
     Visitor(there).sees("resume")
     expect(there.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
+    elsewhere.clear_cookies()
     there.goto(study.url)
     there.get_by_label("Code to go on").fill(code)
     there.keyboard.press("Enter")

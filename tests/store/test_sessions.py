@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 
 import pytest
@@ -130,6 +131,33 @@ def test_a_resume_code_leads_back_to_the_session_once(
     with database.reading() as connection:
         assert session_by_token(connection, token) is None
     assert found(database, again).stage == "introduction"
+
+
+def test_a_resume_whose_answer_was_lost_is_repeated_by_its_key_alone(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    code = resume_code(begin_session(database, invite(None), now))
+    first, second = (resume_session(database, code, "this browser") for _ in range(2))
+    assert first is not None
+    assert second == first
+    assert found(database, first).stage == "introduction"
+    assert resume_session(database, code, "another browser") is None
+    assert resume_session(database, code) is None
+    assert resume_session(database, resume_code(first), "another browser") is not None
+    assert resume_session(database, code, "this browser") is None  # it has gone on from there
+    with database.reading() as connection:
+        assert session_by_token(connection, first) is None
+
+
+def test_a_resume_that_is_sent_twice_at_once_leads_to_one_session(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    code = resume_code(begin_session(database, invite(None), now))
+    with ThreadPoolExecutor(8) as pool:
+        tokens = list(pool.map(lambda _: resume_session(database, code, "this browser"), range(8)))
+    assert len(set(tokens)) == 1
+    assert tokens[0] is not None
+    assert found(database, tokens[0]).stage == "introduction"
 
 
 def test_what_came_with_a_stage_is_kept_from_the_first_time(

@@ -166,6 +166,30 @@ def test_a_resume_code_goes_on_in_another_browser(participant: httpx.Client, vot
     assert is_problem(participant.get("/api/v1/session"), 401)
 
 
+def test_a_resume_whose_answer_was_lost_is_repeated_by_its_key(participant: httpx.Client, server: str) -> None:
+    body = {"resume_code": participant.get("/api/v1/session").json()["resume_code"], "key": str(uuid4())}
+    path = f"{server}/api/v1/session/resume"
+    first, second = (httpx.post(path, json=body) for _ in range(2))
+    assert (first.status_code, second.status_code) == (200, 200)
+    assert first.json() == second.json()
+    assert is_problem(httpx.post(path, json=body | {"key": str(uuid4())}), 404)
+
+
+def test_the_form_to_go_on_may_be_sent_twice_by_the_browser_that_has_it(participant: httpx.Client, server: str) -> None:
+    code = participant.get("/api/v1/session").json()["resume_code"]
+
+    def fill_in(browser: httpx.Client) -> httpx.Response:
+        browser.get("/")
+        return browser.post("/resume", data={"resume_code": code, "form_token": browser.cookies["entry"]})
+
+    with httpx.Client(base_url=server) as elsewhere, httpx.Client(base_url=server) as stranger:
+        first, second = (fill_in(elsewhere) for _ in range(2))
+        assert (first.status_code, second.status_code) == (303, 303)
+        assert first.headers["location"] == second.headers["location"]
+        assert fill_in(stranger).status_code == 404
+        assert elsewhere.get("/api/v1/session").status_code == 200
+
+
 def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: VoteBody) -> None:
     seen = set()
     for number in range(1, 7):
