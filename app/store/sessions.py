@@ -21,6 +21,7 @@ from app.store.tables import assignment, participant, session, stage_record, stu
 from app.study.design import participant_order
 from app.study.options import StudyOptions, parse_options
 from app.study.stages import (
+    ENDS,
     FINISHED,
     INTRODUCTION,
     SCREENED_OUT,
@@ -164,12 +165,25 @@ def resume_session(database: Database, code: str, key: str | None = None) -> str
     token = resumed_token(code, key) if key else new_secret()
     with database.writing() as connection:
         changed = connection.execute(
-            update(session)
-            .where(session.c.resume_hash == digest(code))
-            .values(token_hash=digest(token), resume_hash=digest(resume_code(token)))
+            update(session).where(session.c.resume_hash == digest(code)).values(**_digests(token))
         )
         has_gone_on = changed.rowcount > 0 or session_by_token(connection, token) is not None
     return token if has_gone_on else None
+
+
+def new_resume_code(connection: Connection, participant_id: int) -> str:
+    """A code to go on for who has lost theirs; the session's older token and code end.
+
+    Raises
+    ------
+    ConflictError
+        If the session has ended.
+    """
+    token = new_secret()  # which nobody gets: only what follows from it leads on
+    own = (session.c.participant_id == participant_id, session.c.stage.not_in(ENDS))
+    if not connection.execute(update(session).where(*own).values(**_digests(token))).rowcount:
+        raise ConflictError("This session has ended: there is nothing to go on with.")
+    return resume_code(token)
 
 
 def done_of(connection: Connection, session_id: int) -> Done:
@@ -262,17 +276,18 @@ def _insert_session(
     participant_id = connection.execute(
         insert(participant).values(**person, created_at=now).returning(participant.c.id)
     ).scalar_one()
-    secrets = {
-        "token_hash": digest(token),
-        "resume_hash": digest(resume_code(token)),
-        "begin_hash": digest(key) if key else None,
-    }
+    secrets = {**_digests(token), "begin_hash": digest(key) if key else None}
     session_id = connection.execute(
         insert(session)
         .values(public_id=new_opaque_id(), participant_id=participant_id, **secrets, stage=INTRODUCTION, started_at=now)
         .returning(session.c.id)
     ).scalar_one()
     _insert_trials(connection, of, order_slot, participant_id, session_id)
+
+
+def _digests(token: str) -> dict[str, str]:
+    """What is kept of a session's token, and of the code that follows from it."""
+    return {"token_hash": digest(token), "resume_hash": digest(resume_code(token))}
 
 
 def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> int:

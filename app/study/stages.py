@@ -12,6 +12,7 @@ INTERVIEW = "interview"
 FINISHED = "finished"
 WITHDRAWN = "withdrawn"  # stands beside the way: it is reached from any stage and leads nowhere
 SCREENED_OUT = "screened_out"  # so does this one: the study's rule ends it for who does not pass the screening
+ENDS = (FINISHED, WITHDRAWN, SCREENED_OUT)
 ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
 OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
 SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)

@@ -76,6 +76,37 @@ def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     assert experimenter.act(f"{person}/include").status_code == 409
 
 
+def test_who_lost_the_code_to_go_on_gets_a_new_one_that_is_shown_once(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    begun = begin(client, study["slug"], study["invitation"])
+    person = f"/admin/studies/{study['slug']}/participants/P001"
+    (code,) = re.findall(r"<code>(\w+)</code>", experimenter.act(f"{person}/resume-code").text)
+    assert code not in experimenter.get(person).text
+    assert "new code to go on" in (log := experimenter.get("/admin/audit", params={"search": "P001"}).text)
+    assert code not in log
+    for lost in (begun["resume_code"], "abc"):
+        assert client.post("/api/v1/session/resume", json={"resume_code": lost}).status_code == 404
+    assert client.get("/api/v1/session").status_code == 401  # whoever has the lost computer does not go on either
+    resumed = client.post("/api/v1/session/resume", json={"resume_code": code}).json()
+    assert resumed["session"] == begun["session"]
+    assert experimenter.post(f"{person}/resume-code", data={"form_token": "forged"}).status_code == 403
+    assert client.get("/api/v1/session").status_code == 200
+
+
+def test_a_session_that_has_ended_gets_no_code_to_go_on(
+    experimenter: Dashboard, client: httpx.Client, taken: dict[str, Any], new_study: NewStudy
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    client.put("/api/v1/session/withdrawal")
+    for slug in (study["slug"], taken["slug"]):
+        person = f"/admin/studies/{slug}/participants/P001"
+        assert "New code to go on" not in experimenter.get(person).text
+        assert experimenter.act(f"{person}/resume-code").status_code == 409
+
+
 @pytest.mark.slow
 def test_what_a_participant_gave_can_be_exported_and_erased(
     experimenter: Dashboard, analyst: httpx.Client, server: str, token: str, new_study: NewStudy

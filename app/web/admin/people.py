@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse, Response
 from app.errors import InvalidError
 from app.store.audit import Entry, record
 from app.store.engine import Database
+from app.store.experimenters import Experimenter
 from app.store.participants import (
     erase,
     everything_of,
@@ -22,9 +23,11 @@ from app.store.participants import (
     undo_exclusion,
     withdraw_participant,
 )
+from app.store.sessions import new_resume_code
 from app.store.studies import Study
+from app.study.stages import ENDS
 from app.web.admin.shell import see, study_page
-from app.web.gates import Acting, AStudy, Looking, Now, Store
+from app.web.gates import Acting, AStudy, Looking, Now, Store, database
 from app.web.results import analysis_of
 
 Label = Annotated[str, Path(max_length=40)]
@@ -42,19 +45,19 @@ def participants_page(request: Request, person: Looking, study: AStudy, database
 
 
 @router.get("/{label}")
-def participant_page(request: Request, person: Looking, study: AStudy, label: Label, database: Store) -> Response:
-    with database.reading() as connection:
-        found = participant_labelled(connection, study.id, label)
-        (facts,) = (row for row in participant_records(connection, study.id) if row["participant"] == label)
-        given = stage_records(connection, found.id)
-        history = exclusion_records(connection, found.id)
-    context = {
-        "facts": facts,
-        "given": given,
-        "history": history,
-        "observer": _observers(database, study.id).get(label),
-    }
-    return study_page(request, "participant", person, study, context)
+def participant_page(request: Request, person: Looking, study: AStudy, label: Label) -> Response:
+    return _participant_page(request, person, study, label)
+
+
+@router.post("/{label}/resume-code")
+def renew_resume_code(
+    request: Request, person: Looking, actor: Acting, study: AStudy, label: Label, database: Store
+) -> Response:
+    """A code for who lost theirs, shown this once."""
+    with database.writing() as connection:
+        code = new_resume_code(connection, participant_labelled(connection, study.id, label).id)
+        actor.note(connection, "new code to go on", study, label)
+    return _participant_page(request, person, study, label, code)
 
 
 @router.post("/{label}/exclude")
@@ -92,6 +95,25 @@ def erase_participant(
         erase(connection, participant_labelled(connection, study.id, label), actor.now)
         actor.note(connection, "participant erased", study, label)
     return see(_address(study, label))
+
+
+def _participant_page(
+    request: Request, person: Experimenter, study: Study, label: str, resume_code: str | None = None
+) -> Response:
+    with database(request).reading() as connection:
+        found = participant_labelled(connection, study.id, label)
+        (facts,) = (row for row in participant_records(connection, study.id) if row["participant"] == label)
+        given = stage_records(connection, found.id)
+        history = exclusion_records(connection, found.id)
+    context = {
+        "facts": facts,
+        "given": given,
+        "history": history,
+        "observer": _observers(database(request), study.id).get(label),
+        "may_go_on": facts["stage"] not in ENDS,
+        "resume_code": resume_code,
+    }
+    return study_page(request, "participant", person, study, context)
 
 
 def _address(study: Study, label: str) -> str:
