@@ -91,7 +91,7 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
     """
     token = new_secret()
     with database.writing() as connection:
-        _admit(connection, invitation, token, None, now)
+        _admit(connection, _locked_study(connection, invitation), invitation, token, None, now)
     return token
 
 
@@ -111,22 +111,29 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
     """
     token = token_of_key(key)
     with database.writing() as connection:
+        study_now = _locked_study(connection, invitation)  # first: the same request may be under way
         known = connection.execute(
             select(session.c.token_hash, participant.c.invitation_id)
             .select_from(session.join(participant))
             .where(session.c.begin_hash == digest(key))
         ).one_or_none()
         if known is None:
-            _admit(connection, invitation, token, key, now)
+            _admit(connection, study_now, invitation, token, key, now)
         elif known.invitation_id != invitation.id or known.token_hash != digest(token):
             raise ConflictError("This session goes on in another browser. Its resume code leads back to it.")
     return Admitted(token, is_new=known is None)
 
 
-def _admit(connection: Connection, invitation: Invitation, token: str, key: str | None, now: datetime) -> None:
-    of = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
+def _locked_study(connection: Connection, invitation: Invitation) -> Study:
+    """The invitation's study, of which nobody else begins a session meanwhile."""
+    row = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
+    return Study(**row._mapping)
+
+
+def _admit(
+    connection: Connection, study_now: Study, invitation: Invitation, token: str, key: str | None, now: datetime
+) -> None:
     current = invitation_by_code(connection, invitation.code)
-    study_now = Study(**of._mapping)
     if study_now.standing == "paused":
         raise ClosedError("This study pauses. Please come back later.")
     if study_now.standing != "open":

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
+from typing import Any
 
 import pytest
 from sqlalchemy import select
@@ -16,8 +17,10 @@ from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.keys import resume_code
 from app.store.sessions import (
+    Admitted,
     Session,
     begin_session,
+    begin_session_once,
     complete_stage,
     done_of,
     resume_session,
@@ -83,6 +86,24 @@ def test_an_invitation_with_places_lets_exactly_so_many_in(
         current = invitation_by_code(connection, invitation.code)
     assert current is not None
     assert current.is_used
+
+
+def test_a_begin_that_is_sent_many_times_at_once_opens_one_session_for_all(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    for key in ("first key", "second key", "third key"):
+        invitation, barrier = invite(1), threading.Barrier(8)
+
+        def begin(
+            _number: int, invitation: Invitation = invitation, key: str = key, barrier: Any = barrier
+        ) -> Admitted:
+            barrier.wait()
+            return begin_session_once(database, invitation, key, now)
+
+        with ThreadPoolExecutor(8) as pool:
+            admitted = list(pool.map(begin, range(8)))
+        assert len({one.token for one in admitted}) == 1
+        assert sum(one.is_new for one in admitted) == 1
 
 
 def test_a_closed_study_lets_nobody_in(
