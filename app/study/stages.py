@@ -53,6 +53,8 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
     """
     if current == WITHDRAWN:
         raise IllegalMoveError("you have withdrawn from the study")
+    if current == SCREENED_OUT and stage in ALL_STAGES[: ALL_STAGES.index(SCREENING) + 1]:
+        return current
     if current == SCREENED_OUT:
         raise IllegalMoveError("the study has ended for you after the screening")
     if way.index(stage) < way.index(current):

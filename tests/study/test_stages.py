@@ -7,6 +7,9 @@ from app.study.stages import (
     FINISHED,
     INTRODUCTION,
     OPTIONAL_STAGES,
+    PRACTICE,
+    SCREENED_OUT,
+    SCREENING,
     SHORTEST_WAY,
     TRIAL,
     WITHDRAWN,
@@ -58,3 +61,11 @@ def test_who_has_withdrawn_completes_nothing() -> None:
         after_completing(INTRODUCTION, WITHDRAWN)
     assert not is_past(TRIAL, WITHDRAWN)
     assert is_past(TRIAL, FINISHED)
+
+
+def test_who_was_screened_out_hears_so_again_and_completes_nothing_more() -> None:
+    for stage in (INTRODUCTION, SCREENING):
+        assert after_completing(stage, SCREENED_OUT, ALL_STAGES) == SCREENED_OUT
+    for stage in (PRACTICE, TRIAL):
+        with pytest.raises(IllegalMoveError, match="ended for you"):
+            after_completing(stage, SCREENED_OUT, ALL_STAGES)
