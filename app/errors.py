@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 
 class StimuliError(ValueError):
@@ -35,7 +35,11 @@ class ForbiddenError(StudyError):
 
 
 class ClosedError(ForbiddenError):
-    """A study that takes nobody in, now or any more."""
+    """A study that takes nobody in, now or any more; `standing` says which of the two."""
+
+    def __init__(self, detail: str, standing: Literal["paused", "closed"]) -> None:
+        super().__init__(detail)
+        self.standing = standing
 
 
 class NotFoundError(StudyError):

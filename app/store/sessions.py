@@ -135,9 +135,9 @@ def _admit(
 ) -> None:
     current = invitation_by_code(connection, invitation.code)
     if study_now.standing == "paused":
-        raise ClosedError("This study pauses. Please come back later.")
+        raise ClosedError("This study pauses. Please come back later.", "paused")
     if study_now.standing != "open":
-        raise ClosedError("This study is closed. Thank you for your interest.")
+        raise ClosedError("This study is closed. Thank you for your interest.", "closed")
     if current is None or current.is_used:
         raise GoneError("This invitation has been used. Please ask for a new one.")
     _insert_session(connection, study_now, invitation.id, token, key, now)

@@ -121,7 +121,8 @@ class OpenedSessionView(SessionView):
 def begin(
     slug: Slug, admission: Admission, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
-    """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: the study is closed.
+    """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: `standing` says whether
+    the study pauses or is closed.
 
     With a key, a request whose answer was lost may be sent again: 200 with the same session.
     """

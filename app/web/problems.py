@@ -77,12 +77,14 @@ def _study_error(request: Request, error: Exception) -> Response:
     _log_refusal(request, error.status, error.detail)
     if error.status in NOWHERE:
         note_refusal(request, "not found", error.detail)
+    extra = {}
     if isinstance(error, ClosedError):
         note_refusal(request, "not taken in", error.detail)
+        extra["standing"] = error.standing
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)
-    return _answer(request, error.status, error.detail, headers)
+    return _answer(request, error.status, error.detail, headers, extra)
 
 
 def _http_error(request: Request, error: Exception) -> Response:
@@ -112,9 +114,15 @@ def _is_page(request: Request) -> bool:
     return not request.url.path.startswith(PROGRAMS) and "text/html" in request.headers.get("accept", "")
 
 
-def _answer(request: Request, status: int, detail: str, headers: Mapping[str, str] | None = None) -> Response:
+def _answer(
+    request: Request,
+    status: int,
+    detail: str,
+    headers: Mapping[str, str] | None = None,
+    extra: Mapping[str, str] | None = None,
+) -> Response:
     if not _is_page(request):
-        return problem(status, detail, headers=headers)
+        return problem(status, detail, extra=extra, headers=headers)
     context = {"title": HTTPStatus(status).phrase, "detail": detail}
     options = {"status_code": status, "headers": dict(headers or {})}
     templates = request.app.state.templates

@@ -13,6 +13,16 @@ export class Refusal extends Error {
   constructor(status, detail) {
     super(`${status} ${detail}`);
     this.status = status;
+    this.detail = detail;
+  }
+
+  /** What the server says with it (RFC 9457). @returns {{standing?: "paused" | "closed"}} of a study that takes nobody in */
+  get problem() {
+    try {
+      return Object(JSON.parse(this.detail));
+    } catch {
+      return {};
+    }
   }
 }
 

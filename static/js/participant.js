@@ -19,7 +19,7 @@ import { byId, dialog, page, pressPrimary, show, tell, viewOf } from "./views.js
 
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // about what a vote takes, for the length that is announced
-const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [403, "closed"]]);
+const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"]]);
 
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
@@ -291,7 +291,7 @@ function explain(error) {
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = page.dataset.showing === "welcome";
   if (isAtTheDoor) inBrowser.forget(beginKey);
-  const message = isAtTheDoor && error instanceof Refusal ? messages[MESSAGE_AT_THE_DOOR.get(error.status) ?? ""] : undefined;
+  const message = isAtTheDoor && error instanceof Refusal ? messages[messageFor(error)] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
     show("withdrawn");
     return;
@@ -300,6 +300,11 @@ function explain(error) {
   view.children[0].textContent = message?.heading ?? problem.heading;
   view.children[1].textContent = message?.body ?? sentence(error, problem);
   show("problem");
+}
+
+/** Which message tells why nobody is let in. @param {Refusal} refusal @returns {string} */
+function messageFor({ status, problem }) {
+  return problem.standing ?? MESSAGE_AT_THE_DOOR.get(status) ?? "";
 }
 
 /** @param {unknown} error @param {Record<string, string>} problem */

@@ -10,6 +10,9 @@ from visitor import Study, Visitor
 
 from app.operate import add_invitation
 from app.settings import Settings
+from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.store.studies import Standing, set_standing, study_by_slug
 
 pytestmark = pytest.mark.browser
 
@@ -210,6 +213,23 @@ def test_an_invitation_that_is_used_up_while_a_page_is_open_is_told_at_begin(
     page.get_by_role("button", name="Begin").click()
     visitor.sees("problem")
     expect(page.get_by_role("heading")).to_have_text("This invitation has already been used")
+
+
+@pytest.mark.parametrize(("standing", "heading"), [("paused", "This study pauses"), ("closed", "This study is closed")])
+def test_a_study_that_takes_nobody_in_while_a_page_is_open_is_told_at_begin(
+    study: Study, settings: Settings, page: Page, visitor: Visitor, standing: Standing, heading: str
+) -> None:
+    page.goto(study.address)
+    visitor.sees("welcome")
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        found = study_by_slug(connection, study.slug)
+        assert found is not None
+        set_standing(connection, found.id, standing, utc_now())
+    database.dispose()
+    page.get_by_role("button", name="Begin").click()
+    visitor.sees("problem")
+    expect(page.get_by_role("heading")).to_have_text(heading)
 
 
 def test_an_unknown_invitation_is_told_calmly(server: str, page: Page) -> None:
