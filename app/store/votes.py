@@ -34,12 +34,13 @@ class KeptVote:
 
 @dataclass(frozen=True)
 class Ballot:
-    """A vote as it arrives: with whose token, for which trial, and when."""
+    """A vote as it arrives: with whose token, for which trial, when, and for which session where its sender says so."""
 
     token: str
     trial: str
     sent: Vote
     received_at: datetime
+    session: str | None = None
 
 
 _OPEN_TRIAL = select(trial.c.id).where(
@@ -67,6 +68,7 @@ def _statements(dialect_name: str) -> _Statements:
             trial.c.public_id,
             trial.c.id,
             trial.c.session_id,
+            session.c.public_id.label("session"),
             session.c.token_hash,
             trial.c.served_at.is_not(None),
             trial.c.voided_at.is_not(None),
@@ -104,9 +106,10 @@ def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote |
     Returns
     -------
     For each ballot in its order the vote that is kept, or why it is not, which harms no other:
-    NoSessionError if its token opens no session; NotFoundError if the session has no such trial; ConflictError if
-    the trial has another vote, the vote's id belongs to another, or the trial is not open; InvalidError if the vote
-    contradicts itself or the trial; GoneError if the participant has withdrawn and the vote was not kept before.
+    NoSessionError if its token opens no session, or another one than it is for; NotFoundError if the session has no
+    such trial; ConflictError if the trial has another vote, the vote's id belongs to another, or the trial is not open;
+    InvalidError if the vote contradicts itself or the trial; GoneError if the participant has withdrawn and the vote
+    was not kept before.
 
     Raises
     ------
@@ -168,6 +171,7 @@ class _Target(NamedTuple):
 
     id: int
     session_id: int
+    session: str
     token_hash: str
     is_served: bool
     is_voided: bool
@@ -184,9 +188,12 @@ def _targets(connection: Connection, ballots: Sequence[Ballot]) -> dict[str, _Ta
 
 def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> _Target | StudyError:
     if target is None or target.token_hash != digest(ballot.token):
-        if session_by_token(connection, ballot.token) is None:
+        holder = session_by_token(connection, ballot.token)
+        if holder is None or ballot.session not in (None, holder.public_id):
             return NoSessionError()
         return NotFoundError("This session has no such trial.")
+    if ballot.session not in (None, target.session):
+        return NoSessionError()
     if target.has_withdrawn:
         return target
     if not target.is_served:

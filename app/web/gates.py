@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 
 NOTED_IDS = ("slug", "label", "trial", "stage", "media")  # in addresses; no codes or links, which let people in
 PARTICIPANT_COOKIE = "session"
+SESSION_HEADER = "Session-Id"  # a browser's cookie may come to name another session than a page of it shows
 EXPERIMENTER_COOKIE = "experimenter"
 SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
     "viewer": (READ,),
@@ -102,12 +103,17 @@ async def participant_token(request: Request) -> str:
 
 
 def participant(request: Request, token: Annotated[str, Depends(participant_token)]) -> SignedIn:
-    """The session of who asks."""
+    """The session of who asks; where they say which one they mean, no other."""
     with database(request).reading() as connection:
         session = session_by_token(connection, token)
-    if session is None:
+    if session is None or meant_session(request) not in (None, session.public_id):
         raise NoSessionError
     return SignedIn(session, token)
+
+
+def meant_session(request: Request) -> str | None:
+    """The id of the session that a request is for, where it says so."""
+    return request.headers.get(SESSION_HEADER)
 
 
 @dataclass(frozen=True)

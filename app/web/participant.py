@@ -96,7 +96,9 @@ class ProgressView(BaseModel):
 class SessionView(BaseModel):
     """Where a participant is."""
 
-    session: str
+    session: str = Field(
+        description="its id; a request with it in the header Session-Id is refused (401) where the token is another's"
+    )
     study: StudyView
     stage: str
     stages: list[str]

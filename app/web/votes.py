@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 
 from app.store.votes import Ballot
 from app.study.votes import Vote
-from app.web.gates import ParticipantToken, now, participant_token, vote_writer
+from app.web.gates import ParticipantToken, meant_session, now, participant_token, vote_writer
 from app.web.trial_views import VoteBody
 
 JSON = "application/json"
@@ -36,7 +36,7 @@ async def vote(
 ) -> Response:
     """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
     sent = Vote(body.id, body.choice, body.viewing.model_dump(exclude_none=True))
-    kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request)))
+    kept = await vote_writer(request).submit(Ballot(token, trial, sent, now(request), meant_session(request)))
     view = {
         "id": kept.vote.client_id,
         "trial": trial,

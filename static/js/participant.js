@@ -8,7 +8,7 @@ import { Outbox, openShelf, randomId } from "./outbox.js";
 import { enterFullScreen } from "./page.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
-import { beginSession, completeStage, markComprehension, readPractice, readSession, tellTurnedAway, withdraw } from "./session.js";
+import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { Trials } from "./trials.js";
@@ -316,6 +316,7 @@ function sentence(error, problem) {
 /** @param {Session} session */
 async function enterSession(session) {
   inBrowser.forget(beginKey); // its answer has come; the next participant at this browser makes a new one
+  stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;

@@ -90,6 +90,13 @@ const API = "/api/v1";
 const LONGEST_REASON = 300; // characters
 const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 
+let session = ""; // the id of the one that this page shows, once there is one
+
+/** From now on nothing is asked of another session, should the cookie come to name one. @param {string} id */
+export function stayWith(id) {
+  session = id;
+}
+
 /** @param {string} slug @param {string} invitation @param {string} key the same again for the same session @returns {Promise<Session>} */
 export function beginSession(slug, invitation, key) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key });
@@ -172,7 +179,7 @@ export function tellTrouble(trial, why) {
 
 /** @param {string} url of a ring or a plate @returns {Promise<Blob>} */
 export async function readPicture(url) {
-  const response = await request(url);
+  const response = await request(url, { headers: meant() });
   return response.blob().catch((cause) => {
     throw new Unreachable(`${url} broke off`, { cause });
   });
@@ -183,12 +190,17 @@ export function tellTurnedAway(slug, invitation) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation });
 }
 
+/** Says for which session a request is: who sits at another tab may have begun since. @returns {Record<string, string>} */
+function meant() {
+  return session ? { "Session-Id": session } : {};
+}
+
 /** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */
 async function call(method, path, body) {
   const json = body && new TextEncoder().encode(JSON.stringify(body));
   const response = await request(API + path, {
     method,
-    headers: body ? { "Content-Type": "application/json" } : {},
+    headers: { ...meant(), ...(json && { "Content-Type": "application/json" }) },
     body: json,
     cache: "no-store",
     keepalive: json !== undefined && json.length < LARGEST_KEPT_ALIVE, // a vote on its way survives the page

@@ -86,6 +86,23 @@ def test_two_tabs_do_not_vote_on_the_same_trial(study: Study, page: Page, visito
     visitor.sees("resume")
 
 
+def test_a_tab_never_acts_for_a_participant_who_began_in_another_tab(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    page.goto(study.address)
+    for view in ("welcome", "instructions-1", "instructions-2"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
+    visitor.sees("instructions-3")
+    other = page.context.request
+    begun = other.post(f"{study.url}/api/v1/studies/{study.slug}/sessions", data={"invitation": study.invitation})
+    page.keyboard.press("Enter")
+    visitor.sees("problem")
+    expect(page.locator("[data-view=problem]")).to_contain_text("goes on in another browser")
+    found = other.get(f"{study.url}/api/v1/session").json()
+    assert (found["session"], found["stage"]) == (begun.json()["session"], "introduction")
+
+
 def test_a_reloaded_tab_has_its_session_at_once(study: Study, page: Page, visitor: Visitor) -> None:
     visitor.begin(study)
     visitor.is_in("exposure")

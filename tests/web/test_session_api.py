@@ -175,6 +175,36 @@ def test_a_resume_whose_answer_was_lost_is_repeated_by_its_key(participant: http
     assert is_problem(httpx.post(path, json=body | {"key": str(uuid4())}), 404)
 
 
+def test_what_is_meant_for_another_session_than_the_cookies_is_refused(
+    participant: httpx.Client, vote_body: VoteBody
+) -> None:
+    trial, session = (participant.get(f"/api/v1/session{path}").json() for path in ("/trials/next", ""))
+    of_trial, record = f"/api/v1/session/trials/{trial['trial']}", vote_body(trial)
+    own, other = {"Session-Id": session["session"]}, {"Session-Id": "another"}
+    for method, path, body in (
+        ("GET", "/api/v1/session", None),
+        ("GET", "/api/v1/session/trials/next", None),
+        ("PUT", f"{of_trial}/vote", record),
+        ("PUT", f"{of_trial}/void", {"reason": "hidden", "viewing": record["viewing"]}),
+        ("PUT", "/api/v1/session/stages/introduction", {"data": {}}),
+        ("PUT", "/api/v1/session/withdrawal", None),
+    ):
+        assert is_problem(participant.request(method, path, json=body, headers=other), 401)
+    assert participant.get("/api/v1/session", headers=own).json() == session
+    assert participant.put(f"{of_trial}/vote", json=record, headers=own).status_code == 201
+
+
+def test_a_vote_of_the_session_before_waits_for_its_own_cookie(
+    participant: httpx.Client, study: dict[str, Any], vote_body: VoteBody
+) -> None:
+    trial, session = (participant.get(f"/api/v1/session{path}").json() for path in ("/trials/next", ""))
+    path, own = f"/api/v1/session/trials/{trial['trial']}/vote", {"Session-Id": session["session"]}
+    participant.post(sessions(study), json={"invitation": study["invitation"]}, headers=own)
+    assert is_problem(participant.put(path, json=vote_body(trial), headers=own), 401)
+    participant.post("/api/v1/session/resume", json={"resume_code": session["resume_code"]}, headers=own)
+    assert participant.put(path, json=vote_body(trial), headers=own).status_code == 201
+
+
 def test_the_form_to_go_on_may_be_sent_twice_by_the_browser_that_has_it(participant: httpx.Client, server: str) -> None:
     code = participant.get("/api/v1/session").json()["resume_code"]
 
