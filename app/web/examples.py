@@ -16,6 +16,7 @@ SESSION: dict[str, Any] = {
     "progress": PROGRESS,
     "was_away_long": False,
     "resume_code": "maple-otter-93",
+    "debriefing": None,
 }
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",

@@ -28,7 +28,7 @@ from app.store.sessions import (
 from app.study.comprehension import is_understood
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.stage_data import InvalidStageError, check_stage_data
-from app.study.stages import TRIAL, IllegalMoveError
+from app.study.stages import FINISHED, TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
 from app.web.throttle import WRONG_CODES
 
@@ -105,6 +105,9 @@ class SessionView(BaseModel):
     progress: ProgressView
     was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
+    debriefing: str | None = Field(
+        description="for the end, paragraphs apart by an empty line; null before it, as it may tell what is compared"
+    )
 
 
 class AskedView(BaseModel):
@@ -239,4 +242,5 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "progress": ProgressView(done=done.n_done, total=done.n_total),
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
+        "debriefing": session.options.debriefing if session.stage == FINISHED else None,
     }

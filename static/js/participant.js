@@ -336,8 +336,18 @@ function yieldToOther() {
 }
 
 /** @param {Session} session */
-function tellSession({ study, stage, progress, resume_code }) {
+function tellSession({ study, stage, progress, resume_code, debriefing }) {
   page.dataset.stage = stage;
   const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
   tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
+  byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));
+}
+
+/** @param {string} text paragraphs apart by an empty line */
+function paragraphsOf(text) {
+  return text.split("\n\n").filter(Boolean).map((words) => {
+    const paragraph = document.createElement("p");
+    paragraph.textContent = words;
+    return paragraph;
+  });
 }

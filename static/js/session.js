@@ -14,6 +14,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {{done: number, total: number}} progress
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
+ * @property {string | null} debriefing null before the end; paragraphs apart by an empty line
  *
  * @typedef {object} Media one film that holds both stimuli, one above the other
  * @property {string} url

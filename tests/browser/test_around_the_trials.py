@@ -21,7 +21,7 @@ OPTIONS = {
     "consent": "We compare models.\n\nYou may stop at any time.",
     "consent_version": "2",
     "comprehension": True,
-    "debriefing": "Some of the models had holes.",
+    "debriefing": "Some of the models had <b>holes</b>.\n\nThe others had none.",
 }
 
 
@@ -62,7 +62,9 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.get_by_label("What made one model").fill("Sharp\nedges")
     page.get_by_role("button", name="Finish").click()
     visitor.sees("thanks")
-    expect(page.locator("[data-view=thanks]")).to_contain_text("Some of the models had holes.")
+    expect(page.locator("#debriefing > p")).to_have_text(
+        ["Some of the models had <b>holes</b>.", "The others had none."]
+    )
     check_accessibility(page)
 
 

@@ -19,6 +19,7 @@ from app.simulate import next_trial, pass_stages, vote
 from app.study.options import StudyOptions
 
 DATASETS = ("walrus", "teapot")
+DEBRIEFING = "Some of the models had holes."
 SECRETS = (*clips.APPROACHES, *DATASETS, "depth", "fusion", clips.TITLE)
 LINKS = re.compile(rb'(?:href|src|action|url|picture|next_media|from|import)"?[=: (]*["\']([./][^"\'#]*)["\']')
 TEXTS = ("text/", "application/json", "image/svg", "javascript")
@@ -63,7 +64,7 @@ def crawler(client: httpx.Client) -> Crawler:
 
 
 @pytest.mark.slow
-def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
+def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_debriefs_at_its_end(
     client: httpx.Client, crawler: Crawler, settings: Settings, tmp_path: Path
 ) -> None:
     options = StudyOptions(
@@ -71,7 +72,7 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
         consent="I take part of my own will.",
         consent_version="1",
         comprehension=True,
-        debriefing="Thank you for looking.",
+        debriefing=DEBRIEFING,
     )
     stimuli = clips.write_set(tmp_path, DATASETS, clips.APPROACHES)
     study = create.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
@@ -91,8 +92,10 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition(
         vote(client, session["token"], trial, "b", rng)
     state = client.get("/api/v1/session").json()
     assert state["stage"] == "interview"
+    client.get(f"/s/{study['invitation']}")
+    assert not [heard[:300] for heard in crawler.heard if DEBRIEFING.encode() in heard]
     session = pass_stages(client, session | state, rng=rng)
-    assert session["stage"] == "finished"
+    assert (session["stage"], session["debriefing"]) == ("finished", DEBRIEFING)
     client.get(f"/s/{study['invitation']}")
     client.get("/api/v1/studies/nothing/votes")
     assert crawler.heard_of("/media/") >= 6

@@ -34,6 +34,7 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "stages",
         "progress",
         "was_away_long",
+        "debriefing",
     }
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
