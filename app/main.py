@@ -77,6 +77,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         with app.state.votes:
             yield
+        of_votes.dispose()
         app.state.database.dispose()
 
     app = FastAPI(
@@ -91,7 +92,8 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     )
     app.state.settings = settings
     app.state.database = open_store(settings)
-    app.state.votes = VoteWriter(app.state.database)
+    of_votes = app.state.database.with_own_connection()
+    app.state.votes = VoteWriter(of_votes)
     app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())

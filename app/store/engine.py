@@ -13,7 +13,7 @@ import logging
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -68,11 +68,14 @@ class Database:
     its disk is full: nothing was changed, unless the connection broke while the commit was on its way.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, write_lock: AbstractContextManager[None] | None = None) -> None:
         self.engine = engine
-        is_sqlite = engine.dialect.name == "sqlite"
-        self._write_lock = _FairLock(f"{engine.url.database}-lock") if is_sqlite else nullcontext()
+        self._write_lock = write_lock or _new_write_lock(engine)
         self._is_away = False
+
+    def with_own_connection(self) -> Database:
+        """The same database by one connection that no reader can take, for the one thread that must never wait."""
+        return Database(_new_engine(self.engine.url, pool_size=1, max_overflow=0), self._write_lock)
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -120,29 +123,37 @@ class Database:
 
 def open_database(url: str) -> Database:
     """Open a database by its SQLAlchemy URL; SQLite's folder is made when it is not there."""
-    address = make_url(url)
+    return Database(_new_engine(make_url(url)))
+
+
+def _new_write_lock(engine: Engine) -> AbstractContextManager[None]:
+    return _FairLock(f"{engine.url.database}-lock") if engine.dialect.name == "sqlite" else nullcontext()
+
+
+def _new_engine(address: URL, **pool: int) -> Engine:
     if address.get_backend_name() == "postgresql":
-        return Database(_postgresql(address))
+        return _postgresql(address, **pool)
     if address.get_backend_name() != "sqlite":
         raise ValueError(f"{address}: expected a database of SQLite or PostgreSQL (postgresql+psycopg://…)")
     path = address.database
     if path is None or path == ":memory:":
         raise ValueError(
-            f"{url}: a study needs a database on disk, for example sqlite:////var/lib/reconstudy/study.sqlite"
+            f"{address}: a study needs a database on disk, for example sqlite:////var/lib/reconstudy/study.sqlite"
         )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S})
+    engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S}, **pool)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
-    return Database(engine)
+    return engine
 
 
-def _postgresql(address: URL) -> Engine:
+def _postgresql(address: URL, **pool: int) -> Engine:
     try:
         return create_engine(
             address.set(drivername="postgresql+psycopg"),
             pool_pre_ping=True,
             connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "options": POSTGRESQL_OPTIONS},
+            **pool,
         )
     except ModuleNotFoundError as error:
         raise ValueError(f"{address}: PostgreSQL needs an extra package: pip install 'reconstudy[postgres]'") from error

@@ -16,7 +16,7 @@ from app.store.engine import Database
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Study, all_studies, progress_of
+from app.store.studies import Progress, Study, all_studies, progress_of
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
@@ -60,7 +60,7 @@ OfDataset = Annotated[str | None, Query(alias="dataset", max_length=200, descrip
 def studies(database: Store, chosen: ChosenFormat) -> Response:
     """All studies, the newest first."""
     with database.reading() as connection:
-        rows = [_summary(database, study) for study in all_studies(connection)]
+        rows = [_summary(study, progress_of(connection, study.id)) for study in all_studies(connection)]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
@@ -70,7 +70,8 @@ def study(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     with database.reading() as connection:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, of.id).items()]
         datasets = datasets_of(connection, of.id)
-    whole = {**_summary(database, of), "datasets": datasets, "conditions": conditions, "factors": of.factors}
+        progress = progress_of(connection, of.id)
+    whole = {**_summary(of, progress), "datasets": datasets, "conditions": conditions, "factors": of.factors}
     return json_object(whole, chosen)
 
 
@@ -212,9 +213,7 @@ def _analysis(database: Database, of: Study) -> Mapping[str, Any]:
     return EMPTY_ANALYSIS if found is None else found
 
 
-def _summary(database: Database, of: Study) -> dict[str, Any]:
-    with database.reading() as connection:
-        progress = progress_of(connection, of.id)
+def _summary(of: Study, progress: Progress) -> dict[str, Any]:
     return {
         "slug": of.slug,
         "name": of.name,
