@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import Connection, select, update
 
-from app.store.engine import Database
+from app.errors import ConflictError
+from app.store.engine import Database, insert_or_ignore
 from app.store.keys import new_opaque_id
 from app.store.tables import job
 
 BEATS_WITHIN = timedelta(minutes=2)  # a job that is silent for longer died with its process
 LONGEST_DETAIL = 500
+STOPPED = "The server was stopped while it did this. Start it again: what was finished is taken up."
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,45 @@ class Job:
         return self.state == "running" and now - self.beat_at > BEATS_WITHIN
 
 
-def begin_job(database: Database, actor: str, title: str, now: datetime) -> str:
+@dataclass(frozen=True)
+class Begun:
+    """A job that runs; `is_new` unless it had been begun before."""
+
+    public_id: str
+    is_new: bool
+
+
+def begin_job(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
+    """Begin a job; who asks again for the same while it runs gets the one that runs.
+
+    Parameters
+    ----------
+    subject : what it makes, which no two jobs make at once; None: nothing of the kind
+
+    Raises
+    ------
+    ConflictError
+        If a job of somebody else makes it now.
+    """
     public_id = new_opaque_id()
-    values = {"public_id": public_id, "actor": actor, "title": title, "state": "running", "done": 0, "total": 0}
+    values = {"public_id": public_id, "actor": actor, "title": title, "subject": subject, "state": "running"}
+    counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now}
     with database.writing() as connection:
-        connection.execute(insert(job).values(**values, detail="", started_at=now, beat_at=now))
-    return public_id
+        makes_it = (job.c.subject == subject) & (job.c.state == "running")
+        is_lost = job.c.beat_at < now - BEATS_WITHIN
+        connection.execute(update(job).where(makes_it & is_lost).values(state="failed", detail=STOPPED))
+        if insert_or_ignore(connection, job, [values | counts], job.c.id):
+            return Begun(public_id, is_new=True)
+        runs = connection.execute(select(job.c.public_id, job.c.actor).where(makes_it)).one_or_none()
+    if runs is None or runs.actor != actor:
+        by = "Somebody" if runs is None else runs.actor
+        raise ConflictError(f"{by} does this at the moment ({title}). Wait until it is done, or choose another name.")
+    return Begun(runs.public_id, is_new=False)
+
+
+def beat(database: Database, public_id: str, now: datetime) -> None:
+    """Tell that a job lives although it has nothing new to tell."""
+    _change(database, public_id, beat_at=now)
 
 
 def tell_progress(database: Database, public_id: str, done: int, total: int, detail: str, now: datetime) -> None:

@@ -427,6 +427,7 @@ job = Table(
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
     required("title", String(300)),
+    Column("subject", String(200)),  # what it makes; NULL: nothing that another job would make too
     required("state", String(8)),
     required("done", Integer),
     required("total", Integer),
@@ -435,4 +436,12 @@ job = Table(
     required("started_at", UtcDateTime),
     required("beat_at", UtcDateTime),  # when it last told that it lives
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
+)
+
+Index(
+    "uq_job_running_subject",
+    job.c.subject,
+    unique=True,
+    sqlite_where=job.c.state == "running",
+    postgresql_where=job.c.state == "running",
 )

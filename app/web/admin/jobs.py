@@ -5,36 +5,54 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from fastapi import Request
 
-from app.errors import StudyError
+from app.errors import StudyError, UnavailableError
 from app.store.audit import Actor, Entry, record_alone
 from app.store.engine import Database
-from app.store.jobs import begin_job, end_job, fail_job, tell_progress
+from app.store.jobs import BEATS_WITHIN, beat, begin_job, end_job, fail_job, tell_progress
 from app.store.keys import utc_now
 
 TELLS_EVERY_S = 0.5
+BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
 
 log = logging.getLogger(__name__)
 
 Tell = Callable[[int, int, str], None]  # done, total, what
 
 
-def start_job(request: Request, database: Database, actor: Actor, title: str, work: Callable[[Tell], str]) -> str:
-    """Start some work and return the job's id.
+def start_job(
+    request: Request,
+    database: Database,
+    actor: Actor,
+    title: str,
+    work: Callable[[Tell], str],
+    *,
+    subject: str | None = None,
+) -> str:
+    """Start some work and return the job's id; that of the one that runs, where they have just started it.
 
     Parameters
     ----------
     work : is told with what to tell its progress; returns the address of what it made
+    subject : what it makes, as `begin_job` has it
+
+    Raises
+    ------
+    ConflictError
+        If somebody else makes the same now.
     """
-    public_id = begin_job(database, actor.name, title, actor.now)
-    thread = threading.Thread(target=_run, args=(database, actor, title, public_id, work), name=f"job-{public_id}")
-    thread.daemon = True  # a server that is told to stop stops; what the work made so far is taken up by the next try
-    request.app.state.jobs.append(thread)
-    thread.start()
-    return public_id
+    begun = begin_job(database, actor.name, title, actor.now, subject)
+    if begun.is_new:
+        of = (database, actor, title, begun.public_id, work)
+        thread = threading.Thread(target=_run, args=of, name=f"job-{begun.public_id}")
+        thread.daemon = True  # a server that is told to stop stops; what the work made is taken up by the next try
+        request.app.state.jobs.append(thread)
+        thread.start()
+    return begun.public_id
 
 
 def _run(database: Database, actor: Actor, title: str, public_id: str, work: Callable[[Tell], str]) -> None:
@@ -47,12 +65,35 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
             tell_progress(database, public_id, done, total, what, utc_now())
 
     try:
-        end_job(database, public_id, work(tell), utc_now())
+        with _beating(database, public_id):
+            made = work(tell)
+        end_job(database, public_id, made, utc_now())
     except (ValueError, OSError, StudyError) as error:
         _fail(database, actor, title, public_id, str(error))
     except Exception:
         log.exception("%s failed", title)
         _fail(database, actor, title, public_id, "Something went wrong here; the server's log says what.")
+
+
+@contextmanager
+def _beating(database: Database, public_id: str) -> Iterator[None]:
+    """Tell that a job lives while the block runs: one step of it, a long film say, may take minutes."""
+    has_ended = threading.Event()
+
+    def run() -> None:
+        while not has_ended.wait(BEATS_EVERY_S):
+            try:
+                beat(database, public_id, utc_now())
+            except UnavailableError:  # logged there; the next beat may get through
+                continue
+
+    thread = threading.Thread(target=run, name=f"beat-{public_id}", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        has_ended.set()
+        thread.join()
 
 
 def _fail(database: Database, actor: Actor, title: str, public_id: str, reason: str) -> None:

@@ -8,10 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
 from fastapi.responses import Response
 
-from app.create import create_study, duplicate_study
+from app.create import create_study, duplicate_study, slugify
 from app.errors import InvalidError, NotFoundError
 from app.store.invitations import preview_code
-from app.store.jobs import job_by_id
+from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
 from app.store.studies import Progress, Standing, Study, all_studies, progress_of, set_standing
 from app.study.options import parse_options
@@ -66,6 +66,7 @@ def create(
     folder = set_folder(settings(request), stimulus_set)
     try:
         options = parse_options({"optional_stages": stage, "consent": _unix(consent)})
+        subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
     own = settings(request)
@@ -76,7 +77,8 @@ def create(
         )
         return f"/admin/studies/{made['slug']}"
 
-    return see(f"/admin/jobs/{start_job(request, database, actor, f'Creating the study {name}', work)}")
+    job = start_job(request, database, actor, f"Creating the study {name}", work, subject=subject)
+    return see(f"/admin/jobs/{job}")
 
 
 @router.get("/jobs/{job}")
@@ -87,7 +89,7 @@ def job_page(request: Request, job: Annotated[str, Path(max_length=32)], person:
         raise NotFoundError("There is no such work in progress.")
     if found.state == "done" and found.result and "hx-request" not in request.headers:
         return see(found.result)
-    return page(request, "job", person, {"job": found})
+    return page(request, "job", person, {"job": found, "stopped": STOPPED})
 
 
 @router.post("/studies/{slug}/state")
