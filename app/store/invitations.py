@@ -35,9 +35,11 @@ def insert_invitation(connection: Connection, study_id: int, places: int | None,
 
 
 def preview_invitation(connection: Connection, study_id: int, now: datetime) -> int:
-    """The invitation under which a study's previews stand; it has no places and lets nobody in."""
-    own = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
-    if (found := connection.scalar(select(invitation.c.id).where(own))) is not None:
+    """The invitation under which a study's previews stand; it has no places and lets nobody in.
+
+    Whoever asks has locked the study, so that there is one.
+    """
+    if (found := connection.scalar(_of_previews(study_id).with_only_columns(invitation.c.id))) is not None:
         return int(found)
     code = insert_invitation(connection, study_id, 0, now)
     return int(connection.execute(select(invitation.c.id).where(invitation.c.code == code)).scalar_one())
@@ -45,8 +47,13 @@ def preview_invitation(connection: Connection, study_id: int, now: datetime) -> 
 
 def preview_code(connection: Connection, study_id: int) -> str:
     """The code of the invitation under which a study's previews stand, which is there once one has begun."""
+    return str(connection.execute(_of_previews(study_id).with_only_columns(invitation.c.code)).scalar_one())
+
+
+def _of_previews(study_id: int) -> Select[Any]:
+    """The first one: databases from before studies were locked may have several."""
     own = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
-    return str(connection.execute(select(invitation.c.code).where(own)).scalar_one())
+    return select(invitation).where(own).order_by(invitation.c.id).limit(1)
 
 
 def end_invitation(connection: Connection, study_id: int, code: str) -> bool:

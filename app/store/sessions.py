@@ -16,7 +16,7 @@ from app.store.keys import digest, new_opaque_id, new_secret, resume_code, resum
 from app.store.orders import pairs_to_show, take_order_slot
 from app.store.participants import forget_preview_votes
 from app.store.screening import close_screening
-from app.store.studies import Study
+from app.store.studies import Study, lock_study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
 from app.study.options import StudyOptions, parse_options
@@ -152,6 +152,7 @@ def begin_preview(database: Database, of: Study, now: datetime) -> str:
     """
     token = new_secret()
     with database.writing() as connection:
+        lock_study(connection, of.id)
         forget_preview_votes(connection, of.id)
         _insert_session(connection, of, preview_invitation(connection, of.id, now), token, None, now, is_preview=True)
     return token

@@ -74,6 +74,11 @@ def study_by_id(connection: Connection, study_id: int) -> Study | None:
     return _study(connection.execute(select(study).where(study.c.id == study_id)).one_or_none())
 
 
+def lock_study(connection: Connection, study_id: int) -> None:
+    """Let nobody begin in a study, or change it, before the transaction ends."""
+    connection.execute(select(study.c.id).where(study.c.id == study_id).with_for_update())
+
+
 def all_studies(connection: Connection) -> list[Study]:
     """All studies, the newest first."""
     rows = connection.execute(select(study).order_by(study.c.created_at.desc(), study.c.id.desc()))

@@ -14,11 +14,18 @@ from sqlalchemy import select
 from app.errors import ForbiddenError, GoneError
 from app.store.designs import planned_pairs
 from app.store.engine import Database
-from app.store.invitations import Invitation, invitation_by_code
+from app.store.invitations import (
+    Invitation,
+    insert_invitation,
+    invitation_by_code,
+    invitation_of_session,
+    preview_code,
+)
 from app.store.keys import resume_code
 from app.store.sessions import (
     Admitted,
     Session,
+    begin_preview,
     begin_session,
     begin_session_once,
     complete_stage,
@@ -26,7 +33,7 @@ from app.store.sessions import (
     resume_session,
     session_by_token,
 )
-from app.store.studies import set_standing
+from app.store.studies import set_standing, study_by_id
 from app.store.tables import assignment, participant, session, stage_record
 from app.study.design import participant_order
 
@@ -59,6 +66,35 @@ def test_nobody_gets_anothers_slot_when_all_begin_at_once(
     with database.reading() as connection:
         slots = sorted(connection.scalars(select(participant.c.slot)))
     assert slots == list(range(36))
+
+
+def test_previews_that_begin_at_once_share_one_invitation(database: Database, study_id: int, now: datetime) -> None:
+    with database.reading() as connection:
+        of = study_by_id(connection, study_id)
+    assert of is not None
+    together = threading.Barrier(6)
+
+    def begin(_number: int) -> str:
+        together.wait()
+        return begin_preview(database, of, now)
+
+    with ThreadPoolExecutor(6) as pool:
+        tokens = list(pool.map(begin, range(6)))
+    with database.reading() as connection:
+        codes = {invitation_of_session(connection, token) for token in tokens}
+        assert codes == {preview_code(connection, study_id)}
+
+
+def test_previews_go_on_where_two_invitations_were_made_for_them(
+    database: Database, study_id: int, now: datetime
+) -> None:
+    with database.writing() as connection:
+        first, _ = (insert_invitation(connection, study_id, 0, now) for _ in range(2))
+        of = study_by_id(connection, study_id)
+    assert of is not None
+    token = begin_preview(database, of, now)
+    with database.reading() as connection:
+        assert preview_code(connection, study_id) == invitation_of_session(connection, token) == first
 
 
 def test_an_invitation_with_places_lets_exactly_so_many_in(
