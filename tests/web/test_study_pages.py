@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,10 @@ from dashboard import Dashboard, ends, signed_in
 from app import create, operate
 from app.settings import Settings
 from app.simulate import begin, next_trial
+from app.store import sessions
+from app.store.engine import open_database
+from app.store.invitations import invitation_by_code
+from app.store.keys import new_secret, utc_now
 
 SIGNED_IN = """
 import sys, time
@@ -35,6 +40,7 @@ with running_server(settings) as url, httpx.Client(base_url=url, follow_redirect
     sys.exit("app.analysis.report" not in sys.modules)
 """
 
+LONG_ENOUGH_S = 0.5  # for an edit that does not wait to be made
 NewStudy = Callable[[], dict[str, Any]]
 
 
@@ -129,6 +135,24 @@ def test_what_participants_see_stays_once_somebody_has_begun(
     assert "exposure_s cannot change" in refused.text
     allowed = experimenter.act(f"{base}/edit", revision="1", name="Same", debriefing="Thank you.")
     assert "Thank you." in allowed.text
+
+
+def test_an_edit_waits_for_who_begins_at_that_moment(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    study = new_study()
+    fields = {"form_token": experimenter.form_token, "revision": "1", "name": "Same", "exposure_s": "9"}
+    database = open_database(settings.url)
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            invitation = invitation_by_code(connection, study["invitation"])
+            assert invitation is not None
+            sessions._admit(connection, invitation, new_secret(), None, utc_now())
+            edit = pool.submit(experimenter.post, f"/admin/studies/{study['slug']}/edit", data=fields)
+            wait([edit], LONG_ENOUGH_S)
+        assert edit.result().status_code == 409
+    database.dispose()
+    assert "exposure_s cannot change" in edit.result().text
 
 
 @pytest.mark.slow

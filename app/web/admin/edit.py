@@ -13,7 +13,7 @@ from app.create import EXPOSURE_BOUNDS_S
 from app.errors import ConflictError, InvalidError
 from app.store.audit import Actor
 from app.store.engine import Database
-from app.store.studies import Study, edit_study, progress_of
+from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.options import parse_options
 from app.study.screening import TESTS
@@ -171,6 +171,7 @@ def _save(database: Database, study: Study, wanted: StudyFile, revision: int, ac
     changes = _changes(study_file_of(study), wanted)
     try:
         with database.writing() as connection:
+            lock_study(connection, study.id)  # nobody begins between the look and the change
             fixed = sorted(changes.keys() - set(FREE))
             if fixed and progress_of(connection, study.id).n_started:
                 what = ", ".join(fixed)
