@@ -18,8 +18,10 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from sse_starlette.sse import AppStatus
+from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
+from app.leftovers import remove_leftovers
 from app.media import MediaStore
 from app.operate import open_store
 from app.settings import Settings
@@ -75,6 +77,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        await run_in_threadpool(remove_leftovers, settings, app.state.clock())
         with app.state.votes:
             yield
         of_votes.dispose()
