@@ -46,6 +46,7 @@ from app.web.admin import (
 )
 from app.web.admin import results as admin_results
 from app.web.admin import votes as admin_votes
+from app.web.admin.flags import Flags
 from app.web.described import describe
 from app.web.front import front_routes
 from app.web.metrics import SHARED_FOLDER, Metrics
@@ -78,7 +79,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await run_in_threadpool(remove_leftovers, settings, app.state.clock())
-        with app.state.votes:
+        with app.state.votes, app.state.flags:
             yield
         of_votes.dispose()
         app.state.database.dispose()
@@ -97,6 +98,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     app.state.database = open_store(settings)
     of_votes = app.state.database.with_own_connection()
     app.state.votes = VoteWriter(of_votes)
+    app.state.flags = Flags(app.state.database)
     app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())

@@ -57,6 +57,11 @@ def ends(dashboard: Dashboard, path: str) -> httpx.Response:
     raise AssertionError(f"{path}: the work does not end")
 
 
+def until(lines: Iterator[str], text: str) -> None:
+    """Read a stream as far as a text."""
+    assert any(text in line for line in lines), f"{text!r} never came"
+
+
 def zipped(files: dict[str, bytes]) -> bytes:
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import httpx
 import pytest
-from dashboard import Dashboard
+from dashboard import Dashboard, until
 
 from app.simulate import begin, next_trial, simulate
 from app.web.admin.votes import looks_of
@@ -46,10 +46,6 @@ def test_the_monitor_follows_a_participant_by_server_sent_events(
         assert trial is not None
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
         until(lines, "1 of 6")
-
-
-def until(lines: Iterator[str], text: str) -> None:
-    assert any(text in line for line in lines), f"{text!r} never came"
 
 
 def test_a_stranger_gets_no_live_events(client: httpx.Client, taken: dict[str, Any]) -> None:

@@ -19,15 +19,16 @@ from app.store.participants import participant_records
 from app.store.studies import Study, progress_of
 from app.study.options import parse_options
 from app.study.stages import FINISHED, WITHDRAWN
+from app.web.admin.flags import Flags
 from app.web.admin.shell import study_page
 from app.web.gates import AStudy, Person, database, now
-from app.web.results import analysis_of
 
 LOOKS_EVERY_S = 1.0
 STREAM_LASTS_S = 300.0  # then the browser opens another one
 HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
 PACE_MINUTES = 60
+PATIENCE_S = 0.5  # of a page's first look, which is to be seen within a second
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -56,7 +57,8 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
         invitations = [one for one in invitations_of(connection, study.id) if not one.is_used]
     link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
-    return study_page(request, "overview", person, study, {**monitor_of(request, study), "link": link})
+    context = {**monitor_of(request, study, PATIENCE_S), "link": link}
+    return study_page(request, "overview", person, study, context)
 
 
 @router.get("/live")
@@ -88,14 +90,15 @@ def _rendered(request: Request, study: Study) -> str:
     return text
 
 
-def monitor_of(request: Request, study: Study) -> dict[str, Any]:
-    """What the monitor shows now."""
+def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[str, Any]:
+    """What the monitor shows now; `patience_s` is how long to wait for what looks unusual."""
     moment = now(request)
     with database(request).reading() as connection:
         people = participant_records(connection, study.id)
         pace = votes_by_minute(connection, study.id, moment, PACE_MINUTES)
-    flags = _flags(database(request), study.id) if any(row["n_votes"] for row in people) else {}
-    lines = [_line(row, flags.get(row["participant"], ()), moment) for row in people]
+    flags: Flags = request.app.state.flags
+    flagged = flags.of(study.id, people, moment, patience_s)
+    lines = [_line(row, flagged.get(row["participant"], ()), moment) for row in people]
     stages = (*parse_options(study.options).way, WITHDRAWN)
     by_stage = [(stage, sum(line.stage == stage for line in lines)) for stage in stages]
     return {
@@ -127,8 +130,3 @@ def _connection(stage: str, silent: timedelta) -> str:
     if stage in (FINISHED, WITHDRAWN):
         return "done"
     return "here" if silent <= HERE else "quiet" if silent <= AWAY else "away"
-
-
-def _flags(of: Any, study_id: int) -> dict[str, tuple[str, ...]]:
-    analysis = analysis_of(of, study_id)
-    return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}

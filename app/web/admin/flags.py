@@ -1,0 +1,92 @@
+"""What looks unusual about participants, looked for beside the pages that show it: it takes seconds of many votes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from types import TracebackType
+from typing import Any
+
+from app.store.engine import Database
+from app.web.results import analysis_of
+
+AT_MOST_EVERY = timedelta(seconds=10)  # for one study; votes come more often
+
+LONG_AGO = datetime.min.replace(tzinfo=UTC)
+
+Votes = frozenset[tuple[Any, ...]]
+FlagsOf = Mapping[str, tuple[str, ...]]
+
+
+@dataclass
+class _Known:
+    """The flags of a study, and the votes that they were looked for in."""
+
+    flags: FlagsOf = field(default_factory=dict)
+    votes: Votes | None = frozenset()  # None: the look at them failed
+    work: Future[FlagsOf] | None = None
+    begun_at: datetime = LONG_AGO
+    again_at: datetime = LONG_AGO
+
+
+class Flags:
+    """Flags by study, shared by all who watch; one study at a time, so that the others' requests are answered."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._known: dict[int, _Known] = {}
+        self._lock = threading.Lock()
+        self._worker = ThreadPoolExecutor(1, "reconstudy-flags")
+
+    def __enter__(self) -> Flags:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self._worker.shutdown(cancel_futures=True)
+
+    def of(self, study_id: int, people: Sequence[Mapping[str, Any]], now: datetime, patience_s: float = 0.0) -> FlagsOf:
+        """The flags by participant as they are known; newer ones are looked for if something has changed since.
+
+        Parameters
+        ----------
+        people : as `participant_records` has them
+        patience_s : how long to wait for newer ones
+        """
+        with self._lock:
+            known = self._known.setdefault(study_id, _Known())
+            self._look_again(study_id, known, _votes_of(people), now)
+            work = known.work
+        if work is not None:
+            wait([work], patience_s)
+        with self._lock:
+            return self._finished(known, now)
+
+    def _look_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
+        if known.work is None and votes != known.votes and now >= known.again_at:
+            known.votes, known.begun_at = votes, now
+            known.work = self._worker.submit(_look, self._database, study_id)
+
+    def _finished(self, known: _Known, now: datetime) -> FlagsOf:
+        if known.work is not None and known.work.done():
+            work, known.work = known.work, None
+            known.again_at = now + max(AT_MOST_EVERY, now - known.begun_at)  # a rest as long as the work
+            if work.exception() is not None:
+                known.votes = None
+            known.flags = work.result()
+        return known.flags
+
+
+def _votes_of(people: Sequence[Mapping[str, Any]]) -> Votes:
+    """What changes with the votes that count: a participant's are added to, or all erased, and never altered."""
+    facts = ("participant", "n_votes", "reason", "withdrawn_at")
+    return frozenset(tuple(row[name] for name in facts) for row in people if row["n_votes"])
+
+
+def _look(database: Database, study_id: int) -> FlagsOf:
+    analysis = analysis_of(database, study_id)
+    return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}
