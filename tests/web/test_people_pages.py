@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import anyio
 import httpx
 import pytest
 from dashboard import Dashboard, until
 
 from app.simulate import begin, next_trial, simulate
+from app.web.admin.overview import Sight
 from app.web.admin.votes import looks_of
 
 NewStudy = Callable[[], dict[str, Any]]
@@ -46,6 +49,29 @@ def test_the_monitor_follows_a_participant_by_server_sent_events(
         assert trial is not None
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
         until(lines, "1 of 6")
+
+
+def test_a_monitor_that_many_watch_is_made_once_a_second() -> None:
+    made: list[float] = []
+
+    async def watch() -> None:
+        sight = Sight()
+
+        async def look(at: float) -> None:
+            def render() -> str:
+                made.append(at)
+                return f"at {at}"
+
+            assert await sight.at(at, render) == f"at {at}"
+
+        for second in (7.0, 8.0):
+            async with anyio.create_task_group() as pages:
+                for _ in range(20):
+                    pages.start_soon(look, second)
+
+    with ThreadPoolExecutor(1) as pool:  # the browser tests leave an event loop in this one
+        pool.submit(anyio.run, watch).result()
+    assert made == [7.0, 8.0]
 
 
 def test_a_stranger_gets_no_live_events(client: httpx.Client, taken: dict[str, Any]) -> None:

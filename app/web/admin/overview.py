@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any
 
 import anyio
@@ -52,6 +53,24 @@ class Line:
         return round(100 * self.n_votes / self.n_trials) if self.n_trials else 0
 
 
+class Sight:
+    """A study's monitor as all its open pages show it: rendered once a second, however many they are."""
+
+    def __init__(self) -> None:
+        self._lock = anyio.Lock()
+        self._looked = -1
+        self._text = ""
+
+    async def at(self, time_s: float, render: Callable[[], str]) -> str:
+        """What it shows at a time of the event loop's clock."""
+        second = int(time_s // LOOKS_EVERY_S)
+        async with self._lock:
+            if self._looked < second:
+                self._text = await run_in_threadpool(render)
+                self._looked = second
+            return self._text
+
+
 @router.get("")
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
@@ -71,14 +90,15 @@ async def live(request: Request, person: Person, study: AStudy) -> Response:  # 
 
 async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
     """The monitor whenever it changes, until the page is left or the server stops, by a signal or in its thread."""
+    sight = request.app.state.sights.setdefault(study.id, Sight())
     last = ""
     with anyio.move_on_after(STREAM_LASTS_S):
         while not (stopped.is_set() or request.app.state.is_stopping or await request.is_disconnected()):
-            shown = await run_in_threadpool(_rendered, request, study)
+            shown = await sight.at(anyio.current_time(), partial(_rendered, request, study))
             if shown != last:
                 last = shown
                 yield ServerSentEvent(shown, event="monitor")
-            with anyio.move_on_after(LOOKS_EVERY_S):
+            with anyio.move_on_after(LOOKS_EVERY_S - anyio.current_time() % LOOKS_EVERY_S):  # all pages at once
                 await stopped.wait()
 
 
