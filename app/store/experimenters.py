@@ -135,7 +135,7 @@ def begin_experimenter_session(connection: Connection, experimenter_id: int, now
     return token
 
 
-def open_session(database: Database, token: str, now: datetime) -> OpenSession | None:
+def open_session(database: Database, token: str, now: datetime, *, may_renew: bool = True) -> OpenSession | None:
     """The session of a token, which is renewed when it has served its time; None if there is none."""
     with database.reading() as connection:
         row = _session_row(connection, token, now)
@@ -143,7 +143,7 @@ def open_session(database: Database, token: str, now: datetime) -> OpenSession |
     if row is None or found is None or found.is_disabled:
         return None
     renewed = None
-    if row.token_hash == digest(token) and now - row.rotated_at > TOKEN_LASTS:
+    if may_renew and row.token_hash == digest(token) and now - row.rotated_at > TOKEN_LASTS:
         renewed = _renew_token(database, row.id, row.token_hash, now)
     elif now - row.seen_at > SEEN_EVERY:
         with database.writing() as connection:

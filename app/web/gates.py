@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -32,6 +33,8 @@ NOTED_IDS = ("slug", "label", "trial", "stage", "media")  # in addresses; no cod
 PARTICIPANT_COOKIE = "session"
 SESSION_HEADER = "Session-Id"  # a browser's cookie may come to name another session than a page of it shows
 EXPERIMENTER_COOKIE = "experimenter"
+UPLOAD_PATH = re.compile(r"/admin/(stimuli|studies/[a-z0-9-]+)/upload")
+DATA_PATHS = "/api/v1/"  # whole tables and archives
 SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
     "viewer": (READ,),
     "experimenter": (READ, PERSONAL, AUDIT),
@@ -163,7 +166,7 @@ def experimenter(request: Request) -> Experimenter:
         person: Experimenter = known
         return person
     token = request.cookies.get(EXPERIMENTER_COOKIE)
-    found = open_session(database(request), token, now(request)) if token else None
+    found = open_session(database(request), token, now(request), may_renew=_is_quick(request)) if token else None
     if found is None:
         raise UnauthorisedError(
             "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
@@ -173,6 +176,12 @@ def experimenter(request: Request) -> Experimenter:
     if found.renewed:
         request.state.renewed_token = found.renewed
     return found.experimenter
+
+
+def _is_quick(request: Request) -> bool:
+    """Whether the answer, which brings a new token, comes before the old one ends: else other tabs would be out."""
+    path = request.url.path
+    return not path.startswith(DATA_PATHS) and UPLOAD_PATH.fullmatch(path) is None
 
 
 def looking(role: Role) -> Callable[[Request], Experimenter]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from urllib.parse import urlsplit
 
@@ -12,7 +11,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.store.experimenters import SESSION_LASTS
-from app.web.gates import EXPERIMENTER_COOKIE
+from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH
 from app.web.problems import problem
 
 POLICY = (
@@ -31,7 +30,6 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
-UPLOAD_PATH = re.compile(r"/admin/(stimuli|studies/[a-z0-9-]+)/upload")
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import socket
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
 import pytest
 import shapes
 from dashboard import Dashboard, ends, files_of, signed_in, zipped
+from sqlalchemy import update
 
-from app import create
+from app import create, operate
 from app.settings import Settings
+from app.store.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
+from app.store.keys import utc_now
+from app.store.tables import experimenter_session
 
 
 def upload(dashboard: Dashboard, content: bytes, **headers: str) -> httpx.Response:
@@ -49,6 +54,27 @@ def test_a_hostile_zip_is_refused_with_a_message_and_an_entry(
         assert complaint in answer.json()["detail"]
         assert complaint in eva.get("/admin/audit?search=upload+refused").text
     assert sorted(own.sets_dir.rglob("*")) == before
+
+
+@pytest.mark.parametrize("path", ["/admin/stimuli/upload", "/api/v1/studies"])
+def test_other_tabs_stay_signed_in_while_an_answer_takes_minutes(own_server: str, own: Settings, path: str) -> None:
+    with signed_in(own_server, own, "Eva") as eva, Dashboard(own_server) as other_tab:
+        other_tab.cookies = eva.cookies
+        token = {"X-CSRF-Token": eva.form_token}
+        last_renewed(own, TOKEN_LASTS + timedelta(minutes=1))
+        httpx.request("PUT" if "upload" in path else "GET", own_server + path, headers=token, cookies=eva.cookies)
+        last_renewed(own, OLD_TOKEN_LASTS + timedelta(minutes=1), only_later=True)  # as long as the answer took
+        assert other_tab.get("/admin").status_code == 200
+
+
+def last_renewed(settings: Settings, ago: timedelta, *, only_later: bool = False) -> None:
+    """Let time go by since sessions got their tokens."""
+    at = utc_now() - ago
+    database = operate.open_store(settings)
+    with database.writing() as connection:
+        renewed = update(experimenter_session).values(rotated_at=at)
+        connection.execute(renewed.where(experimenter_session.c.rotated_at > at) if only_later else renewed)
+    database.dispose()
 
 
 def test_a_page_that_calls_itself_a_film_is_refused(own_server: str, own: Settings) -> None:
