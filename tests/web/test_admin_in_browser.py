@@ -92,6 +92,18 @@ def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callab
         assert min(times) < SOON_MS * waits, (path, times)
 
 
+def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
+    page.goto("/admin/tokens")
+    page.get_by_label("Who or what it is for").fill("double")
+    page.get_by_role("button", name="Make the token").dblclick()
+    page.get_by_text("shown this once").wait_for()
+    assert len(sent) == 1
+    page.get_by_role("row", name="double").get_by_role("button", name="Revoke").click()
+    page.get_by_text("revoked").first.wait_for()
+
+
 def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
     study = new_study()
     page.goto(f"/admin/studies/{study['slug']}")
