@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -17,11 +18,15 @@ from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.entry import entry_token, remember_entry
 from app.web.gates import note_refusal
 
+Typed = Sequence[tuple[str, str]]
+
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
 PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz", "/metrics")  # addresses that people do not read
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
+SECRETS = ("form_token", "current", "password", "again")  # fields of forms that are never shown again
+FEWEST_TYPED = 20  # characters; fewer are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
     404: "There is nothing at this address.",
@@ -72,8 +77,12 @@ class UnforeseenErrors:
             await _answer(Request(scope), 500, SENTENCES[500])(scope, receive, send)
 
 
-def _study_error(request: Request, error: Exception) -> Response:
+async def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
+    return await run_in_threadpool(_refusal, request, error, await _typed(request))
+
+
+def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
     _log_refusal(request, error.status, error.detail)
     if error.status in NOWHERE:
         note_refusal(request, "not found", error.detail)
@@ -84,7 +93,7 @@ def _study_error(request: Request, error: Exception) -> Response:
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)
-    return _answer(request, error.status, error.detail, headers, extra)
+    return _answer(request, error.status, error.detail, headers, extra=extra, typed=typed)
 
 
 def _http_error(request: Request, error: Exception) -> Response:
@@ -92,14 +101,27 @@ def _http_error(request: Request, error: Exception) -> Response:
     return _answer(request, error.status_code, SENTENCES.get(error.status_code, str(error.detail)), error.headers)
 
 
-def _validation_error(request: Request, error: Exception) -> Response:
+async def _validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     faults = [{"at": ".".join(map(str, fault["loc"])), "message": fault["msg"]} for fault in error.errors()]
     where = f"{faults[0]['at']}: {faults[0]['message']}" if faults else "unreadable"
     _log_refusal(request, 422, where)
     if not _is_page(request):
         return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
-    return _answer(request, 422, f"The form is not as expected: {where}.")
+    return _answer(request, 422, f"The form is not as expected: {where}.", typed=await _typed(request))
+
+
+async def _typed(request: Request) -> Typed:
+    """The texts of a dashboard's form that cost effort, by field: what is not kept is shown again, to be copied."""
+    is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
+    if not is_form or not _is_page(request) or not request.url.path.startswith("/admin"):
+        return ()
+    fields = (await request.form()).multi_items()  # which the route has read already
+    return [
+        (name, text)
+        for name, text in fields
+        if name not in SECRETS and isinstance(text, str) and len(text) >= FEWEST_TYPED
+    ]
 
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
@@ -119,11 +141,13 @@ def _answer(
     status: int,
     detail: str,
     headers: Mapping[str, str] | None = None,
+    *,
     extra: Mapping[str, str] | None = None,
+    typed: Typed = (),
 ) -> Response:
     if not _is_page(request):
         return problem(status, detail, extra=extra, headers=headers)
-    context = {"title": HTTPStatus(status).phrase, "detail": detail}
+    context: dict[str, Any] = {"title": HTTPStatus(status).phrase, "detail": detail, "typed": typed}
     options = {"status_code": status, "headers": dict(headers or {})}
     templates = request.app.state.templates
     if status == 401 and request.url.path.startswith("/admin"):

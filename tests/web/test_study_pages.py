@@ -67,6 +67,38 @@ def test_no_path_from_outside_reaches_the_file_system(own_server: str, own: Sett
         assert answer.status_code in (404, 422)
 
 
+TYPED = "What we wanted to find out, in many words.\r\n\r\nThank you <all>."
+SHOWN = TYPED.replace("<all>", "&lt;all&gt;")
+
+
+@pytest.mark.parametrize(("revision", "status"), [("7", 409), ("none", 422)])
+def test_what_was_typed_is_shown_again_where_it_is_not_kept(
+    experimenter: Dashboard, new_study: NewStudy, revision: str, status: int
+) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/edit"
+    refused = experimenter.act(path, name="N", revision=revision, debriefing=TYPED)
+    assert refused.status_code == status
+    assert SHOWN in refused.text
+    assert experimenter.form_token not in refused.text
+
+
+def test_what_was_typed_outlives_the_session(experimenter: Dashboard, new_study: NewStudy) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/edit"
+    form_token = experimenter.form_token
+    experimenter.act("/admin/logout")
+    refused = experimenter.post(path, data={"form_token": form_token, "revision": "1", "name": "N", "consent": TYPED})
+    assert refused.status_code == 401
+    assert SHOWN in refused.text
+    assert form_token not in refused.text
+
+
+def test_a_password_that_is_refused_is_not_shown_again(experimenter: Dashboard) -> None:
+    long = "a long password of many words"
+    refused = experimenter.act("/admin/account/password", current=long, password=long, again=f"{long} other")
+    assert refused.status_code == 422
+    assert long not in refused.text
+
+
 def test_a_form_edits_a_study_and_two_editors_are_told_of_each_other(
     experimenter: Dashboard, new_study: NewStudy
 ) -> None:
