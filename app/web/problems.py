@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 PROBLEM = "application/problem+json"
 PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz", "/metrics")  # addresses that people do not read
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
-SECRETS = ("form_token", "current", "password", "again")  # fields of forms that are never shown again
+NOT_SHOWN = ("form_token", "current", "password", "again", "seen")  # secrets, and what nobody has typed
 FEWEST_TYPED = 20  # characters; fewer are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
@@ -120,7 +120,7 @@ async def _typed(request: Request) -> Typed:
     return [
         (name, text)
         for name, text in fields
-        if name not in SECRETS and isinstance(text, str) and len(text) >= FEWEST_TYPED
+        if name not in NOT_SHOWN and isinstance(text, str) and len(text) >= FEWEST_TYPED
     ]
 
 

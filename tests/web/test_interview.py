@@ -60,6 +60,24 @@ def test_what_is_said_is_noted_changed_and_exported_with_what_was_written(
     assert text.startswith("participant,question,answer,answered_at,source,experimenter")
 
 
+def test_two_who_note_at_once_lose_nothing(
+    experimenter: Dashboard, asked: dict[str, Any], client: httpx.Client
+) -> None:
+    begin(client, asked["slug"], asked["invitation"])
+    path = f"/admin/studies/{asked['slug']}/participants/P002/interview"
+    noted = {"question": list(SPOKEN), "seen": ["", ""]}  # both opened the page when nothing was noted
+    for _ in range(2):  # sent twice, it is kept
+        assert experimenter.act(path, **noted, answer=["The ball", ""]).status_code == 200
+    assert "Nothing else" in experimenter.act(path, **noted, answer=["", "Nothing else"]).text
+    refused = experimenter.act(path, **noted, answer=["The box, because of its edges", ""])
+    assert refused.status_code == 409
+    assert "The box, because of its edges" in refused.text
+    page = experimenter.get(path).text
+    assert "The ball</textarea>" in page
+    assert "Nothing else</textarea>" in page
+    assert page.count('name="seen" value="The ball"') == 1
+
+
 def test_only_what_a_study_asks_is_noted(experimenter: Dashboard, asked: dict[str, Any]) -> None:
     base = f"/admin/studies/{asked['slug']}/participants"
     assert experimenter.act(f"{base}/P001/interview", question="Who are you?", answer="x").status_code == 422

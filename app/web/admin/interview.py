@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError
+from app.errors import ConflictError, InvalidError
 from app.store.interviews import keep_spoken, spoken_of
 from app.store.participants import participant_labelled
 from app.study.options import parse_options
@@ -39,19 +40,40 @@ def interview_page(request: Request, person: Looking, study: AStudy, label: Labe
 
 @router.post("")
 def keep_interview(
-    actor: Acting, study: AStudy, label: Label, question: Said, answer: Said, database: Store
+    actor: Acting,
+    study: AStudy,
+    label: Label,
+    question: Said,
+    answer: Said,
+    database: Store,
+    seen: Said = [],  # noqa: B006 (FastAPI copies it)
 ) -> Response:
-    """Keep what was noted; a question that is not answered stays without an answer."""
+    """Keep what was noted; a question that is not answered stays without an answer.
+
+    Parameters
+    ----------
+    seen : the answers as the page showed them; what still stands so was not noted here, and stays as it is by now
+    """
     with database.writing() as connection:
         found = participant_labelled(connection, study.id, label)
         if found.erased_at is not None:
             raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
-        known = {*parse_options(study.options).spoken_questions, *spoken_of(connection, found.id)}
-        noted = {asked: said.replace("\r\n", "\n").strip() for asked, said in zip(question, answer, strict=False)}
+        kept = spoken_of(connection, found.id)
+        known = {*parse_options(study.options).spoken_questions, *kept}
+        shown, noted = _by_question(question, seen), _by_question(question, answer)
+        noted = {asked: said for asked, said in noted.items() if said != shown.get(asked)}
         if unknown := sorted(set(noted) - known):
             raise InvalidError(f"This study does not ask {unknown[0]!r:.80}.")
         if long := [asked for asked, said in noted.items() if len(said) > LONGEST_ANSWER]:
             raise InvalidError(f"The answer to {long[0]!r:.80} is longer than {LONGEST_ANSWER} characters.")
+        others = {asked for asked, said in shown.items() if kept.get(asked, "") not in (said, noted.get(asked))}
+        if lost := sorted(others & noted.keys()):
+            raise ConflictError(f"Somebody else has noted something on {lost[0]!r:.80} meanwhile. Nothing was kept.")
         keep_spoken(connection, found.id, noted, actor.name, actor.now)
         actor.note(connection, "interview noted", study, label)
     return see(f"/admin/studies/{study.slug}/participants/{label}/interview?saved=1")
+
+
+def _by_question(questions: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
+    """A form's texts with the line ends that are kept."""
+    return {asked: text.replace("\r\n", "\n").strip() for asked, text in zip(questions, texts, strict=False)}
