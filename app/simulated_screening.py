@@ -31,7 +31,7 @@ def take_screening(ask: Ask, observer: Observer, rng: np.random.Generator) -> No
     """
     screening = ask("GET", SCREENING, None).json()
     tests = [one["test"] for one in screening["tests"] if not one["is_over"]]
-    if "acuity" in tests and screening["tests"][0]["n_answered"] == 0:
+    if "acuity" in tests and not screening["tests"][0]["has_begun"]:
         _measure(ask, screening["distance"])
     for test in tests:
         _take(ask, test, observer, rng)

@@ -51,9 +51,10 @@ class ServedItem:
 
 @dataclass(frozen=True)
 class TestState:
-    """How far a test is."""
+    """How far a test is; once that of acuity has begun, its display cannot change any more."""
 
     test: TestName
+    has_begun: bool
     is_over: bool
     n_answered: int
 
@@ -266,9 +267,9 @@ def _finish(connection: Connection, test_id: int, verdict: str, result: Mapping[
 
 def _state(connection: Connection, test: TestName, row: Row[Any] | None) -> TestState:
     if row is None:
-        return TestState(test, is_over=False, n_answered=0)
+        return TestState(test, has_begun=False, is_over=False, n_answered=0)
     n_answered = sum(one.answer is not None for one in _items(connection, row.id))
-    return TestState(test, is_over=row.finished_at is not None, n_answered=n_answered)
+    return TestState(test, has_begun=True, is_over=row.finished_at is not None, n_answered=n_answered)
 
 
 def _tests(connection: Connection, session_id: int) -> Sequence[Row[Any]]:

@@ -71,8 +71,8 @@ EXAMPLES: dict[str, Any] = {
     "StageData": {"data": {"answers": {"age": 34, "sex": "female"}}},
     "ScreeningView": {
         "tests": [
-            {"test": "acuity", "is_over": True, "n_answered": 30},
-            {"test": "colour", "is_over": False, "n_answered": 4},
+            {"test": "acuity", "has_begun": True, "is_over": True, "n_answered": 30},
+            {"test": "colour", "has_begun": True, "is_over": False, "n_answered": 4},
         ],
         "distance": "typed",
         "fixed_distance_cm": None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Response
@@ -76,6 +77,7 @@ class SkipBody(Strict):
 
 class TestView(BaseModel):
     test: str
+    has_begun: bool = Field(description="a picture was served, or it was left out; acuity: the display is settled")
     is_over: bool
     n_answered: int
 
@@ -220,7 +222,7 @@ def _view(database: Database, session: Session) -> ScreeningView:
         states = states_of(connection, session.id, options)
         display = display_of(connection, session.id)
     return ScreeningView(
-        tests=[TestView(test=one.test, is_over=one.is_over, n_answered=one.n_answered) for one in states],
+        tests=[TestView(**asdict(one)) for one in states],
         distance=options.distance,
         fixed_distance_cm=options.distance_cm,
         pixel_mm=display.pixel_mm if display else None,

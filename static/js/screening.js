@@ -30,16 +30,16 @@ export async function takeScreening(page) {
   page.show("screening");
   await pressed("begin-screening");
   enterFullScreen();
-  for (const { test, is_over, n_answered } of state.tests) {
+  for (const { test, has_begun, is_over } of state.tests) {
     if (is_over) continue;
-    if (test === "acuity") await takeRings(page, state, n_answered > 0);
+    if (test === "acuity") await takeRings(page, state, has_begun);
     else await takePlates(page);
   }
 }
 
 /** @param {Page} page @param {ScreeningState} state @param {boolean} hasBegun then nothing is measured any more */
 async function takeRings(page, state, hasBegun) {
-  const certificate = hasBegun ? state.certificate : await measure(page, state);
+  const certificate = hasBegun ? known(state) : await measure(page, state);
   if (!certificate) {
     await patiently(() => skipTest("acuity", "no card"));
     return;

@@ -74,7 +74,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} needed_distance_cm
  *
  * @typedef {object} ScreeningState
- * @property {{test: "acuity" | "colour", is_over: boolean, n_answered: number}[]} tests
+ * @property {{test: "acuity" | "colour", has_begun: boolean, is_over: boolean, n_answered: number}[]} tests
  * @property {"typed" | "fixed" | "blind spot"} distance how it is to be known
  * @property {number | null} pixel_mm of the display's own pixels
  * @property {Certificate | null} certificate

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from eyes import DRAWN, fits_card, picture_of, shows, types_distance
+from eyes import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
 from test_accessibility import check_accessibility
@@ -97,6 +97,22 @@ def comes_to_rings(visitor: Visitor, study: Study, distance_cm: int) -> None:
     types_distance(visitor, "distance", distance_cm)
     visitor.sees("rings-intro")
     visitor.page.keyboard.press("Enter")
+
+
+def test_a_reload_before_the_first_ring_is_answered_leads_back_to_it(
+    screened: Any, page: Page, visitor: Visitor
+) -> None:
+    study = screened(tests=["acuity"])
+    comes_to_rings(visitor, study, 250)
+    page.wait_for_function(DRAWN)
+    page.reload()
+    for view in ("screening", "rings-intro"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
+    page.wait_for_function(DRAWN)
+    shows_as_drawn(page, study)
+    page.keyboard.press("ArrowUp")
+    shows(page, f"Ring 2 of {N_RINGS}")
 
 
 def test_the_next_participant_at_a_browser_sees_a_ring_of_their_own(

@@ -152,6 +152,19 @@ def test_a_display_says_from_where_it_can_certify(
     assert is_problem(client.put(f"{PATH}/display", json=CARD), 409)
 
 
+def test_a_test_has_begun_as_soon_as_its_first_picture_is_served(
+    enter: Callable[[dict[str, Any]], httpx.Client], both_tests: dict[str, Any]
+) -> None:
+    client = enter(both_tests)
+    client.put(f"{PATH}/display", json=CARD)
+    client.put(f"{PATH}/distance", json={"typed_cm": 200.0})
+    states = [client.get(PATH).json()["tests"]]
+    client.get(f"{PATH}/acuity")
+    states.append(client.get(PATH).json()["tests"])
+    assert [[one["has_begun"] for one in tests] for tests in states] == [[False, False], [True, False]]
+    assert states[1][0]["n_answered"] == 0
+
+
 def test_a_laboratory_may_fix_the_distance(enter: Callable[[dict[str, Any]], httpx.Client], screened: NewStudy) -> None:
     client = enter(screened(distance="fixed", distance_cm=200))
     measured = client.put(f"{PATH}/display", json=CARD).json()
