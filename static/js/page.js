@@ -7,6 +7,12 @@ export function enterFullScreen() {
   if (document.fullscreenElement === null) document.documentElement.requestFullscreen?.().catch(() => {});
 }
 
+/** What is filled in goes by request: a form that the browser sends itself leaves the page. @param {Event} event a form's submit */
+export function stayOnSubmit(event) {
+  const form = /** @type {HTMLFormElement} */ (event.target);
+  if (!form.hasAttribute("method")) event.preventDefault();
+}
+
 /** @param {ParentNode} parent @param {string} selector @returns {HTMLElement} */
 export function find(parent, selector) {
   return /** @type {HTMLElement} */ (parent.querySelector(selector));

@@ -5,7 +5,7 @@ import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, randomId } from "./outbox.js";
-import { enterFullScreen } from "./page.js";
+import { enterFullScreen, stayOnSubmit } from "./page.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
@@ -13,7 +13,7 @@ import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
-import { byId, dialog, page, pressPrimary, show, tell, viewOf } from "./views.js";
+import { byId, dialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
 
 /** @typedef {import("./session.js").Session} Session */
 
@@ -35,13 +35,14 @@ const practised = [];
 let wrongAnswers = 0;
 let pageKey = ""; // of the session: which page of the instructions is open
 let consentKey = ""; // of the session: the digest of the text that was agreed to
+let isUnderWay = false; // a part of the way
 
-/** What is shown in each stage of a session. @type {Record<import("./session.js").Stage, () => void>} */
+/** What comes in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
 const STAGES = {
   introduction: introduce,
-  screening: () => guarded(screen),
+  screening: screen,
   practice: () => show("practice"),
-  trial: () => guarded(runTrials),
+  trial: runTrials,
   interview: () => show("interview"),
   finished: thank,
   withdrawn: () => show("withdrawn"),
@@ -53,6 +54,7 @@ const STAGES = {
 
 onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hidden", !isInTrouble));
 document.addEventListener("keydown", pressPrimary);
+page.addEventListener("submit", stayOnSubmit);
 byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
 byId("no-codec").hidden = technique !== null;
@@ -91,7 +93,7 @@ function begin() {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
     practised.length = 0;
     await enterSession(session);
-    goTo(session);
+    await goTo(session);
   });
 }
 
@@ -103,15 +105,15 @@ async function resume() {
   const session = await patiently(readSession); // with the votes that were still here
   tellSession(session);
   trials.lastBreak = session.progress.done;
-  if (session.stage !== "trial") goTo(session);
+  if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
 }
 
 /** @param {Session} session */
-function goTo(session) {
+async function goTo(session) {
   tellSession(session);
-  STAGES[session.stage]();
+  await STAGES[session.stage]();
 }
 
 function introduce() {
@@ -122,7 +124,6 @@ function introduce() {
 
 /** @param {Event} event */
 function consent(event) {
-  event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
   inTab.set(consentKey, form.dataset.sha256 ?? "");
@@ -153,13 +154,12 @@ function turnInstructions(event) {
 
 /** One question on the instructions, which the server marks; a wrong answer leads back to them. @param {Event} event */
 function checkComprehension(event) {
-  event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
-  if (!form.reportValidity()) return;
-  const answer = String(new FormData(form).get("understood"));
-  form.reset();
-  enterFullScreen();
   guarded(async () => {
+    if (!form.reportValidity()) return;
+    const answer = String(new FormData(form).get("understood"));
+    form.reset();
+    enterFullScreen();
     const { understood } = await patiently(() => markComprehension(answer));
     if (understood) {
       await endIntroduction({ comprehension: answer, wrong_answers: wrongAnswers });
@@ -190,7 +190,7 @@ async function endIntroduction(more = {}) {
 
 /** @param {string} stage @param {object} data what came of it */
 async function completed(stage, data) {
-  goTo(await patiently(() => completeStage(stage, data)));
+  await goTo(await patiently(() => completeStage(stage, data)));
 }
 
 async function screen() {
@@ -200,7 +200,6 @@ async function screen() {
 
 /** @param {Event} event */
 function sendInterview(event) {
-  event.preventDefault();
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
   guarded(async () => {
@@ -251,7 +250,7 @@ function goOnWithTrials() {
 async function runTrials() {
   show("trial");
   const end = await trials.run(outbox);
-  if (end === "over") goTo(await patiently(readSession));
+  if (end === "over") await goTo(await patiently(readSession));
   else show(end);
 }
 
@@ -265,41 +264,53 @@ function leaveForGood() {
   dialog().close();
   trials.abandon();
   leaveFullScreen();
-  guarded(async () => {
-    await patiently(withdraw);
-    await outbox.clear();
-    forgetDraft();
-    show("withdrawn");
-  });
+  showAtTheEnd("leaving");
+  patiently(withdraw)
+    .then(() => outbox.clear())
+    .then(() => {
+      forgetDraft();
+      showAtTheEnd("withdrawn");
+    })
+    .catch((error) => explain(error, showAtTheEnd));
 }
 
 function leaveFullScreen() {
   if (document.fullscreenElement) document.exitFullscreen().catch(() => {});
 }
 
-/** Runs a part of the way; what stops it is told in one calm sentence. @param {() => Promise<void>} part */
-function guarded(part) {
-  part().catch((error) => {
-    console.error(error);
-    explain(error);
-  });
+/**
+ * Runs a part of the way; what stops it is told in one calm sentence.
+ * One runs at a time: who presses again while the server has not answered does not go the same way twice.
+ * @param {() => Promise<void>} part
+ */
+async function guarded(part) {
+  if (isUnderWay) return;
+  isUnderWay = true;
+  try {
+    await part();
+  } catch (error) {
+    explain(error, show);
+  } finally {
+    isUnderWay = false;
+  }
 }
 
-/** @param {unknown} error */
-function explain(error) {
+/** @param {unknown} error @param {(view: string) => void} showView */
+function explain(error, showView) {
+  console.error(error);
   const messages = JSON.parse(page.dataset.messages ?? "{}");
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = page.dataset.showing === "welcome";
   if (isAtTheDoor) inBrowser.forget(beginKey);
   const message = isAtTheDoor && error instanceof Refusal ? messages[messageFor(error)] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
-    show("withdrawn");
+    showView("withdrawn");
     return;
   }
   const view = viewOf("problem");
   view.children[0].textContent = message?.heading ?? problem.heading;
   view.children[1].textContent = message?.body ?? sentence(error, problem);
-  show("problem");
+  showView("problem");
 }
 
 /** Which message tells why nobody is let in. @param {Refusal} refusal @returns {string} */
@@ -332,7 +343,7 @@ async function enterSession(session) {
 function yieldToOther() {
   trials.abandon();
   leaveFullScreen();
-  show("yielded");
+  showAtTheEnd("yielded");
 }
 
 /** @param {Session} session */

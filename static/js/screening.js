@@ -227,8 +227,7 @@ function pressed(...ids) {
 /** @param {HTMLFormElement} form with one number @returns {Promise<number>} */
 function submittedNumber(form) {
   return new Promise((resolve) => {
-    const submit = (/** @type {Event} */ event) => {
-      event.preventDefault();
+    const submit = () => {
       const field = /** @type {HTMLInputElement} */ (form.querySelector("input[type=number]"));
       if (!form.reportValidity()) return;
       form.removeEventListener("submit", submit);

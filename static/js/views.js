@@ -6,6 +6,7 @@ export const page = byId("study");
 
 /** @type {Record<string, unknown>} */
 let told = {};
+let isOver = false;
 
 /** @param {Record<string, unknown>} values for the places in the texts */
 export function tell(values) {
@@ -17,6 +18,17 @@ export function tell(values) {
 
 /** @param {string} name of the one view that is shown now */
 export function show(name) {
+  if (!isOver) change(name);
+}
+
+/** Shows a view that what is still under way does not replace. @param {string} name */
+export function showAtTheEnd(name) {
+  isOver = true;
+  change(name);
+}
+
+/** @param {string} name */
+function change(name) {
   for (const view of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-view]"))) {
     view.hidden = view.dataset.view !== name;
   }

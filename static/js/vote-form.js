@@ -23,8 +23,7 @@ export function askForChoice(form, signal, onNext) {
     n_choices += 1;
     hint.textContent = "";
   }, { signal });
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
+  form.addEventListener("submit", () => {
     const choice = /** @type {Choice | null} */ (new FormData(form).get("choice"));
     if (choice) onNext(choice, n_choices - 1);
     else hint.textContent = hint.dataset.choose ?? "";

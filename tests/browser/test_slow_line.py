@@ -1,0 +1,125 @@
+"""On a slow line people press again: a second press does nothing, and none leaves the page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from eyes import fits_card, types_distance
+from playwright.sync_api import Page, Route
+from visitor import NewStudy, Study, Visitor
+
+from app.study.options import parse_options
+
+pytestmark = pytest.mark.browser
+
+LONG_ENOUGH_MS = 150  # for what a press sets off to be seen
+
+
+@contextmanager
+def held(page: Page, address: str) -> Iterator[None]:
+    """The requests to an address stay on their way; in the end they go on, which takes that there is one."""
+    waiting: list[Route] = []
+    page.route(address, lambda route: waiting.append(route))
+    with page.expect_request(address):
+        yield
+    page.wait_for_timeout(LONG_ENOUGH_MS)
+    (only,) = waiting
+    only.continue_()
+    page.unroute(address)
+
+
+def presses_twice(page: Page, address: str, press: Callable[[], None]) -> None:
+    with held(page, address):
+        press()
+        page.wait_for_timeout(LONG_ENOUGH_MS)
+        press()
+
+
+def test_a_second_press_begins_no_part_of_the_way_again(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    asked: Counter[str] = Counter()
+    page.on("request", lambda request: asked.update([request.url.partition("/session/")[2]]))
+    options = parse_options({"optional_stages": ["practice", "interview"], "comprehension": True})
+    study = new_study(short_films, 0.8, options)
+    visitor.begin(study)
+    visitor.sees("comprehension")
+    page.get_by_label("I switch between").check()
+    presses_twice(page, "**/comprehension", lambda: page.keyboard.press("Enter"))
+    visitor.sees("practice")
+    presses_twice(page, "**/session/practice", page.get_by_role("button", name="Practise").click)
+    visitor.practises()
+    presses_twice(page, "**/stages/practice", lambda: page.keyboard.press("Enter"))
+    for number in (1, 2, 3):
+        visitor.votes(str(number))
+        visitor.is_in("exposure") if number < 3 else visitor.sees("interview")
+    presses_twice(page, "**/stages/interview", page.get_by_role("button", name="Finish").click)
+    visitor.sees("thanks")
+    once = ("comprehension", "stages/introduction", "practice", "stages/practice", "stages/interview")
+    assert [asked[one] for one in once] == [1] * len(once)
+    assert asked["trials/next"] == 4  # and that none is left
+    assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+
+
+def test_a_second_press_on_the_last_instruction_begins_the_trials_once(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(study.address)
+    for view in ("welcome", "instructions-1", "instructions-2"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
+    visitor.sees("instructions-3")
+    presses_twice(page, "**/stages/introduction", lambda: page.keyboard.press("Enter"))
+    visitor.is_in("exposure")
+    assert len([address for address in asked if address.endswith("/trials/next")]) == 1
+
+
+def test_a_second_enter_in_the_field_of_a_distance_stays_on_the_page(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    options = {"optional_stages": ["screening"], "screening": {"tests": ["acuity"]}}
+    visitor.begin(new_study(short_films, 0.4, parse_options(options)))
+    visitor.sees("screening")
+    page.keyboard.press("Enter")
+    fits_card(visitor)
+    for view, distance_cm in (("distance", 60), ("step-back", 250)):
+        with held(page, "**/screening/distance"):
+            types_distance(visitor, view, distance_cm)
+            page.wait_for_timeout(LONG_ENOUGH_MS)
+            page.keyboard.press("Enter")
+    visitor.sees("rings-intro")
+
+
+def test_who_withdraws_sees_at_once_that_it_is_taken(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.is_in("voting")
+    page.keyboard.press("1")
+    page.get_by_role("button", name="Withdraw").click()
+    with held(page, "**/session/withdrawal"):
+        page.get_by_role("button", name="Yes, withdraw").click()
+        visitor.sees("leaving")
+        page.keyboard.press("Enter")
+    visitor.sees("withdrawn")
+    assert study.read("votes") == []
+
+
+def test_what_was_on_its_way_when_somebody_withdrew_leads_nowhere(study: Study, page: Page, visitor: Visitor) -> None:
+    page.goto(study.address)
+    for view in ("welcome", "instructions-1", "instructions-2"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
+    visitor.sees("instructions-3")
+    with held(page, "**/session/withdrawal"):
+        with held(page, "**/stages/introduction"):
+            page.keyboard.press("Enter")
+            page.get_by_role("button", name="Withdraw").click()
+            page.get_by_role("button", name="Yes, withdraw").click()
+        page.wait_for_timeout(LONG_ENOUGH_MS)
+        visitor.sees("leaving")
+    visitor.sees("withdrawn")
