@@ -150,7 +150,7 @@ export class Trial {
   #listen(signal) {
     const { free_exposure, media } = this.description;
     const onPress = (/** @type {PointerEvent} */ event) => {
-      if (event.target instanceof HTMLButtonElement) return;
+      if (event.target instanceof Element && event.target.closest("button")) return;
       event.preventDefault();
       this.#switch(event.timeStamp, media.reference && event.button === RIGHT_BUTTON);
     };

@@ -235,6 +235,7 @@ def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
     visitor.begin(study)
     for end in (
         lambda: page.get_by_role("button", name="Ready to vote").click(),
+        lambda: page.locator(".end-exposure kbd").click(),
         lambda: page.keyboard.press("Enter"),
     ):
         visitor.is_in("exposure")
@@ -243,6 +244,7 @@ def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
         check_accessibility(page)
         end()
         visitor.votes("2")
+    visitor.sees("thanks")
     voted = [trial["viewing"] for trial in study.read("trials") if trial["choice"]]
     assert all(viewing["shown_ms"] > 900 and viewing["switches"] == [] for viewing in voted)
 
