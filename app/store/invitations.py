@@ -24,7 +24,11 @@ class Invitation:
 
     @property
     def is_used(self) -> bool:
-        return self.places is not None and self.n_used >= self.places
+        return not self.has_places(1)
+
+    def has_places(self, n: int) -> bool:
+        """Whether so many more may begin."""
+        return self.places is None or self.n_used + n <= self.places
 
 
 def insert_invitation(connection: Connection, study_id: int, places: int | None, now: datetime) -> str:

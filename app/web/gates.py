@@ -42,14 +42,17 @@ SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
 }
 
 
+State = Literal["open", "mine", "used", "paused", "closed"]
+
+
 @dataclass(frozen=True)
 class Entrance:
     """What stands behind an invitation's address; "mine": this browser's session was begun with it."""
 
     slug: str
     title: str
-    state: Literal["open", "mine", "used", "paused", "closed"]
-    is_shared: bool  # another participant may begin with it now
+    state: State
+    is_shared: bool  # another participant may begin with it, after the one at this browser
     options: StudyOptions
     fallback: str  # of the options, where the study has the films for it
 
@@ -267,8 +270,13 @@ def invitation_to(request: Request, slug: str, code: str) -> Invitation:
     return invitation
 
 
-def entrance(request: Request, code: str) -> Entrance | None:
-    """What an invitation's address leads to; None if there is no such invitation. Looking uses nothing up."""
+def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
+    """What an invitation's address leads to; None if there is no such invitation. Looking uses nothing up.
+
+    Parameters
+    ----------
+    is_for_another : whether somebody else than the browser's participant sits down, who begins where a place is left
+    """
     with database(request).reading() as connection:
         invitation = invitation_by_code(connection, code)
         study = study_by_id(connection, invitation.study_id) if invitation else None
@@ -277,14 +285,18 @@ def entrance(request: Request, code: str) -> Entrance | None:
         has_singles = study is not None and has_single_films(connection, study.id)
     if invitation is None or study is None:
         return None
-    state: Literal["open", "mine", "used", "paused", "closed"] = "used" if invitation.is_used else "open"
-    if session is not None and session.invitation_id == invitation.id:
+    state = _state_for_anybody(study, invitation)
+    if session is not None and session.invitation_id == invitation.id and not (is_for_another and state == "open"):
         state = "mine"
-    elif study.standing != "open":
-        state = "paused" if study.standing == "paused" else "closed"
-    is_shared = study.standing == "open" and not invitation.is_used
+    is_shared = study.standing == "open" and invitation.has_places(1 if state == "mine" else 2)
     options = parse_options(study.options)
     return Entrance(study.slug, study.name, state, is_shared, options, options.fallback if has_singles else "")
+
+
+def _state_for_anybody(study: Study, invitation: Invitation) -> State:
+    if study.standing != "open":
+        return "paused" if study.standing == "paused" else "closed"
+    return "used" if invitation.is_used else "open"
 
 
 def _bearer(request: Request) -> str | None:

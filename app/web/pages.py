@@ -40,9 +40,9 @@ def entrance_page(request: Request, code: str = "") -> Response:
 
 
 @router.get("/s/{code}")
-def participant_page(request: Request, code: str) -> Response:
+def participant_page(request: Request, code: str, another: str = "") -> Response:
     throttle(request).check(WRONG_CODES, address(request))
-    found = entrance(request, code)
+    found = entrance(request, code, is_for_another=bool(another))
     state = found.state if found else "unknown"
     if found is None:
         throttle(request).count(WRONG_CODES, address(request))

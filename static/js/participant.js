@@ -62,7 +62,6 @@ byId("begin").hidden = technique === null;
 if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code).catch(() => {}); // it is for the log only
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
-document.getElementById("another")?.addEventListener("click", welcome); // where an invitation is for several
 listenForTries();
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 document.getElementById("consent")?.addEventListener("submit", consent);
@@ -91,7 +90,7 @@ function begin() {
   inBrowser.set(beginKey, key);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
-    practised.length = 0;
+    history.replaceState(null, "", location.pathname); // it may have asked for another participant, who is here now
     await enterSession(session);
     await goTo(session);
   });

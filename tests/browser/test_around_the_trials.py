@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -178,6 +179,50 @@ def test_nobody_agrees_by_what_another_participant_did_in_this_browser(
     page.get_by_label("Code to go on").fill(begun["resume_code"])
     page.get_by_role("button", name="Go on here").click()
     visitor.sees("consent")
+
+
+def test_the_next_participant_at_a_browser_finds_every_form_empty(
+    full_study: Study, page: Page, visitor: Visitor
+) -> None:
+    introductions: list[dict[str, Any]] = []
+    page.on(
+        "request",
+        lambda request: (
+            request.url.endswith("/stages/introduction") and introductions.append(request.post_data_json["data"])
+        ),
+    )
+    page.goto(full_study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    page.get_by_label("I have read this").check()
+    page.keyboard.press("Enter")
+    for answer in ("I watch A to the end", "I switch between"):
+        _read_instructions(visitor)
+        page.get_by_label(answer).check()
+        page.keyboard.press("Enter")
+    for number in (1, 2, 3):
+        visitor.votes("1")
+        visitor.is_in("exposure") if number < 3 else visitor.sees("interview")
+    page.get_by_label("How old are you?").fill("31")
+    page.get_by_label("What made one model").fill("Sharp edges")
+    page.get_by_role("button", name="Finish").click()
+    visitor.sees("thanks")
+    page.get_by_role("button", name="Begin as another participant").click()
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    filled = "[...document.querySelectorAll('main input:checked, main :is(input[type=number], textarea)')]"
+    assert page.evaluate(f"() => {filled}.filter((field) => field.checked || field.value !== '').length") == 0
+    page.get_by_label("I have read this").check()
+    page.keyboard.press("Enter")
+    _read_instructions(visitor)
+    page.reload()  # goes on with the second, not with a third
+    visitor.sees("instructions-3")
+    page.keyboard.press("Enter")
+    page.get_by_label("I switch between").check()
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    assert [made["wrong_answers"] for made in introductions] == [1, 0]
 
 
 def test_the_page_does_not_know_the_right_answer(full_study: Study) -> None:

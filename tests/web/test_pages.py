@@ -1,7 +1,12 @@
 from __future__ import annotations
 
+from typing import Any
+
+import httpx
 import pytest
 
+from app.operate import add_invitation
+from app.settings import Settings
 from app.web.pages import languages, preferred_language, texts_in
 
 AVAILABLE = frozenset({"en", "de"})
@@ -21,6 +26,21 @@ AVAILABLE = frozenset({"en", "de"})
 )
 def test_the_language_is_the_readers_first_that_there_is(accepted: str, language: str) -> None:
     assert preferred_language(accepted, AVAILABLE) == language
+
+
+@pytest.mark.parametrize(("places", "offers"), [(None, [True, True]), (2, [True, True]), (1, [False, False])])
+def test_a_page_lets_another_participant_begin_where_a_place_is_left(
+    client: httpx.Client, settings: Settings, study: dict[str, Any], places: int | None, offers: list[bool]
+) -> None:
+    """Before a participant of this browser has begun, and after."""
+    invitation = add_invitation(settings, study["slug"], places=places)
+    pages = [client.get(invitation["path"]).text]
+    client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": invitation["invitation"]})
+    pages.append(client.get(invitation["path"]).text)
+    assert ['name="another"' in page for page in pages] == offers
+    for_another = client.get(invitation["path"], params={"another": 1, "language": "de"}).text
+    assert ('data-state="open"' in for_another) == offers[1]
+    assert "?language=en&amp;another=1" in for_another  # and stays so in the other language
 
 
 def test_every_language_has_the_same_texts() -> None:
