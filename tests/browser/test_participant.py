@@ -101,6 +101,37 @@ def test_another_participant_begins_at_the_same_browser(study: Study, page: Page
     assert choices == [("P001", "a"), ("P001", "none"), ("P001", "b"), ("P002", "b")]
 
 
+def test_somebody_else_begins_where_one_did_not_finish_and_who_left_may_come_back(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("exposure")
+    page.reload()
+    visitor.sees("resume")
+    code = page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
+    page.get_by_role("button", name="I am somebody else").click()
+    _begins_and_votes(visitor, "3")
+    page.get_by_role("button", name="Withdraw").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+    page.get_by_role("button", name="Begin as another participant").click()
+    _begins_and_votes(visitor, "2")
+    page.goto(study.url)
+    page.get_by_label("Code to go on").fill(code)
+    page.keyboard.press("Enter")
+    visitor.sees("resume")
+    expect(page.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
+    votes = [(vote["participant"], vote["choice"], vote["excluded"]) for vote in study.read("votes")]
+    assert votes == [("P001", "a", False), ("P002", "b", True), ("P003", "none", False)]
+
+
+def _begins_and_votes(visitor: Visitor, key: str) -> None:
+    visitor.reads_introduction()
+    visitor.votes(key)
+    visitor.is_in("voting")
+
+
 def test_reloading_an_instruction_shows_the_same_instruction(study: Study, page: Page, visitor: Visitor) -> None:
     page.goto(study.address)
     visitor.sees("welcome")

@@ -211,4 +211,6 @@ def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, p
     check_accessibility(page)
     page.reload()
     visitor.sees("screened-out")
+    page.get_by_role("button", name="Begin as another participant").click()
+    visitor.sees("welcome")
     assert [row["verdict"] for row in study.read("screening")] == ["not taken"]

@@ -54,6 +54,9 @@ class Visitor:
     def begin(self, study: Study) -> None:
         """From the invitation to the first trial, by keyboard."""
         self.page.goto(study.address)
+        self.reads_introduction()
+
+    def reads_introduction(self) -> None:
         for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
             self.sees(view)
             self.page.keyboard.press("Enter")
