@@ -119,7 +119,7 @@ async function measure(page, state) {
   const measured = await fitCards(page);
   if (!measured) return null;
   if (measured.certificate) return measured.certificate; // the distance is fixed
-  const find = state.distance === "blind spot" ? () => findBlindSpot(page, measured) : () => typeDistance(page, "distance");
+  const find = state.distance === "blind spot" ? () => findBlindSpot(page, measured) : () => /** @type {Promise<Certificate>} */ (typeDistance(page, "distance"));
   const certificate = await find();
   return certificate.can_certify ? certificate : stepBack(page, certificate);
 }
@@ -147,15 +147,20 @@ async function fitCards(page) {
 /** @type {BankCard | undefined} */
 let card;
 
-/** @param {Page} page @param {"distance" | "step-back"} view with a form of the same name @returns {Promise<Certificate>} */
-async function typeDistance(page, view) {
+/**
+ * @template {string} T @param {Page} page @param {"distance" | "step-back"} view with a form of the same name
+ * @param {Promise<T>} [orElse] what may be pressed instead; a distance that is on its way counts all the same
+ * @returns {Promise<Certificate | T>}
+ */
+async function typeDistance(page, view, orElse = new Promise(() => {})) {
   const form = /** @type {HTMLFormElement} */ (byId(`${view}-form`));
   const again = byId(`${view}-again`);
   again.hidden = true;
   for (;;) {
     page.show(view);
-    const typed_cm = await submittedNumber(form);
-    const measured = await unlessImplausible(() => sendDistance({ typed_cm }));
+    const given = await Promise.race([submittedNumber(form), orElse]);
+    if (typeof given === "string") return given;
+    const measured = await unlessImplausible(() => sendDistance({ typed_cm: given }));
     if (measured) return known(measured);
     again.hidden = false;
   }
@@ -187,7 +192,7 @@ async function stepBack(page, certificate) {
   const stay = pressed("stay");
   while (!found.can_certify) {
     page.tell({ ...found });
-    const next = await Promise.race([typeDistance(page, "step-back"), stay]);
+    const next = await typeDistance(page, "step-back", stay);
     if (typeof next === "string") break;
     found = next;
   }

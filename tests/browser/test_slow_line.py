@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from eyes import fits_card, types_distance
-from playwright.sync_api import Page, Route
+from playwright.sync_api import Page, Route, expect
 from visitor import NewStudy, Study, Visitor
 
 from app.study.options import parse_options
@@ -80,20 +80,37 @@ def test_a_second_press_on_the_last_instruction_begins_the_trials_once(
     assert len([address for address in asked if address.endswith("/trials/next")]) == 1
 
 
+def enters_screening(visitor: Visitor, new_study: NewStudy, films: Path) -> None:
+    """As far as the distance."""
+    options = {"optional_stages": ["screening"], "screening": {"tests": ["acuity"]}}
+    visitor.begin(new_study(films, 0.4, parse_options(options)))
+    visitor.sees("screening")
+    visitor.page.keyboard.press("Enter")
+    fits_card(visitor)
+
+
 def test_a_second_enter_in_the_field_of_a_distance_stays_on_the_page(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
-    options = {"optional_stages": ["screening"], "screening": {"tests": ["acuity"]}}
-    visitor.begin(new_study(short_films, 0.4, parse_options(options)))
-    visitor.sees("screening")
-    page.keyboard.press("Enter")
-    fits_card(visitor)
+    enters_screening(visitor, new_study, short_films)
     for view, distance_cm in (("distance", 60), ("step-back", 250)):
         with held(page, "**/screening/distance"):
             types_distance(visitor, view, distance_cm)
             page.wait_for_timeout(LONG_ENOUGH_MS)
             page.keyboard.press("Enter")
     visitor.sees("rings-intro")
+
+
+def test_a_new_distance_that_was_entered_counts_though_somebody_then_says_that_they_stay(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    enters_screening(visitor, new_study, short_films)
+    types_distance(visitor, "distance", 60)
+    with held(page, "**/screening/distance"):
+        types_distance(visitor, "step-back", 250)
+        page.get_by_role("button", name="I cannot move back").click()
+    visitor.sees("rings-intro")
+    expect(page.get_by_text("about 250 cm from the display")).to_be_visible()
 
 
 def test_who_withdraws_sees_at_once_that_it_is_taken(study: Study, page: Page, visitor: Visitor) -> None:
