@@ -14,9 +14,8 @@ form?.addEventListener("submit", (event) => {
   form.querySelector("button").disabled = true;
   request.upload.addEventListener("progress", (sent) => (bar.value = sent.loaded / sent.total));
   request.addEventListener("load", () => {
-    const answer = JSON.parse(request.responseText);
-    if (request.status === 202) window.location.assign(answer.job);
-    else fail(answer.detail);
+    if (request.status === 202) window.location.assign(JSON.parse(request.responseText).job);
+    else fail(reasonOf(request));
   });
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));
   request.open("PUT", form.dataset.to);
@@ -31,3 +30,16 @@ form?.addEventListener("submit", (event) => {
     form.querySelector("button").disabled = false;
   }
 });
+
+/**
+ * Why an upload was refused; a proxy before the server answers with a page of its own.
+ * @param {XMLHttpRequest} request
+ * @returns {string}
+ */
+function reasonOf(request) {
+  try {
+    return JSON.parse(request.responseText).detail;
+  } catch {
+    return `The server refused the file (${request.status}${request.status === 413 ? ", it is too large" : ""}).`;
+  }
+}

@@ -104,6 +104,20 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     page.get_by_text("revoked").first.wait_for()
 
 
+def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
+    browser: Browser, server: str, settings: Settings
+) -> None:
+    page = browser.new_page(base_url=server)
+    page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+    page.goto("/admin/sets")
+    page.route("**/upload", lambda route: route.fulfill(status=413, content_type="text/html", body="<h1>413</h1>"))
+    page.get_by_label("Zip file").set_input_files({"name": "set.zip", "mimeType": "application/zip", "buffer": b"PK"})
+    page.get_by_role("button", name="Upload").click()
+    page.get_by_text("The server refused the file (413").wait_for(timeout=5000)
+    assert page.get_by_role("button", name="Upload").is_enabled()
+    page.close()
+
+
 def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
     study = new_study()
     page.goto(f"/admin/studies/{study['slug']}")
