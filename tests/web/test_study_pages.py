@@ -179,7 +179,8 @@ def test_an_edit_waits_for_who_begins_at_that_moment(
         with database.writing() as connection:
             invitation = invitation_by_code(connection, study["invitation"])
             assert invitation is not None
-            sessions._admit(connection, invitation, new_secret(), None, utc_now())
+            begun = sessions._locked_study(connection, invitation)
+            sessions._admit(connection, begun, invitation, new_secret(), None, utc_now())
             edit = pool.submit(experimenter.post, f"/admin/studies/{study['slug']}/edit", data=fields)
             wait([edit], LONG_ENOUGH_S)
         assert edit.result().status_code == 409
