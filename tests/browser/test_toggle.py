@@ -19,6 +19,10 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 FPS = 1.0  # a frame stays long enough for three pictures of the screen, also on a busy machine
 N_FRAMES = 14
 FEWEST_MOMENTS = 4
+LATE = {
+    "stacked": 1,
+    "webcodecs": 0,
+}  # frames: a browser tells of a video's after it is on screen, on a busy machine late
 NO_SHIFT = 4  # grey levels: what compression leaves between the halves; a shift by half a pixel gives 25 and more
 BADGE = np.s_[:90, :160]  # it tells A from B and so differs
 
@@ -49,8 +53,9 @@ def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
     viewing = visitor.finishes_first_trial(study)
     assert viewing["technique"] == technique
     assert viewing.get("n_mismatches", 0) == 0
-    shown = [(switch["to"], switch["frame"]) for switch in viewing["switches"]]
-    assert {frame for _, frame in shown} >= {frame for (_, frame), _ in moments}
+    recorded = {switch["frame"] for switch in viewing["switches"]}
+    for (_, frame), _ in moments:
+        assert recorded & {frame, frame - LATE[technique]}
 
 
 @pytest.mark.parametrize("technique", ["stacked", "webcodecs", "two videos"])
