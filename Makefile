@@ -3,8 +3,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app recon migrations tests bench docs/reference.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests run in a process for each core, file by file, so that what a file's tests share is made once.
-PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
+# Tests run in a process for each core, file by file, so that what a file's tests share is made once; in the order of
+# their names, as the files of few and long tests would otherwise come last, and alone.
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 
 .DEFAULT_GOAL := help

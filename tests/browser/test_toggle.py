@@ -17,7 +17,7 @@ from app.study.options import parse_options
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 FPS = 1.0  # a frame stays long enough for three pictures of the screen, also on a busy machine
-N_FRAMES = 14
+N_FRAMES = 10
 FEWEST_MOMENTS = 4
 LATE = {
     "stacked": 1,
