@@ -10,8 +10,12 @@ from pathlib import Path
 
 import pytest
 from command_line import Command, command_line
+from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 from postgresql import PostgresServer
+
+settings.register_profile("patient", deadline=None)  # how long an example takes is the machine's business
+settings.load_profile("patient")
 
 ROOT = Path(__file__).parent.parent
 NUMBERS = count(1)

@@ -31,7 +31,7 @@ def test_the_study_goes_on_without_a_connection_as_far_as_films_are_here(
     visitor.is_in("exposure")
     expect(notice).to_be_hidden()
     expect(page.locator("#trial-label")).to_have_text("Pair 3 of 3")
-    assert [vote["choice"] for vote in study.read("votes")] == ["a", "b"]
+    assert [vote["choice"] for vote in study.votes(2)] == ["a", "b"]
 
 
 def test_a_begin_whose_answer_is_lost_does_not_use_an_invitation_up(
@@ -71,7 +71,7 @@ def test_a_vote_whose_acknowledgement_is_lost_is_sent_again_and_counted_once(
     visitor.is_in("exposure")
     assert len(sent) == 2
     assert sent[0] == sent[1]
-    assert [vote["choice"] for vote in study.read("votes")] == ["b"]
+    assert [vote["choice"] for vote in study.votes(1)] == ["b"]
 
 
 def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study, page: Page, visitor: Visitor) -> None:
@@ -85,7 +85,7 @@ def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study,
     page.reload()
     visitor.sees("resume")
     expect(page.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
-    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+    assert [vote["choice"] for vote in study.votes(1)] == ["a"]
 
 
 def test_a_vote_that_is_refused_for_good_is_dropped_and_its_trial_comes_again(
@@ -107,7 +107,7 @@ def test_a_vote_that_is_refused_for_good_is_dropped_and_its_trial_comes_again(
     for key in ("1", "2", "3"):
         visitor.votes(key)
         visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
-    assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+    assert [vote["choice"] for vote in study.votes(3)] == ["a", "none", "b"]
     assert any("never be taken" in text for text in told)
 
 
@@ -124,7 +124,7 @@ def test_a_vote_stays_with_its_participant_when_the_next_one_sits_down(
     visitor.begin(study)
     visitor.votes("3")
     visitor.is_in("exposure")
-    assert [(vote["participant"], vote["choice"]) for vote in study.read("votes")] == [("P002", "b")]
+    assert [(vote["participant"], vote["choice"]) for vote in study.votes(1)] == [("P002", "b")]
 
 
 def test_a_film_that_breaks_off_is_fetched_again(study: Study, page: Page, visitor: Visitor) -> None:
@@ -142,7 +142,7 @@ def test_a_film_that_breaks_off_is_fetched_again(study: Study, page: Page, visit
     visitor.votes("1")
     visitor.is_in("exposure")
     assert attempts[0] == attempts[1]
-    assert len(study.read("votes")) == 1
+    assert len(study.votes(1)) == 1
 
 
 def test_the_next_film_is_in_memory_before_its_trial_begins(study: Study, page: Page, visitor: Visitor) -> None:

@@ -52,7 +52,7 @@ def test_a_record_says_how_a_pair_was_looked_at(study: Study, page: Page, visito
     for key in ("1", "3", "2"):
         page.keyboard.press(key)
     page.keyboard.press("Enter")
-    visitor.is_in("exposure")
+    study.votes(1)
     (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
     assert viewing["n_changes"] == 2
     assert sum(viewing["dwell_ms"].values()) == pytest.approx(viewing["shown_ms"], abs=0.2)
@@ -80,7 +80,7 @@ def test_two_tabs_do_not_vote_on_the_same_trial(study: Study, page: Page, visito
     other.keyboard.press("Enter")
     second.votes("1")
     second.is_in("exposure")
-    assert [vote["choice"] for vote in study.read("votes")] == ["a"]
+    assert [vote["choice"] for vote in study.votes(1)] == ["a"]
     other.close()
     page.get_by_role("button", name="Go on here").click()
     visitor.sees("resume")
@@ -148,4 +148,4 @@ def test_a_participant_withdraws_and_nothing_more_is_taken(study: Study, page: P
     visitor.sees("withdrawn")
     page.reload()
     visitor.sees("withdrawn")
-    assert [(vote["choice"], vote["excluded"]) for vote in study.read("votes")] == [("a", True)]
+    assert [(vote["choice"], vote["excluded"]) for vote in study.votes(1)] == [("a", True)]

@@ -93,7 +93,7 @@ def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
     viewing = visitor.finishes_first_trial(study)
     assert viewing["technique"] == "two videos"
     assert viewing["n_mismatches"] > 20
-    (vote,) = study.read("votes")
+    (vote,) = study.votes(1)
     assert vote["technique"] == "two videos"
     assert vote["frame_locked"] is False
 

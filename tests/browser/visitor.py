@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page
 
 from app.simulate import begin, next_trial, vote
+
+LONGEST_WAIT_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,13 @@ class Study:
         answer.raise_for_status()
         rows: list[dict[str, Any]] = answer.json()
         return rows
+
+    def votes(self, n: int) -> list[dict[str, Any]]:
+        """The votes once there are so many: a page goes on before the server has answered."""
+        until_s = time.monotonic() + LONGEST_WAIT_S
+        while len(votes := self.read("votes")) < n and time.monotonic() < until_s:
+            time.sleep(0.05)
+        return votes
 
 
 MakeFilms = Callable[[float, int, Draw], Path]
@@ -117,6 +127,7 @@ class Visitor:
         """Votes on the trial that is over soon; its viewing record."""
         self.votes("2")
         self.page.locator("#trial:not([data-state=voting]):not([data-state=done])").wait_for()
+        study.votes(1)
         (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
         return dict(viewing)
 
