@@ -43,12 +43,14 @@ class Study:
         rows: list[dict[str, Any]] = answer.json()
         return rows
 
-    def votes(self, n: int) -> list[dict[str, Any]]:
-        """The votes once there are so many: a page goes on before the server has answered."""
+    def votes(self, n: int, participant: str = "") -> list[dict[str, Any]]:
+        """Everybody's or one's votes, once there are so many: a page goes on before the server has answered."""
         until_s = time.monotonic() + LONGEST_WAIT_S
-        while len(votes := self.read("votes")) < n and time.monotonic() < until_s:
+        while True:
+            votes = [vote for vote in self.read("votes") if participant in ("", vote["participant"])]
+            if len(votes) >= n or time.monotonic() > until_s:
+                return votes
             time.sleep(0.05)
-        return votes
 
 
 MakeFilms = Callable[[float, int, Draw], Path]
