@@ -11,11 +11,8 @@ from pathlib import Path
 from app.settings import Settings
 
 LEFT_FOR = timedelta(days=1)  # nothing is written for so long; another worker may be at it
-FILES, UPLOADS, REPORTS = (
-    ".*.part*",
-    ".upload-*",
-    ".part-*",
-)  # app/files.py, app/web/admin/uploads.py, app/attachments.py
+# as app/files.py, app/web/admin/uploads.py and app/attachments.py name them
+FILES, UPLOADS, REPORTS = ".*.part*", ".upload-*", ".part-*"
 
 log = logging.getLogger(__name__)
 
