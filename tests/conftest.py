@@ -14,6 +14,9 @@ from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 from postgresql import PostgresServer
 
+from app.store.engine import Database, open_database
+from app.store.migrate import upgrade
+
 settings.register_profile("patient", deadline=None)  # how long an example takes is the machine's business
 settings.load_profile("patient")
 
@@ -63,3 +66,12 @@ def new_database_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.Te
         return lambda: f"sqlite:///{folder / f'{next(NUMBERS)}.sqlite'}"
     server: PostgresServer = request.getfixturevalue("postgres")
     return lambda: server.new_database(f"test_{next(NUMBERS)}")
+
+
+@pytest.fixture
+def database(new_database_url: Callable[[], str]) -> Iterator[Database]:
+    """A database with all tables and no rows."""
+    database = open_database(new_database_url())
+    upgrade(database)
+    yield database
+    database.dispose()

@@ -91,7 +91,7 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
     """
     token = new_secret()
     with database.writing() as connection:
-        _admit(connection, _locked_study(connection, invitation), invitation, token, None, now)
+        _admit(connection, lock_study(connection, invitation.study_id), invitation, token, None, now)
     return token
 
 
@@ -111,7 +111,7 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
     """
     token = token_of_key(key)
     with database.writing() as connection:
-        study_now = _locked_study(connection, invitation)  # first: the same request may be under way
+        study_now = lock_study(connection, invitation.study_id)  # first: the same request may be under way
         known = connection.execute(
             select(session.c.token_hash, participant.c.invitation_id)
             .select_from(session.join(participant))
@@ -122,12 +122,6 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
         elif known.invitation_id != invitation.id or known.token_hash != digest(token):
             raise ConflictError("This session goes on in another browser. Its resume code leads back to it.")
     return Admitted(token, is_new=known is None)
-
-
-def _locked_study(connection: Connection, invitation: Invitation) -> Study:
-    """The invitation's study, of which nobody else begins a session meanwhile."""
-    row = connection.execute(select(study).where(study.c.id == invitation.study_id).with_for_update()).one()
-    return Study(**row._mapping)
 
 
 def _admit(

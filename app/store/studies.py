@@ -74,9 +74,10 @@ def study_by_id(connection: Connection, study_id: int) -> Study | None:
     return _study(connection.execute(select(study).where(study.c.id == study_id)).one_or_none())
 
 
-def lock_study(connection: Connection, study_id: int) -> None:
-    """Let nobody begin in a study, or change it, before the transaction ends."""
-    connection.execute(select(study.c.id).where(study.c.id == study_id).with_for_update())
+def lock_study(connection: Connection, study_id: int) -> Study:
+    """The study as it is now; nobody begins in it, or changes it, before the transaction ends."""
+    row = connection.execute(select(study).where(study.c.id == study_id).with_for_update()).one()
+    return Study(**row._mapping)
 
 
 def all_studies(connection: Connection) -> list[Study]:

@@ -117,7 +117,7 @@ def test_a_code_leads_to_another_computer(study: Study, page: Page, visitor: Vis
     visitor.is_in("exposure")
     page.reload()
     visitor.sees("resume")
-    code = page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
+    code = visitor.notes_resume_code()
     assert page.context.browser is not None
     elsewhere = page.context.browser.new_context()
     there = elsewhere.new_page()

@@ -109,7 +109,7 @@ def test_somebody_else_begins_where_one_did_not_finish_and_who_left_may_come_bac
     visitor.is_in("exposure")
     page.reload()
     visitor.sees("resume")
-    code = page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
+    code = visitor.notes_resume_code()
     page.get_by_role("button", name="I am somebody else").click()
     _begins_and_votes(visitor, "3")
     page.get_by_role("button", name="Withdraw").click()

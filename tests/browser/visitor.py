@@ -94,6 +94,9 @@ class Visitor:
         self.page.keyboard.press(key)
         self.page.keyboard.press("Enter")
 
+    def notes_resume_code(self) -> str:
+        return self.page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
+
     @property
     def badge(self) -> str:
         return str(self.page.locator("#trial").get_attribute("data-letter"))

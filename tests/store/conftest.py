@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import datetime
 
 import pytest
 from seeding import NOW, seed_study
 
-from app.store.engine import Database, open_database
+from app.store.engine import Database
 from app.store.invitations import Invitation, insert_invitation, invitation_by_code
-from app.store.migrate import upgrade
 
 MakeInvitation = Callable[[int | None], Invitation]
 
@@ -18,14 +17,6 @@ MakeInvitation = Callable[[int | None], Invitation]
 @pytest.fixture
 def now() -> datetime:
     return NOW
-
-
-@pytest.fixture
-def database(new_database_url: Callable[[], str]) -> Iterator[Database]:
-    database = open_database(new_database_url())
-    upgrade(database)
-    yield database
-    database.dispose()
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
 from threading import Barrier, Event
@@ -18,18 +18,9 @@ from app.errors import ConflictError
 from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.jobs import BEATS_WITHIN, begin_job, end_job, job_by_id
-from app.store.migrate import upgrade
 from app.web.admin import jobs, studies
 
 TIMEOUT_S = 10
-
-
-@pytest.fixture
-def database(new_database_url: Callable[[], str]) -> Iterator[Database]:
-    database = open_database(new_database_url())
-    upgrade(database)
-    yield database
-    database.dispose()
 
 
 @pytest.fixture
