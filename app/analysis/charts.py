@@ -112,7 +112,7 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
     cells = base.mark_rect(stroke="#ffffff").encode(
         color=alt.Color(
             "share:Q",
-            title="share preferred",
+            title=["share", "preferred"],
             scale=alt.Scale(domain=[0, 0.5, 1], range=["#b35806", "#f7f7f7", "#2166ac"]),
             legend=alt.Legend(format="%"),
         )
@@ -171,7 +171,7 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
     )
     title = alt.TitleParams(
         "Residuals of the model",
-        subtitle="standard deviations by which the row's item was preferred more often than its score says",
+        subtitle=["standard deviations by which the row's item was", "preferred more often than its score says"],
     )
     return (cells + text).properties(width=alt.Step(46), height=alt.Step(30), title=title)
 
@@ -232,7 +232,9 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
     if not rows:
         return None
     names = _datasets(rows)
-    base = alt.Chart(alt.Data(values=rows)).encode(x=alt.X("value:Q", title=measure, scale=alt.Scale(zero=False)))
+    base = alt.Chart(alt.Data(values=rows)).encode(
+        x=alt.X("value:Q", title=measure, scale=alt.Scale(zero=False), axis=alt.Axis(tickCount=6))
+    )
     color = alt.Color("dataset:N", sort=names, scale=alt.Scale(domain=names, range=[*PALETTE] * len(names)))
     bars = base.mark_rule(opacity=0.45).encode(
         y=alt.Y("ci_low:Q", title="score (log-odds)"), y2="ci_high:Q", color=color
@@ -242,7 +244,7 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
     )
     overall = [row for row in analysis["measures"] if row["measure"] == measure][-1]
     found = ", ".join(
-        f"{name} {overall[key]:.2f}"
+        f"{name} {overall[key]:.2f}".replace("-", "−")
         for name, key in (("Spearman", "spearman"), ("Pearson", "pearson"))
         if overall[key] is not None
     )

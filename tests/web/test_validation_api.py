@@ -16,6 +16,7 @@ from dashboard import signed_in
 from app import operate
 from app.settings import Settings
 from app.simulate import simulate
+from app.web.admin.objective_view import measure_lines
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
 ACCURACY = {"id_fa": 3.0, "id_fb": 2.0, "pm_fb": 1.0}
@@ -108,6 +109,26 @@ def test_measures_stand_beside_the_scores(
         assert plot.headers["content-type"] == "image/svg+xml"
         assert "Score against accuracy" in plot.text
         assert browser.get(f"/admin/studies/{study['slug']}/figures/measure_weight.svg").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("direction", "low", "high", "said"),
+    [
+        ("less is better", -0.9, -0.4, ""),
+        ("less is better", -0.2, 0.7, ""),
+        ("less is better", None, None, ""),
+        ("less is better", 0.3, 0.8, "less should be better, but people prefer more"),
+        ("more is better", -0.9, -0.4, "more should be better, but people prefer less"),
+        ("more is better", 0.3, 0.8, ""),
+    ],
+)
+def test_a_measure_that_people_contradict_is_named(
+    direction: str, low: float | None, high: float | None, said: str
+) -> None:
+    correlations = {"spearman": 0.0, "pearson": 0.0, "pairs_correct": 0.5}
+    row = {"measure": "weight", "n": 6, **correlations, "spearman_low": low, "spearman_high": high}
+    (line,) = measure_lines([row], [{"measure": "weight", "direction": direction}])
+    assert line.contradiction == said
 
 
 @pytest.mark.parametrize(

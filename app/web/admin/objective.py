@@ -40,7 +40,7 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
     context = {
         "digest": snapshot.digest,
         "has_votes": analysis is not None,
-        "lines": measure_lines(analysis["measures"]) if analysis else [],
+        "lines": measure_lines(analysis["measures"], measures) if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
         "figures": [one for one in figures_of(snapshot) if one[0].startswith("measure_")],
     }

@@ -61,9 +61,10 @@ class ReportView:
 
 @dataclass(frozen=True)
 class MeasureLine:
-    """How well an attached measure goes with the scores."""
+    """How well an attached measure goes with the scores; `contradiction`: people prefer what it calls worse."""
 
     name: str
+    contradiction: str
     points: int
     spearman: str
     pearson: str
@@ -92,13 +93,29 @@ def report_view(record: Mapping[str, Any], folder: Path) -> ReportView:
     return ReportView(title, subject, record["digest"], figures, pictures, tables)
 
 
-def measure_lines(rows: Iterable[Mapping[str, Any]]) -> list[MeasureLine]:
+def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
     """One line a measure: of all datasets together, or of the only one."""
     last = {row["measure"]: row for row in rows}
+    directions = {row["measure"]: row["direction"] for row in measurements}
     return [
-        MeasureLine(name, row["n"], *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")))
+        MeasureLine(
+            name,
+            _contradiction(row, directions.get(name)),
+            row["n"],
+            *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")),
+        )
         for name, row in last.items()
     ]
+
+
+def _contradiction(row: Mapping[str, Any], direction: str | None) -> str:
+    """What to say where the interval of the rank correlation lies on the other side than the measure's meaning."""
+    low, high = row.get("spearman_low"), row.get("spearman_high")
+    if direction == "more is better" and high is not None and high < 0:
+        return "more should be better, but people prefer less"
+    if direction == "less is better" and low is not None and low > 0:
+        return "less should be better, but people prefer more"
+    return ""
 
 
 def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[BesideScores]:
