@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, exists, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, exists, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND, has_singles
@@ -33,6 +33,7 @@ from app.study.votes import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
 ROWS_AT_ONCE = 2000  # from the database; tables of any length pass through
+IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
 
 @dataclass(frozen=True)
@@ -147,20 +148,80 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     ----------
     session_id : the public id of one session; None for all
     """
-    query = _records().where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+    query = _records().where(_of(study_id))
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
-    ordered = query.order_by(participant.c.slot, assignment.c.position, trial.c.attempt)
+    ordered = query.order_by(*IN_ORDER)
     with connection.execute(ordered.execution_options(yield_per=ROWS_AT_ONCE)) as rows:  # PostgreSQL would send all
         yield from map(_described, rows)
 
 
 def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
     """One trial of a study, as `trial_records` has it."""
-    own = (participant.c.study_id == study_id, participant.c.is_preview.is_(False), trial.c.public_id == trial_id)
-    query = _records().where(*own)
+    query = _records().where(_of(study_id), trial.c.public_id == trial_id)
     row = connection.execute(query).one_or_none()
     return None if row is None else _described(row)
+
+
+@dataclass(frozen=True)
+class SoughtTrials:
+    """Which of the trials to find that were voted on or interrupted.
+
+    Parameters
+    ----------
+    participant, dataset : of this one only; empty: of all
+    kind : one of KINDS; anything else: all
+    """
+
+    participant: str = ""
+    dataset: str = ""
+    kind: str = ""
+
+
+KINDS: Mapping[str, ColumnElement[bool]] = {
+    "voided": trial.c.voided_at.is_not(None),
+    "ties": vote.c.choice == "none",
+    "unswitched": vote.c.n_switches == 0,
+    "excluded": session.c.withdrawn_at.is_not(None) | exclusion.c.id.is_not(None),
+}
+IS_GIVEN = vote.c.id.is_not(None) | trial.c.voided_at.is_not(None)
+
+
+def given_trials(
+    connection: Connection, study_id: int, sought: SoughtTrials, *, limit: int, offset: int = 0
+) -> list[dict[str, Any]]:
+    """Trials that were voted on or interrupted, the latest first, as `trial_records` has them."""
+    latest_first = (func.coalesce(vote.c.received_at, trial.c.voided_at).desc(), *IN_ORDER)
+    # The page's trials first: their long viewing records are not carried through the sorting of all.
+    ids = _given(study_id, sought).with_only_columns(trial.c.id).order_by(*latest_first).limit(limit).offset(offset)
+    query = _records().where(trial.c.id.in_(ids.subquery().select())).order_by(*latest_first)
+    return [_described(row) for row in connection.execute(query)]
+
+
+def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials) -> int:
+    """How many trials `given_trials` finds."""
+    return int(connection.execute(_given(study_id, sought).with_only_columns(func.count())).scalar_one())
+
+
+def given_labels(connection: Connection, study_id: int) -> list[str]:
+    """The participants who have voted or been interrupted, in order of arrival."""
+    own = trial.c.session_id == session.c.id
+    has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(own, trial.c.voided_at.is_not(None))
+    rows = select(participant.c.label).select_from(participant.join(session)).where(_of(study_id), has_given)
+    return list(connection.scalars(rows.order_by(participant.c.slot)))
+
+
+def _given(study_id: int, sought: SoughtTrials) -> Select[Any]:
+    query = _records().where(_of(study_id), IS_GIVEN)
+    if sought.participant:
+        query = query.where(participant.c.label == sought.participant)
+    if sought.dataset:
+        query = query.where(dataset.c.name == sought.dataset)
+    return query.where(KINDS[sought.kind]) if sought.kind in KINDS else query
+
+
+def _of(study_id: int) -> ColumnElement[bool]:
+    return (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
 
 
 def _described(row: Row[Any]) -> dict[str, Any]:

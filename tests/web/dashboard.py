@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 import time
@@ -55,6 +56,13 @@ def ends(dashboard: Dashboard, path: str) -> httpx.Response:
             return answer
         time.sleep(0.05)
     raise AssertionError(f"{path}: the work does not end")
+
+
+def link_of(page: httpx.Response, text: str) -> str:
+    """Where a link or button of a page leads."""
+    found = re.search(rf'href="([^"]+)">{re.escape(text)}</a>', page.text)
+    assert found, f"{page.url} has no link {text!r}"
+    return html.unescape(found[1])
 
 
 def until(lines: Iterator[str], text: str) -> None:

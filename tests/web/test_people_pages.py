@@ -10,9 +10,10 @@ from typing import Any
 import anyio
 import httpx
 import pytest
-from dashboard import Dashboard, until
+from dashboard import Dashboard, link_of, until
 
 from app.simulate import begin, next_trial, simulate
+from app.web.admin import votes as admin_votes
 from app.web.admin.overview import Sight
 from app.web.admin.votes import looks_of
 
@@ -156,6 +157,28 @@ def test_votes_are_filtered_and_replayed(experimenter: Dashboard, taken: dict[st
     assert 'class="look look-' in replay
     assert "/media/" in replay
     assert experimenter.get(f"{base}/forged").status_code == 404
+
+
+def test_older_votes_stay_filtered(
+    experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(admin_votes, "VOTES_ON_A_PAGE", 5)
+    filters = {"dataset": "ball", "participant": "", "what": ""}
+    rows = analyst.get(f"/api/v1/studies/{taken['slug']}/trials", params={"dataset": "ball"}).json()
+    rows.sort(key=lambda row: row["voted_at"] or row["voided_at"], reverse=True)
+    base = f"/admin/studies/{taken['slug']}/votes"
+    shown, page = [], experimenter.get(base, params=filters)
+    for _ in range(2):
+        shown.extend(_trials_on(page))
+        page = experimenter.get(page.url.join(link_of(page, "Older")))
+    shown.extend(_trials_on(page))
+    assert shown == [row["trial"] for row in rows]
+    assert "Older" not in page.text
+    assert _trials_on(experimenter.get(page.url.join(link_of(page, "Newer")))) == shown[5:10]
+
+
+def _trials_on(page: httpx.Response) -> list[str]:
+    return re.findall(rf'href="{page.url.path}/([^"?]+)"', page.text)
 
 
 def test_a_replay_divides_the_time_between_the_two() -> None:

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from app.errors import NotFoundError
 from app.store.designs import datasets_of
-from app.store.trials import trial_film, trial_record, trial_records
+from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
 from app.web.admin.shell import study_page
 from app.web.gates import AStudy, Looking, Store
 
@@ -40,20 +40,20 @@ def votes_page(
     what: Annotated[str, Query(max_length=20)] = "",
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
+    sought = SoughtTrials(participant, dataset, what)
     with database.reading() as connection:
-        trials = [row for row in trial_records(connection, study.id) if row["choice"] or row["voided_at"]]
+        rows = given_trials(connection, study.id, sought, limit=VOTES_ON_A_PAGE, offset=at)
+        n_found = n_given_trials(connection, study.id, sought)
+        people = given_labels(connection, study.id)
         datasets = datasets_of(connection, study.id)
-    people = list(dict.fromkeys(row["participant"] for row in trials))
-    found = [row for row in trials if _matches(row, participant, dataset, what)]
-    found.sort(key=lambda row: row["voted_at"] or row["voided_at"], reverse=True)
     context = {
-        "rows": found[at : at + VOTES_ON_A_PAGE],
-        "n_found": len(found),
+        "rows": rows,
+        "n_found": n_found,
         "people": people,
         "datasets": datasets,
         "chosen": {"participant": participant, "dataset": dataset, "what": what},
         "newer": max(0, at - VOTES_ON_A_PAGE) if at else None,
-        "older": at + VOTES_ON_A_PAGE if len(found) > at + VOTES_ON_A_PAGE else None,
+        "older": at + VOTES_ON_A_PAGE if n_found > at + VOTES_ON_A_PAGE else None,
     }
     return study_page(request, "votes", person, study, context)
 
@@ -90,17 +90,3 @@ def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:
         looks.append(Look(shown, since_ms, min(switch["at_ms"], end_ms)))
         shown, since_ms = switch["to"], min(switch["at_ms"], end_ms)
     return (*looks, Look(shown, since_ms, end_ms))
-
-
-def _matches(row: dict[str, Any], participant: str, dataset: str, what: str) -> bool:
-    if participant and row["participant"] != participant:
-        return False
-    if dataset and row["dataset"] != dataset:
-        return False
-    kinds = {
-        "voided": row["voided_at"] is not None,
-        "ties": row["choice"] == "none",
-        "unswitched": row["n_switches"] == 0,
-        "excluded": row["withdrawn"] or row["exclusion"] is not None,
-    }
-    return bool(kinds.get(what, True))
