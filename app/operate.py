@@ -86,6 +86,8 @@ def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
 def list_studies(settings: Settings) -> list[dict[str, Any]]:
     """All studies with their progress and invitations, the newest first."""
     with opened_store(settings) as database, database.reading() as connection:
+        found = studies.all_studies(connection)
+        progress = studies.progress_by_study(connection)  # afterwards: a study may come meanwhile
         return [
             {
                 "slug": study.slug,
@@ -93,10 +95,10 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
                 "state": study.standing,
                 "exposure_s": study.exposure_s,
                 "created_at": study.created_at.isoformat(),
-                **asdict(studies.progress_of(connection, study.id)),
-                "invitations": [found.code for found in invitations_of(connection, study.id)],
+                **asdict(progress[study.id]),
+                "invitations": [one.code for one in invitations_of(connection, study.id)],
             }
-            for study in studies.all_studies(connection)
+            for study in found
         ]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Row, Select, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, exists, func, insert, select, true, update
 
 from app.errors import ConflictError
 from app.store.tables import condition, dataset, pair, participant, session, study, vote
@@ -115,30 +115,33 @@ def edit_study(connection: Connection, study_id: int, seen_revision: int, values
 
 
 def progress_of(connection: Connection, study_id: int) -> Progress:
-    own = (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
+    return _progress(connection, study.c.id == study_id)[study_id]
+
+
+def progress_by_study(connection: Connection) -> dict[int, Progress]:
+    """How far all studies are, by their ids."""
+    return _progress(connection, true())
+
+
+def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, Progress]:
+    own = (participant.c.study_id == study.c.id) & participant.c.is_preview.is_(False)
     sessions = select(func.count()).select_from(session.join(participant)).where(own)
-    counts = select(
-        _count(select(func.count()).where(dataset.c.study_id == study_id)).label("n_datasets"),
-        _count(select(func.count()).where(condition.c.study_id == study_id)).label("n_conditions"),
-        _count(
-            select(func.count())
-            .select_from(pair.join(dataset))
-            .where(dataset.c.study_id == study_id, pair.c.top_id != pair.c.bottom_id)
-        ).label("n_pairs"),
-        _count(sessions).label("n_started"),
-        _count(sessions.where(session.c.stage == FINISHED)).label("n_finished"),
-        _count(
-            select(func.count())
-            .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
-            .where(own)
-        ).label("n_votes"),
-    )
-    return Progress(**connection.execute(counts).one()._mapping)
+    counts = {
+        "n_datasets": select(func.count()).where(dataset.c.study_id == study.c.id),
+        "n_conditions": select(func.count()).where(condition.c.study_id == study.c.id),
+        "n_pairs": select(func.count())
+        .select_from(pair.join(dataset))
+        .where(dataset.c.study_id == study.c.id, pair.c.top_id != pair.c.bottom_id),
+        "n_started": sessions,
+        "n_finished": sessions.where(session.c.stage == FINISHED),
+        "n_votes": select(func.count())
+        .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
+        .where(own),
+    }
+    columns = (query.scalar_subquery().label(name) for name, query in counts.items())
+    rows = connection.execute(select(study.c.id, *columns).where(which))
+    return {study_id: Progress(**dict(zip(counts, found, strict=True))) for study_id, *found in rows}
 
 
 def _study(row: Row[Any] | None) -> Study | None:
     return Study(**row._mapping) if row else None
-
-
-def _count(query: Select[Any]) -> Any:
-    return query.scalar_subquery()

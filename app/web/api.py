@@ -16,7 +16,7 @@ from app.store.engine import Database
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Progress, Study, all_studies, progress_of
+from app.store.studies import Progress, Study, all_studies, progress_by_study, progress_of
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
@@ -60,7 +60,9 @@ OfDataset = Annotated[str | None, Query(alias="dataset", max_length=200, descrip
 def studies(database: Store, chosen: ChosenFormat) -> Response:
     """All studies, the newest first."""
     with database.reading() as connection:
-        rows = [_summary(study, progress_of(connection, study.id)) for study in all_studies(connection)]
+        found = all_studies(connection)
+        progress = progress_by_study(connection)  # afterwards: a study may come meanwhile
+    rows = [_summary(study, progress[study.id]) for study in found]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 

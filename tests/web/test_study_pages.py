@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import pytest
 from dashboard import Dashboard, ends, signed_in
+from sqlalchemy import Engine, event
 
 from app import create, operate
 from app.settings import Settings
@@ -40,6 +41,7 @@ with running_server(settings) as url, httpx.Client(base_url=url, follow_redirect
     sys.exit("app.analysis.report" not in sys.modules)
 """
 
+CARD = r'<article class="card" aria-labelledby="study-([^"]+)">(.*?)</article>'
 LONG_ENOUGH_S = 0.5  # for an edit that does not wait to be made
 NewStudy = Callable[[], dict[str, Any]]
 
@@ -196,6 +198,25 @@ def test_a_duplicate_has_the_pairs_and_nobody_in_it(
     twin = analyst.get(f"/api/v1/studies/{taken['slug']}-twin").json()
     assert (twin["state"], twin["n_pairs"], twin["n_started"]) == ("paused", 6, 0)
     assert twin["conditions"] == analyst.get(f"/api/v1/studies/{taken['slug']}").json()["conditions"]
+
+
+def test_studies_are_counted_in_one_query_however_many_there_are(
+    experimenter: Dashboard, study: dict[str, Any], taken: dict[str, Any]
+) -> None:
+    asked: list[str] = []
+
+    def note(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
+        asked.append(statement)
+
+    event.listen(Engine, "before_cursor_execute", note)
+    try:
+        page = experimenter.get("/admin").text
+    finally:
+        event.remove(Engine, "before_cursor_execute", note)
+    assert len([statement for statement in asked if "n_votes" in statement]) == 1
+    cards = {name: re.findall(r"<dd>(\d+)", card) for name, card in re.findall(CARD, page, re.DOTALL)}
+    assert cards[study["slug"]][2:4] == ["6", "3"]
+    assert cards[taken["slug"]][:4] == ["4", "24", "6", "3"]
 
 
 def test_a_paused_study_tells_who_comes_to_come_back(

@@ -13,7 +13,7 @@ from app.errors import InvalidError, NotFoundError
 from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
-from app.store.studies import Progress, Standing, Study, all_studies, progress_of, set_standing
+from app.store.studies import Progress, Standing, Study, all_studies, progress_by_study, set_standing
 from app.study.options import parse_options
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import Tell, start_job
@@ -40,7 +40,9 @@ class Card:
 def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
     afterwards.add_task(load_analysis)  # a study's pages come next
     with database.reading() as connection:
-        cards = [Card(study, progress_of(connection, study.id)) for study in all_studies(connection)]
+        found = all_studies(connection)
+        progress = progress_by_study(connection)  # afterwards: a study may come meanwhile
+    cards = [Card(study, progress[study.id]) for study in found]
     current = [card for card in cards if card.study.standing != "archived"]
     archived = [card for card in cards if card.study.standing == "archived"]
     return page(request, "studies", person, {"cards": current, "archived": archived})
