@@ -22,6 +22,7 @@ from app.store import sessions
 from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
+from app.store.studies import lock_study
 
 SIGNED_IN = """
 import sys, time
@@ -181,7 +182,7 @@ def test_an_edit_waits_for_who_begins_at_that_moment(
         with database.writing() as connection:
             invitation = invitation_by_code(connection, study["invitation"])
             assert invitation is not None
-            begun = sessions._locked_study(connection, invitation)
+            begun = lock_study(connection, invitation.study_id)
             sessions._admit(connection, begun, invitation, new_secret(), None, utc_now())
             edit = pool.submit(experimenter.post, f"/admin/studies/{study['slug']}/edit", data=fields)
             wait([edit], LONG_ENOUGH_S)
