@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Table, delete, func, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, func, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import insert_or_ignore
@@ -15,7 +15,7 @@ from app.store.exclusions import in_force
 from app.store.keys import digest, new_secret
 from app.store.schema import metadata
 from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
-from app.study.stages import INTERVIEW, WITHDRAWN
+from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, WITHDRAWN
 
 ERASED = "erased"
 KEPT_AT_ERASURE = ("assignment", "exclusion", "session", "trial")  # who was shown what says nothing about them
@@ -49,8 +49,71 @@ def participant_labelled(connection: Connection, study_id: int, label: str) -> P
     return Person(**row._mapping)
 
 
-def participant_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Everybody who has begun, in order of arrival."""
+@dataclass(frozen=True)
+class SoughtPeople:
+    """Which participants to find.
+
+    Parameters
+    ----------
+    label : a part of it; empty: any
+    standing : one of STANDINGS; anything else: any
+    """
+
+    label: str = ""
+    standing: str = ""
+
+
+EVERYBODY = SoughtPeople()
+STANDINGS: Mapping[str, ColumnElement[bool]] = {
+    "going": session.c.stage.not_in(ENDS),
+    "finished": session.c.stage == FINISHED,
+    "screened_out": session.c.stage == SCREENED_OUT,
+    "withdrawn": session.c.withdrawn_at.is_not(None),
+    "excluded": exclusion.c.id.is_not(None),
+}
+
+
+def participant_records(
+    connection: Connection,
+    study_id: int,
+    sought: SoughtPeople = EVERYBODY,
+    *,
+    limit: int | None = None,
+    offset: int = 0,
+) -> list[dict[str, Any]]:
+    """Those who have begun, in order of arrival."""
+    ordered = _records(study_id, sought).order_by(participant.c.slot).limit(limit).offset(offset)
+    return [_described(row) for row in connection.execute(ordered)]
+
+
+def participant_record(connection: Connection, person: Person) -> dict[str, Any]:
+    """One of those who have begun, as `participant_records` has them."""
+    return _described(connection.execute(_records(person.study_id).where(participant.c.id == person.id)).one())
+
+
+def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """How many votes everybody has given, and whether they count: what of `participant_records` is found at once."""
+    query = _records(study_id).with_only_columns(
+        participant.c.label.label("participant"),
+        session.c.public_id.label("session"),
+        session.c.withdrawn_at,
+        participant.c.erased_at,
+        exclusion.c.reason,
+        select(func.count()).where(vote.c.session_id == session.c.id).scalar_subquery().label("n_votes"),
+    )
+    return [dict(row._mapping) for row in connection.execute(query.order_by(participant.c.slot))]
+
+
+def n_participants(connection: Connection, study_id: int, sought: SoughtPeople = EVERYBODY) -> int:
+    """How many participants `participant_records` finds."""
+    return int(connection.execute(_records(study_id, sought).with_only_columns(func.count())).scalar_one())
+
+
+def _described(row: Row[Any]) -> dict[str, Any]:
+    return {**row._mapping, "excluded": row.reason is not None}
+
+
+def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
     trials = select(func.count()).where(trial.c.session_id == session.c.id)
     of_votes = vote.c.session_id == session.c.id
     facts = {
@@ -61,7 +124,7 @@ def participant_records(connection: Connection, study_id: int) -> list[dict[str,
         "last_vote_at": select(func.max(vote.c.received_at)).where(of_votes),
         "mean_response_ms": select(func.avg(vote.c.response_ms)).where(of_votes),
     }
-    rows = connection.execute(
+    query = (
         select(
             participant.c.label.label("participant"),
             session.c.public_id.label("session"),
@@ -78,9 +141,10 @@ def participant_records(connection: Connection, study_id: int) -> list[dict[str,
         .select_from(participant.join(session))
         .outerjoin(exclusion, in_force(participant.c.id))
         .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
-        .order_by(participant.c.slot)
     )
-    return [{**row._mapping, "excluded": row.reason is not None} for row in rows]
+    if sought.label:
+        query = query.where(participant.c.label.icontains(sought.label, autoescape=True))
+    return query.where(STANDINGS[sought.standing]) if sought.standing in STANDINGS else query
 
 
 def exclusion_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sqlite3
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
 from seeding import NOW
-from sqlalchemy import func, select
+from sqlalchemy import event, func, select
 
 from app.errors import StudyError
 from app.store.engine import Database
@@ -64,6 +65,21 @@ def ballot_of(of: Participant, trial: NextTrial, **changes: Any) -> Ballot:
 def n_votes(database: Database) -> int:
     with database.reading() as connection:
         return connection.scalar(select(func.count()).select_from(vote)) or 0
+
+
+def rows_read(database: Database) -> list[tuple[Any, ...]]:
+    """Grows by every row that SQLite's driver gives from now on."""
+    read: list[tuple[Any, ...]] = []
+
+    def noted(_cursor: sqlite3.Cursor, row: tuple[Any, ...]) -> tuple[Any, ...]:
+        read.append(row)
+        return row
+
+    @event.listens_for(database.engine, "checkout")
+    def note(connection: sqlite3.Connection, *_: Any) -> None:
+        connection.row_factory = noted
+
+    return read
 
 
 def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Callable
 from datetime import timedelta
 from itertools import product
 from typing import Any
 
 import pytest
-from ballots import keep_vote, let_in, serve_next, vote_on
+from ballots import keep_vote, let_in, rows_read, serve_next, vote_on
 from seeding import NOW
-from sqlalchemy import event
 
 from app.store.engine import Database
 from app.store.invitations import Invitation
@@ -101,16 +99,7 @@ def test_everybody_is_listed_who_has_given_something(database: Database, given: 
 
 @pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # whose driver tells of every row
 def test_a_page_reads_no_more_trials_than_it_shows(database: Database, given: int) -> None:
-    read: list[Any] = []
-
-    def counted(_cursor: sqlite3.Cursor, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        read.append(row)
-        return row
-
-    @event.listens_for(database.engine, "checkout")
-    def count(of_driver: Any, *_: Any) -> None:
-        of_driver.row_factory = counted
-
+    read = rows_read(database)
     with database.reading() as connection:
         assert len(given_trials(connection, given, SoughtTrials(), limit=5, offset=2)) == 5
         assert len(read) == 5

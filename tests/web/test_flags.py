@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from dashboard import Dashboard, until
 
 from app import operate
 from app.settings import Settings
+from app.simulate import begin, next_trial
 from app.web.admin import flags as of_flags
 from app.web.admin.flags import AT_MOST_EVERY, Flags
 
@@ -93,6 +95,29 @@ def test_a_look_that_fails_is_told_and_made_again(flags: Flags, monkeypatch: pyt
             shown(flags, people(), NOW)
     assert shown(flags, people(), SOON) == ""
     assert shown(flags, people(), LATER) == "look 1"
+
+
+def test_participants_are_shown_while_what_is_unusual_is_looked_for(
+    experimenter: Dashboard,
+    client: httpx.Client,
+    analysis: Analysis,
+    vote_body: Callable[..., dict[str, Any]],
+    new_study: Callable[[], dict[str, Any]],
+) -> None:
+    study = new_study()
+    session = begin(client, study["slug"], study["invitation"])
+    trial = next_trial(client, session["token"])
+    assert trial is not None
+    client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).raise_for_status()
+    pages = [f"/admin/studies/{study['slug']}/participants{which}" for which in ("", "/P001")]
+    analysis.may_end.clear()
+    for page in pages:
+        assert "is being looked for" in experimenter.get(page).text
+    analysis.may_end.set()
+    for page in pages:
+        text = experimenter.get(page).text
+        assert "look 1" in text
+        assert "is being looked for" not in text
 
 
 def test_an_open_overview_shows_what_is_unusual_and_looks_once(

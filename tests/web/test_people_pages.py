@@ -13,6 +13,7 @@ import pytest
 from dashboard import Dashboard, link_of, until
 
 from app.simulate import begin, next_trial, simulate
+from app.web.admin import people
 from app.web.admin import votes as admin_votes
 from app.web.admin.overview import Sight
 from app.web.admin.votes import looks_of
@@ -159,6 +160,31 @@ def test_votes_are_filtered_and_replayed(experimenter: Dashboard, taken: dict[st
     assert experimenter.get(f"{base}/forged").status_code == 404
 
 
+def test_participants_are_searched_and_shown_a_page_at_a_time(
+    experimenter: Dashboard, taken: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(people, "PEOPLE_ON_A_PAGE", 3)
+    base = f"/admin/studies/{taken['slug']}/participants"
+    first = experimenter.get(base, params={"search": "p0", "standing": "finished"})
+    assert "4 participants, in order of arrival" in first.text
+    assert _linked_on(first) == ["P001", "P002", "P003"]
+    assert "Older" not in first.text
+    second = experimenter.get(first.url.join(link_of(first, "Newer")))
+    assert _linked_on(second) == ["P004"]
+    assert ' value="p0"' in second.text
+    assert "Newer" not in second.text
+    assert _linked_on(experimenter.get(second.url.join(link_of(second, "Older")))) == _linked_on(first)
+    assert _linked_on(experimenter.get(base, params={"search": " 003 "})) == ["P003"]
+
+
+def test_a_search_that_finds_nobody_says_so(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}/participants"
+    for sought in ({"search": "Q"}, {"standing": "withdrawn"}, {"search": "%"}):
+        page = experimenter.get(base, params=sought)
+        assert "No participant matches" in page.text
+        assert _linked_on(page) == []
+
+
 def test_older_votes_stay_filtered(
     experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,15 +195,15 @@ def test_older_votes_stay_filtered(
     base = f"/admin/studies/{taken['slug']}/votes"
     shown, page = [], experimenter.get(base, params=filters)
     for _ in range(2):
-        shown.extend(_trials_on(page))
+        shown.extend(_linked_on(page))
         page = experimenter.get(page.url.join(link_of(page, "Older")))
-    shown.extend(_trials_on(page))
+    shown.extend(_linked_on(page))
     assert shown == [row["trial"] for row in rows]
     assert "Older" not in page.text
-    assert _trials_on(experimenter.get(page.url.join(link_of(page, "Newer")))) == shown[5:10]
+    assert _linked_on(experimenter.get(page.url.join(link_of(page, "Newer")))) == shown[5:10]
 
 
-def _trials_on(page: httpx.Response) -> list[str]:
+def _linked_on(page: httpx.Response) -> list[str]:
     return re.findall(rf'href="{page.url.path}/([^"?]+)"', page.text)
 
 

@@ -14,6 +14,7 @@ from app.store.engine import Database
 from app.web.results import analysis_of
 
 AT_MOST_EVERY = timedelta(seconds=10)  # for one study; votes come more often
+PATIENCE_S = 0.5  # of a page's first look, which is to be seen within a second
 
 LONG_AGO = datetime.min.replace(tzinfo=UTC)
 
@@ -54,7 +55,7 @@ class Flags:
 
         Parameters
         ----------
-        people : as `participant_records` has them
+        people : as `participants_votes` or `participant_records` has them
         patience_s : how long to wait for newer ones
         """
         with self._lock:
@@ -65,6 +66,12 @@ class Flags:
             wait([work], patience_s)
         with self._lock:
             return self._finished(known, now)
+
+    def is_looking(self, study_id: int) -> bool:
+        """Whether newer ones are being looked for."""
+        with self._lock:
+            known = self._known.get(study_id)
+            return known is not None and known.work is not None and not known.work.done()
 
     def _look_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
         if known.work is None and votes != known.votes and now >= known.again_at:

@@ -20,7 +20,7 @@ from app.store.participants import participant_records
 from app.store.studies import Study, progress_of
 from app.study.options import parse_options
 from app.study.stages import FINISHED, WITHDRAWN
-from app.web.admin.flags import Flags
+from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.shell import study_page
 from app.web.gates import AStudy, Person, database, now
 
@@ -29,7 +29,6 @@ STREAM_LASTS_S = 300.0  # then the browser opens another one
 HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
 PACE_MINUTES = 60
-PATIENCE_S = 0.5  # of a page's first look, which is to be seen within a second
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Form, Path, Request
+from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
 
 from app.errors import InvalidError
 from app.store.audit import Entry, record
-from app.store.engine import Database
 from app.store.experimenters import Experimenter
 from app.store.participants import (
+    SoughtPeople,
     erase,
     everything_of,
     exclude,
     exclusion_records,
+    n_participants,
     participant_labelled,
+    participant_record,
     participant_records,
+    participants_votes,
     stage_records,
     undo_exclusion,
     withdraw_participant,
@@ -26,9 +29,11 @@ from app.store.participants import (
 from app.store.sessions import new_resume_code
 from app.store.studies import Study
 from app.study.stages import ENDS
-from app.web.admin.shell import see, study_page
-from app.web.gates import Acting, AStudy, Looking, Now, Store, database
-from app.web.results import analysis_of
+from app.web.admin.flags import PATIENCE_S, Flags
+from app.web.admin.shell import see, study_page, turns
+from app.web.gates import Acting, AStudy, Looking, Now, Store, database, now
+
+PEOPLE_ON_A_PAGE = 100
 
 Label = Annotated[str, Path(max_length=40)]
 Reason = Annotated[str, Form(min_length=3, max_length=500)]
@@ -37,11 +42,27 @@ router = APIRouter(prefix="/admin/studies/{slug}/participants", include_in_schem
 
 
 @router.get("")
-def participants_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
+def participants_page(
+    request: Request,
+    person: Looking,
+    study: AStudy,
+    database: Store,
+    search: Annotated[str, Query(max_length=40)] = "",
+    standing: Annotated[str, Query(max_length=20)] = "",
+    at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
+) -> Response:
+    sought = SoughtPeople(search.strip(), standing)
     with database.reading() as connection:
-        people = participant_records(connection, study.id)
-    observers = _observers(database, study.id)
-    return study_page(request, "participants", person, study, {"people": people, "observers": observers})
+        people = participant_records(connection, study.id, sought, limit=PEOPLE_ON_A_PAGE, offset=at)
+        n_found = n_participants(connection, study.id, sought)
+    context = {
+        "people": people,
+        "n_found": n_found,
+        "chosen": {"search": search, "standing": standing},
+        **_unusual(request, study),
+        **turns(at, PEOPLE_ON_A_PAGE, has_more=n_found > at + PEOPLE_ON_A_PAGE),
+    }
+    return study_page(request, "participants", person, study, context)
 
 
 @router.get("/{label}")
@@ -102,14 +123,14 @@ def _participant_page(
 ) -> Response:
     with database(request).reading() as connection:
         found = participant_labelled(connection, study.id, label)
-        (facts,) = (row for row in participant_records(connection, study.id) if row["participant"] == label)
+        facts = participant_record(connection, found)
         given = stage_records(connection, found.id)
         history = exclusion_records(connection, found.id)
     context = {
         "facts": facts,
         "given": given,
         "history": history,
-        "observer": _observers(database(request), study.id).get(label),
+        **_unusual(request, study),
         "may_go_on": facts["stage"] not in ENDS,
         "resume_code": resume_code,
     }
@@ -120,17 +141,23 @@ def _address(study: Study, label: str) -> str:
     return f"/admin/studies/{study.slug}/participants/{label}"
 
 
-def _observers(database: Database, study_id: int) -> dict[str, dict[str, object]]:
-    analysis = analysis_of(database, study_id)
-    return {row["participant"]: row for row in analysis["observers"]} if analysis else {}
+def _unusual(request: Request, study: Study) -> dict[str, Any]:
+    """What is known to be unusual about whom, and whether it is being looked for; nobody waits for it to the end."""
+    with database(request).reading() as connection:
+        votes = participants_votes(connection, study.id)
+    flags: Flags = request.app.state.flags
+    return {
+        "flags": flags.of(study.id, votes, now(request), PATIENCE_S),
+        "is_looking": flags.is_looking(study.id),
+    }
 
 
 @router.get("/{label}/export.json")
-def export_participant(person: Looking, study: AStudy, label: Label, database: Store, now: Now) -> Response:
+def export_participant(person: Looking, study: AStudy, label: Label, database: Store, moment: Now) -> Response:
     """All that is kept of one participant, for who asks for it."""
     with database.writing() as connection:
         found = participant_labelled(connection, study.id, label)
         given = everything_of(connection, found)
-        record(connection, person.name, Entry("participant exported", study.id, label), now)
+        record(connection, person.name, Entry("participant exported", study.id, label), moment)
     headers = {"Content-Disposition": f'attachment; filename="{study.slug}-{label}.json"'}
     return JSONResponse(jsonable_encoder({"study": study.slug, "participant": label, **given}), headers=headers)

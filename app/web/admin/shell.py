@@ -55,6 +55,11 @@ def study_page(
     return page(request, template, person, {**frame, **(context or {})}, status_code)
 
 
+def turns(at: int, size: int, *, has_more: bool) -> dict[str, int | None]:
+    """Where the pages before and after one of a long list begin; None where there is none."""
+    return {"before": max(0, at - size) if at else None, "after": at + size if has_more else None}
+
+
 def see(path: str) -> Response:
     """Look at another page after a form was taken."""
     return RedirectResponse(path, status_code=303)

@@ -20,7 +20,7 @@ from app.store.experimenters import (
     set_role,
 )
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
-from app.web.admin.shell import page, see
+from app.web.admin.shell import page, see, turns
 from app.web.gates import ActingOwner, Looking, Owner, Store, database
 
 ENTRIES_ON_A_PAGE = 50
@@ -152,7 +152,6 @@ def audit_page(
     context = {
         "entries": found[:ENTRIES_ON_A_PAGE],
         "search": search,
-        "newer": max(0, at - ENTRIES_ON_A_PAGE) if at else None,
-        "older": at + ENTRIES_ON_A_PAGE if len(found) > ENTRIES_ON_A_PAGE else None,
+        **turns(at, ENTRIES_ON_A_PAGE, has_more=len(found) > ENTRIES_ON_A_PAGE),
     }
     return page(request, "audit", person, context)

@@ -12,7 +12,7 @@ from fastapi.responses import Response
 from app.errors import NotFoundError
 from app.store.designs import datasets_of
 from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
-from app.web.admin.shell import study_page
+from app.web.admin.shell import study_page, turns
 from app.web.gates import AStudy, Looking, Store
 
 VOTES_ON_A_PAGE = 60
@@ -52,8 +52,7 @@ def votes_page(
         "people": people,
         "datasets": datasets,
         "chosen": {"participant": participant, "dataset": dataset, "what": what},
-        "newer": max(0, at - VOTES_ON_A_PAGE) if at else None,
-        "older": at + VOTES_ON_A_PAGE if n_found > at + VOTES_ON_A_PAGE else None,
+        **turns(at, VOTES_ON_A_PAGE, has_more=n_found > at + VOTES_ON_A_PAGE),
     }
     return study_page(request, "votes", person, study, context)
 
