@@ -6,7 +6,7 @@ import gc
 import hashlib
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -15,7 +15,7 @@ from app.reports import by_measure
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
-from app.store.participants import questionnaire_records
+from app.store.participants import participants_votes, questionnaire_records
 from app.store.studies import Study
 from app.store.votes import vote_records
 from app.study.groupings import groupings
@@ -28,6 +28,9 @@ WITHDRAWN = "withdrawn"
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
 _analyses: Shared[Mapping[str, Any]] = Shared(ANALYSES_KEPT)
+_snapshots: Shared[Snapshot] = Shared(ANALYSES_KEPT)
+
+VotesOf = Sequence[Mapping[str, Any]]  # as `participants_votes` has them
 
 
 @dataclass(frozen=True)
@@ -45,21 +48,20 @@ def snapshot_of(database: Database, study_id: int, *, with_excluded: bool = Fals
     ----------
     with_excluded : count those whom the experimenter has excluded, too; who has withdrawn is never counted
     """
-    with database.reading() as connection:
-        given = given_of(connection, study_id)
-    if with_excluded:
-        given["rows"] = [row | {"excluded": row["reason"] == WITHDRAWN} for row in given["rows"]]
-    return snapshot_of_given(given)
+    return _latest(database, study_id, lambda *_: {}, with_excluded=with_excluded)
 
 
 def grouped_snapshot_of(database: Database, study: Study) -> Snapshot:
     """As `snapshot_of`, with groups of participants compared by their answers; for who may see participants."""
-    with database.reading() as connection:
-        given = given_of(connection, study.id)
+
+    def groups(connection: Transaction, votes: VotesOf) -> dict[str, Any]:
+        counts = (row for row in votes if row["n_votes"] and row["reason"] is None and row["withdrawn_at"] is None)
+        people = {row["participant"] for row in counts}
         answers = questionnaire_records(connection, study.id)
-    people = {row["participant"] for row in given["rows"] if not row["excluded"]}
-    counted = [row for row in answers if row["source"] == "written" and row["participant"] in people]
-    return snapshot_of_given(given | {"groups": groupings(parse_options(study.options).questions, counted)})
+        counted = [row for row in answers if row["source"] == "written" and row["participant"] in people]
+        return {"groups": groupings(parse_options(study.options).questions, counted)}
+
+    return _latest(database, study.id, groups)
 
 
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
@@ -78,10 +80,41 @@ def load_analysis() -> None:
 
 def given_of(connection: Transaction, study_id: int) -> dict[str, Any]:
     """What an analysis is made of."""
-    rows = list(vote_records(connection, study_id))
+    return {"rows": list(vote_records(connection, study_id)), **_beside_votes(connection, study_id)}
+
+
+def _beside_votes(connection: Transaction, study_id: int) -> dict[str, Any]:
     levels = conditions_of(connection, study_id)
     measures = by_measure(measurement_records(connection, study_id))
-    return {"rows": rows, "factors": items_factors(levels), "measures": measures}
+    return {"factors": items_factors(levels), "measures": measures}
+
+
+def _latest(
+    database: Database,
+    study_id: int,
+    more: Callable[[Transaction, VotesOf], Mapping[str, Any]],
+    *,
+    with_excluded: bool = False,
+) -> Snapshot:
+    """The snapshot of the votes so far, which are read only if something has changed: 60 000 take seconds.
+
+    A participant's votes are added to, or all erased, and never altered: how many there are says which.
+
+    Parameters
+    ----------
+    more : what an analysis follows from besides
+    """
+    with database.snapshot() as connection:
+        votes = participants_votes(connection, study_id)
+        given = {**_beside_votes(connection, study_id), **more(connection, votes)}
+        key = _digest(votes, json.dumps([with_excluded, given], sort_keys=True))
+        if (begun := _snapshots.begun(key)) is None:
+            given["rows"] = list(vote_records(connection, study_id))
+    if begun is not None:
+        return begun.result()
+    if with_excluded:
+        given["rows"] = [row | {"excluded": row["reason"] == WITHDRAWN} for row in given["rows"]]
+    return _snapshots.get(key, lambda: snapshot_of_given(given))
 
 
 def snapshot_of_given(given: Mapping[str, Any]) -> Snapshot:
@@ -96,7 +129,7 @@ def _digest(rows: Iterable[Mapping[str, Any]], others: str) -> str:
     """Of all that an analysis follows from; a vote at a time, because a million as one text take hundreds of MB."""
     digest = hashlib.sha256(others.encode())
     for row in rows:
-        digest.update(json.dumps(row, sort_keys=True).encode())
+        digest.update(json.dumps(row, sort_keys=True, default=str).encode())
     return digest.hexdigest()
 
 

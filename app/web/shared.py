@@ -19,6 +19,13 @@ class Shared(Generic[Value]):
         self._results: OrderedDict[str, Future[Value]] = OrderedDict()
         self._lock = threading.Lock()
 
+    def begun(self, key: str) -> Future[Value] | None:
+        """The result of a key, there or being made; None if it is neither."""
+        with self._lock:
+            if key in self._results:
+                self._results.move_to_end(key)
+            return self._results.get(key)
+
     def get(self, key: str, make: Callable[[], Value]) -> Value:
         """The result of a key, made in this thread if it is not there; a failure is told to all who wait, not kept."""
         with self._lock:

@@ -1,0 +1,98 @@
+"""What the votes say is worked out anew whenever something has changed, and votes are not read while nothing has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+from uuid import uuid4
+
+import pytest
+from seeding import NOW, Voter, seed_voters
+from sqlalchemy import Connection
+
+from app.reports import Measure
+from app.store.engine import Database
+from app.store.measurements import replace_measurements
+from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.studies import Study, all_studies
+from app.store.votes import Ballot, keep_votes, vote_records
+from app.study.votes import Vote
+from app.web import results
+from app.web.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
+
+
+@pytest.fixture
+def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How often all votes were read since this was asked last; they are not analysed, which takes long."""
+    reads: list[int] = []
+
+    def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+        reads.append(study_id)
+        return vote_records(connection, study_id)
+
+    def count() -> int:
+        n = len(reads)
+        reads.clear()
+        return n
+
+    monkeypatch.setattr(results, "vote_records", noted)
+    monkeypatch.setattr(results, "_analysed", lambda *_: {})
+    return count
+
+
+def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Database, n_read: Callable[[], int]) -> None:
+    voters = seed_voters(database, 2, 3)
+    with database.reading() as connection:
+        (of,) = all_studies(connection)
+        one, other = (participant_labelled(connection, of.id, label) for label in ("P001", "P002"))
+    votes = [_ballot(voter, number) for number in range(2) for voter in voters]
+    changes: list[Callable[[Connection], object]] = [
+        lambda connection: exclude(connection, one, "looked away", "Eva", NOW),
+        lambda connection: undo_exclusion(connection, one, "Eva", NOW),
+        lambda connection: exclude(connection, one, "slept", "Eva", NOW),
+        lambda connection: replace_measurements(connection, of.id, [_measure(1.0)], NOW),
+        lambda connection: replace_measurements(connection, of.id, [_measure(2.0)], NOW),
+        lambda connection: withdraw_participant(connection, one, NOW),
+        lambda connection: erase(connection, other, NOW),
+    ]
+    digests = [_looked_at(database, of, n_read)]
+    for ballot in votes:
+        keep_votes(database, [ballot])
+        digests.append(_looked_at(database, of, n_read))
+    for change in changes:
+        with database.writing() as connection:
+            change(connection)
+        digests.append(_looked_at(database, of, n_read))
+    before_exclusion, undone = len(votes), len(votes) + 2
+    assert digests[undone] == digests[before_exclusion]
+    assert len(set(digests)) == len(digests) - 1
+
+
+def _looked_at(database: Database, of: Study, n_read: Callable[[], int]) -> str:
+    """The digest of what the votes say, which is what it is when nothing was kept; votes are read once at most."""
+    with database.reading() as connection:
+        anew = snapshot_of_given(given_of(connection, of.id))
+    n_read()
+    assert snapshot_of(database, of.id) == anew
+    assert n_read() <= 1
+    assert snapshot_of(database, of.id) == anew
+    assert n_read() == 0
+    counting_all = snapshot_of(database, of.id, with_excluded=True)
+    grouped = grouped_snapshot_of(database, of)
+    n_read()
+    assert snapshot_of(database, of.id, with_excluded=True) == counting_all
+    assert grouped_snapshot_of(database, of) == grouped
+    assert n_read() == 0
+    return anew.digest
+
+
+def _ballot(voter: Voter, number: int) -> Ballot:
+    trial, first_shown = voter.trials[number]
+    viewing = {"first_shown": first_shown, "shown_ms": 1000.0, "response_ms": 500.0, "switches": []}
+    return Ballot(voter.token, trial, Vote(str(uuid4()), "a", viewing), NOW)
+
+
+def _measure(value: float) -> Measure:
+    return Measure(
+        dataset="ball", approach="a_0", measure="roughness", value=value, direction="less is better", unit="mm"
+    )
