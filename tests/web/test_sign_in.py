@@ -325,9 +325,9 @@ def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, sett
     link = operate.add_experimenter(settings, "Vera")["path"]
     with Dashboard(server) as vera:
         vera.get(link)
-        vera.get("/admin/login/forged")
-        vera.get("/admin/setup/forged")
-        vera.get("/api/v1/studies", headers={"Authorization": "Bearer forged"})
+        vera.get("/admin/login/guessed-at-random")
+        vera.get("/admin/setup/guessed-at-random")
+        vera.get("/api/v1/studies", headers={"Authorization": "Bearer guessed-at-random"})
     database = operate.open_store(settings)
     with database.reading() as connection:
         entries = audit_records(connection, search="")
@@ -336,7 +336,7 @@ def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, sett
     assert ("Vera", "signed in") in told
     for refused in ("sign-in refused", "set-up refused", "token refused"):
         assert ("stranger", refused) in told
-    assert "forged" not in str(entries)
+    assert "guessed-at-random" not in str(entries)
     assert ("command line", "sign-in link made") in told
     assert link.rsplit("/", 1)[1] not in str(entries)
 
