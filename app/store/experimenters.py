@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Row, delete, exists, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Row, and_, delete, exists, func, insert, or_, select, update
 
 from app.errors import ConflictError
 from app.store.engine import Database
@@ -172,6 +172,7 @@ def set_role(connection: Connection, name: str, role: Role) -> None:
     ConflictError
         If nobody would be left who is an owner.
     """
+    _lock_owners(connection)
     connection.execute(update(experimenter).where(experimenter.c.name == name).values(role=role))
     _refuse_to_lock_out(connection)
 
@@ -184,6 +185,7 @@ def disable(connection: Connection, name: str, now: datetime) -> None:
     ConflictError
         If nobody would be left who is an owner.
     """
+    _lock_owners(connection)
     spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
     connection.execute(update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **spent))
     _end_sessions(connection, name)
@@ -205,11 +207,18 @@ def _end_sessions(connection: Connection, name: str) -> None:
     connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(own)))
 
 
+def _is_owner() -> ColumnElement[bool]:
+    return and_(experimenter.c.role == "owner", experimenter.c.disabled_at.is_(None), experimenter.c.name != UNNAMED)
+
+
+def _lock_owners(connection: Connection) -> None:
+    """Nobody's access as an owner ends before the transaction does: each of two would see the other still there."""
+    owners = select(experimenter.c.id).where(_is_owner()).order_by(experimenter.c.id)
+    connection.execute(owners.with_for_update(key_share=True)).all()
+
+
 def _refuse_to_lock_out(connection: Connection) -> None:
-    owners = exists().where(
-        experimenter.c.role == "owner", experimenter.c.disabled_at.is_(None), experimenter.c.name != UNNAMED
-    )
-    if not connection.scalar(select(owners)):
+    if not connection.scalar(select(exists().where(_is_owner()))):
         raise ConflictError("Nobody would be left who is an owner. Make somebody else an owner first.")
 
 
