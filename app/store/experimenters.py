@@ -153,6 +153,13 @@ def open_session(database: Database, token: str, now: datetime, *, may_renew: bo
     return OpenSession(found, row.form_token, renewed)
 
 
+def is_session_open(connection: Connection, form_token: str, now: datetime) -> bool:
+    """Whether the session of a form token, which it keeps when its own token is renewed, has not ended; one look."""
+    person = experimenter_session.join(experimenter)
+    open_now = (experimenter_session.c.form_token == form_token, experimenter.c.disabled_at.is_(None), *_lasts(now))
+    return bool(connection.scalar(select(exists().select_from(person).where(*open_now))))
+
+
 def sign_out(connection: Connection, token: str) -> None:
     connection.execute(delete(experimenter_session).where(_has_token(token)))
 
@@ -226,14 +233,17 @@ def _session_row(connection: Connection, token: str, now: datetime) -> Row[Any] 
     return connection.execute(
         select(experimenter_session).where(
             _has_token(token),
-            experimenter_session.c.expires_at > now,
-            experimenter_session.c.seen_at > now - IDLE_LASTS,
+            *_lasts(now),
             or_(
                 experimenter_session.c.token_hash == digest(token),
                 experimenter_session.c.rotated_at > now - OLD_TOKEN_LASTS,
             ),
         )
     ).one_or_none()
+
+
+def _lasts(now: datetime) -> tuple[ColumnElement[bool], ...]:
+    return experimenter_session.c.expires_at > now, experimenter_session.c.seen_at > now - IDLE_LASTS
 
 
 def _has_token(token: str) -> ColumnElement[bool]:

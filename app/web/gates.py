@@ -18,7 +18,7 @@ from app.settings import Settings
 from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.designs import has_single_films
 from app.store.engine import Database
-from app.store.experimenters import Experimenter, Role, open_session
+from app.store.experimenters import Experimenter, Role, is_session_open, open_session
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
@@ -179,6 +179,12 @@ def experimenter(request: Request) -> Experimenter:
     if found.renewed:
         request.state.renewed_token = found.renewed
     return found.experimenter
+
+
+def is_still_signed_in(request: Request) -> bool:
+    """Whether the session that a gate let in goes on; for an answer that itself goes on for long."""
+    with database(request).reading() as connection:
+        return is_session_open(connection, request.state.form_token, now(request))
 
 
 def _is_quick(request: Request) -> bool:

@@ -77,6 +77,7 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
 
 FIRST_CONTENT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 SOON_MS = 1000
+POLLED_EVERY_MS = 11_000  # the results, and a little more
 
 
 def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
@@ -125,3 +126,22 @@ def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dic
     page.get_by_role("button", name="Open again").wait_for()
     page.get_by_role("button", name="Sign out").click()
     page.wait_for_url("/")
+
+
+@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # the stream itself is tested on both
+def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_out(
+    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+) -> None:
+    with browser.new_context(base_url=server) as context:
+        overview, results, other = (context.new_page() for _ in range(3))
+        results.clock.install()
+        other.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+        base = f"/admin/studies/{study['slug']}"
+        with overview.expect_response("**/live"):
+            overview.goto(base)
+        results.goto(f"{base}/results")
+        other.get_by_role("button", name="Sign out").click()
+        other.wait_for_url("/")
+        results.clock.fast_forward(POLLED_EVERY_MS)
+        for page in (results, overview):
+            page.get_by_role("heading", name="Sign in").wait_for(timeout=10_000)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Any
 
 import anyio
 import httpx
 import pytest
-from dashboard import Dashboard, link_of, until
+from dashboard import Dashboard, link_of, signed_in, until
 
+from app.settings import Settings
 from app.simulate import begin, next_trial, simulate
 from app.web.admin import people
 from app.web.admin import votes as admin_votes
@@ -20,6 +22,8 @@ from app.web.admin.votes import looks_of
 
 NewStudy = Callable[[], dict[str, Any]]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+PASSWORD = "correct horse battery"
+SOON_S = 8
 
 
 def test_invitations_are_made_shown_as_qr_and_ended(
@@ -51,6 +55,31 @@ def test_the_monitor_follows_a_participant_by_server_sent_events(
         assert trial is not None
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
         until(lines, "1 of 6")
+
+
+def test_a_monitor_is_shown_no_longer_than_the_access_of_who_watches(
+    server: str, settings: Settings, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    path = f"/admin/studies/{study['slug']}/live"
+    with ExitStack() as stack:
+        dashboards = [
+            stack.enter_context(signed_in(server, settings, name, role))
+            for name, role in (("Olga", "owner"), ("Lea", "viewer"), ("Max", "viewer"), ("Ned", "viewer"))
+        ]
+        olga, lea, _, ned = dashboards
+        ned.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        streams = [stack.enter_context(one.stream("GET", path, timeout=SOON_S)) for one in dashboards]
+        hers, *theirs = [stream.iter_lines() for stream in streams]
+        for lines in (hers, *theirs):
+            until(lines, "Nobody has begun yet")
+        lea.act("/admin/logout")
+        olga.act("/admin/users/disable", name="Max")
+        olga.act("/admin/users/link", name="Ned")
+        for lines in theirs:
+            assert not [line for line in lines if line.startswith("event")]  # and ends as a whole answer does
+        begin(client, study["slug"], study["invitation"])
+        until(hers, "P001")
 
 
 def test_a_monitor_that_many_watch_is_made_once_a_second() -> None:

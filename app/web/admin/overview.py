@@ -22,9 +22,10 @@ from app.study.options import parse_options
 from app.study.stages import FINISHED, WITHDRAWN
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.shell import study_page
-from app.web.gates import AStudy, Person, database, now
+from app.web.gates import AStudy, Person, database, is_still_signed_in, now
 
 LOOKS_EVERY_S = 1.0
+ASKS_EVERY_S = 3.0  # whether who watches still may
 STREAM_LASTS_S = 300.0  # then the browser opens another one
 HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
@@ -88,11 +89,17 @@ async def live(request: Request, person: Person, study: AStudy) -> Response:  # 
 
 
 async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
-    """The monitor whenever it changes, until the page is left or the server stops, by a signal or in its thread."""
+    """The monitor whenever it changes, until the page is left or its reader's session ends, or the server stops, by a
+    signal or in its thread.
+    """
     sight = request.app.state.sights.setdefault(study.id, Sight())
-    last = ""
+    last, asked_s = "", anyio.current_time()
     with anyio.move_on_after(STREAM_LASTS_S):
         while not (stopped.is_set() or request.app.state.is_stopping or await request.is_disconnected()):
+            if anyio.current_time() >= asked_s + ASKS_EVERY_S:
+                if not await run_in_threadpool(is_still_signed_in, request):
+                    return
+                asked_s = anyio.current_time()
             shown = await sight.at(anyio.current_time(), partial(_rendered, request, study))
             if shown != last:
                 last = shown
