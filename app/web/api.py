@@ -195,7 +195,7 @@ def audit(
 def archive(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Everything of a study in one file: tables, analysis, study file, data dictionary, checksums."""
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
-    write_archive(content, database, of)
+    write_archive(content, database, of.id)
     headers = {"Content-Disposition": f'attachment; filename="{of.slug}.zip"'}
     return streamed(content, "application/zip", chosen, headers)
 

@@ -15,7 +15,7 @@ from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Study
+from app.store.studies import Study, study_by_id
 from app.store.trials import trial_records
 from app.store.votes import vote_records
 from app.study.options import parse_options
@@ -27,16 +27,18 @@ from app.web.results import given_of, snapshot_of_given
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in it, so that the same content is the same archive
 
 
-def write_archive(out: IO[bytes], database: Database, of: Study) -> None:
+def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
     """Write the archive, all of one moment: the same bytes as long as nothing changes.
 
     Of a table, never more than a part is in memory.
     """
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        files = _Files(archive, of.slug)
-        files.write("README.md", _dictionary(of))
-        files.write("study.toml", _study_file(of))
         with database.snapshot() as connection:
+            of = study_by_id(connection, study_id)
+            assert of is not None, "studies are never deleted"
+            files = _Files(archive, of.slug)
+            files.write("README.md", _dictionary(of))
+            files.write("study.toml", _study_file(of))
             given = given_of(connection, of.id)
             for name, rows in _tables(connection, of.id):
                 files.write_table(name, rows, list(TABLES[name]))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import tomllib
 import tracemalloc
 import zipfile
 from collections.abc import Callable, Iterator
@@ -11,7 +13,9 @@ from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Any
 
+import httpx
 import pytest
+from dashboard import Dashboard
 from seeding import NOW, seed_voters
 from sqlalchemy import Connection
 
@@ -22,7 +26,7 @@ from app.store.studies import study_by_slug
 from app.store.trials import trial_records
 from app.store.votes import Ballot, keep_votes, vote_records
 from app.study.votes import Vote
-from app.web import archive
+from app.web import api, archive
 from app.web.answers import IN_MEMORY
 
 N_TRIALS = 25_000
@@ -46,7 +50,7 @@ def test_an_archive_of_many_trials_takes_little_memory(
     assert of is not None
     with SpooledTemporaryFile(IN_MEMORY) as content:
         tracemalloc.start()
-        archive.write_archive(content, database, of)
+        archive.write_archive(content, database, of.id)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         with zipfile.ZipFile(content) as written:
@@ -77,7 +81,7 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
         of = study_by_slug(connection, "test")
     assert of is not None
     with (tmp_path / "archive.zip").open("wb") as out:
-        archive.write_archive(out, database, of)
+        archive.write_archive(out, database, of.id)
     with database.reading() as connection:
         assert len(list(vote_records(connection, of.id))) == 3
     database.dispose()
@@ -91,3 +95,25 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
     assert sum(bool(row["choice"]) for row in tables["trials"]) == 1
     assert [row["n_votes"] for row in tables["participants"]] == ["1"]
     assert sum(row["n_votes"] for row in analysis["observers"]) == 1
+
+
+def test_an_archive_describes_the_study_of_which_its_tables_are(
+    experimenter: Dashboard,
+    analyst: httpx.Client,
+    new_study: Callable[[], dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slug = new_study()["slug"]
+
+    def written_after_an_edit(*given: Any) -> None:
+        edited = experimenter.act(f"/admin/studies/{slug}/edit", revision=1, name="Renamed", exposure_s=2.5)
+        assert edited.status_code == 200
+        archive.write_archive(*given)
+
+    monkeypatch.setattr(api, "write_archive", written_after_an_edit)
+    content = analyst.get(f"/api/v1/studies/{slug}/archive.zip").content
+    with zipfile.ZipFile(io.BytesIO(content)) as written:
+        assert b"study edited" in written.read(f"{slug}/audit.csv")
+        assert written.read(f"{slug}/README.md").startswith(b"# Renamed\n")
+        study_file = tomllib.loads(written.read(f"{slug}/study.toml").decode())
+    assert (study_file["name"], study_file["exposure_s"]) == ("Renamed", 2.5)
