@@ -35,7 +35,8 @@ from app.web.throttle import WRONG_CODES
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
 LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
-LARGEST_STAGE_DATA = MOST_QUESTIONS * (2 * LONGEST_ANSWER + 100)  # bytes: an interview in letters of two bytes, named
+LARGEST_KEPT_LETTER = 6  # bytes of UTF-8, or of JSON that escapes what cannot stand in it: \u0007
+LARGEST_STAGE_DATA = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes: an interview, named
 
 log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])

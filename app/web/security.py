@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from urllib.parse import urlsplit
 
@@ -11,6 +12,8 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.store.experimenters import SESSION_LASTS
+from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
+from app.study.stages import INTERVIEW
 from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH
 from app.web.problems import problem
 
@@ -31,6 +34,14 @@ HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
+LARGEST_LETTER = 12  # bytes, of one beyond 16 bits as JSON (\ud834\udd1e) or a form (%F0%9D%84%9E) escapes it
+INTERVIEWS = (  # what may take more, and of how many letters; a note comes with what was noted before
+    (re.compile(f"/api/v1/session/stages/{INTERVIEW}"), MOST_QUESTIONS * LONGEST_ANSWER),
+    (
+        re.compile(rf"/admin/studies/[a-z0-9-]+/participants/[^/]+/{INTERVIEW}"),
+        MOST_SPOKEN_QUESTIONS * (LONGEST_QUESTION + 2 * LONGEST_ANSWER),
+    ),
+)
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
 
@@ -120,14 +131,19 @@ class BodyLimit:
         if scope["type"] != "http" or UPLOAD_PATH.fullmatch(scope["path"]):
             await self.app(scope, receive, send)
             return
-        n_received = 0
+        n_received, largest = 0, _largest_body(scope["path"])
 
         async def counted() -> Message:
             nonlocal n_received
             message = await receive()
             n_received += len(message.get("body", b""))
-            if n_received > LARGEST_BODY:
+            if n_received > largest:
                 raise HTTPException(413)
             return message
 
         await self.app(scope, counted, send)
+
+
+def _largest_body(path: str) -> int:
+    letters = next((n_letters for address, n_letters in INTERVIEWS if address.fullmatch(path)), 0)
+    return LARGEST_BODY + LARGEST_LETTER * letters

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,10 @@ from app import create, operate
 from app.settings import Settings
 from app.simulate import Person, begin, simulate
 from app.study.options import parse_options
-from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
+from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 
 SPOKEN = ("Which was easiest?", "Anything else?")
+NAMES = [f"question_{number}" for number in range(MOST_QUESTIONS)]
 
 
 @pytest.fixture(scope="module")
@@ -111,13 +114,53 @@ def test_spoken_questions_are_texts(content: Any) -> None:
         parse_options({"spoken_questions": content})
 
 
+LETTERS = ("Ж", "語", "𝄞")  # of two, three and four bytes
+
+
+@pytest.fixture(scope="module")
+def long_winded(settings: Settings, stimulus_set: Path) -> dict[str, Any]:
+    """A study that asks as much as a study may."""
+    questions = [{"name": name, "text": f"{name}?", "kind": "text"} for name in NAMES]
+    spoken = [f"{number:0{LONGEST_QUESTION}}" for number in range(MOST_SPOKEN_QUESTIONS)]
+    content = {"optional_stages": ["interview"], "questions": questions, "spoken_questions": spoken}
+    return create.create_study(settings, stimulus_set, "Long", exposure_s=0.4, options=parse_options(content))
+
+
 def test_the_longest_answers_are_kept_in_any_alphabet(
-    settings: Settings, stimulus_set: Path, server: str, token: str, analyst: httpx.Client
+    server: str, token: str, analyst: httpx.Client, long_winded: dict[str, Any]
 ) -> None:
-    names = [f"question_{number}" for number in range(MOST_QUESTIONS)]
-    questions = [{"name": name, "text": f"{name}?", "kind": "text"} for name in names]
-    content = {"optional_stages": ["interview"], "questions": questions}
-    made = create.create_study(settings, stimulus_set, "Long", exposure_s=0.4, options=parse_options(content))
-    answers = dict.fromkeys(names, "Ж" * LONGEST_ANSWER)
-    simulate(server, made["slug"], made["invitation"], token, [Person(answers=answers)])
-    assert {row["question"]: row["answer"] for row in rows(analyst, made, "questionnaire")} == answers
+    people = [Person(answers=dict.fromkeys(NAMES, letter * LONGEST_ANSWER)) for letter in LETTERS]
+    simulate(server, long_winded["slug"], long_winded["invitation"], token, people)
+    kept = rows(analyst, long_winded, "questionnaire")
+    for label, person in zip(("P001", "P002", "P003"), people, strict=True):
+        assert {row["question"]: row["answer"] for row in kept if row["participant"] == label} == person.answers
+
+
+def test_an_interview_may_be_as_long_as_its_answers_and_no_longer(
+    client: httpx.Client, long_winded: dict[str, Any]
+) -> None:
+    begin(client, long_winded["slug"], long_winded["invitation"])
+    escaped = json.dumps({"data": {"answers": dict.fromkeys(NAMES, "𝄞" * LONGEST_ANSWER)}})  # twelve bytes a letter
+    headers = {"Content-Type": "application/json"}
+    for stage, content, status in (
+        ("interview", escaped, 409),
+        ("interview", 2 * escaped, 413),
+        ("trial", escaped, 413),
+    ):
+        answer = client.put(f"/api/v1/session/stages/{stage}", content=content, headers=headers)
+        assert is_problem(answer, status), (stage, len(content))
+
+
+def test_the_longest_notes_of_an_interview_are_kept_in_any_alphabet(
+    experimenter: Dashboard, client: httpx.Client, long_winded: dict[str, Any]
+) -> None:
+    begin(client, long_winded["slug"], long_winded["invitation"])
+    path = f"/admin/studies/{long_winded['slug']}/participants/P001/interview"
+    asked = re.findall(r'name="question" value="([^"]+)"', experimenter.get(path).text)
+    assert len(asked) == MOST_SPOKEN_QUESTIONS
+    seen = [""] * len(asked)
+    for letter in LETTERS:
+        said = [letter * LONGEST_ANSWER] * len(asked)
+        assert experimenter.act(path, question=asked, answer=said, seen=seen).status_code == 200
+        seen = said
+    assert experimenter.get(path).text.count(f"{seen[0]}</textarea>") == len(asked)
