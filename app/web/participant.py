@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.engine import Database
@@ -28,7 +28,7 @@ from app.store.sessions import (
 from app.study.comprehension import is_understood
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.stage_data import InvalidStageError, check_stage_data
-from app.study.stages import FINISHED, TRIAL, IllegalMoveError
+from app.study.stages import FINISHED, INTERVIEW, TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
 from app.web.throttle import WRONG_CODES
 
@@ -36,7 +36,8 @@ COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come ba
 LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LARGEST_KEPT_LETTER = 6  # bytes of UTF-8, or of JSON that escapes what cannot stand in it: \u0007
-LARGEST_STAGE_DATA = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes: an interview, named
+LARGEST_INTERVIEW = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes, with the questions' names
+LARGEST_STAGE_DATA = 200 * 1024  # bytes, of any other stage; pages send a few hundred
 
 log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])
@@ -49,12 +50,6 @@ class Strict(BaseModel):
     """Bodies are taken as they are described, or not at all."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-def _plain_json(value: dict[str, Any]) -> dict[str, Any]:
-    if len(json.dumps(value, allow_nan=False, ensure_ascii=False).encode(errors="surrogatepass")) > LARGEST_STAGE_DATA:
-        raise ValueError(f"longer than {LARGEST_STAGE_DATA} bytes")
-    return value
 
 
 class Admission(Strict):
@@ -72,7 +67,7 @@ class Resumption(Strict):
 
 
 class StageData(Strict):
-    data: Annotated[dict[str, Any], AfterValidator(_plain_json)] = Field(default={}, examples=[{"language": "en"}])
+    data: dict[str, Any] = Field(default={}, examples=[{"language": "en"}])
 
 
 class ComprehensionBody(Strict):
@@ -202,6 +197,7 @@ def complete(
     """Complete a stage; one that is already behind stays as it was. 409: not the current one, or it ends by itself."""
     if stage not in signed_in.session.options.way:
         raise NotFoundError("There is no such stage.")
+    _check_size(stage, body.data)
     try:
         check_stage_data(stage, body.data, signed_in.session.options)
         complete_stage(database, signed_in.session, stage, body.data, now)
@@ -210,6 +206,16 @@ def complete(
     except IllegalMoveError as error:
         raise ConflictError(f"This stage cannot be completed now: {error}.") from error
     return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))
+
+
+def _check_size(stage: str, data: dict[str, Any]) -> None:
+    largest = LARGEST_INTERVIEW if stage == INTERVIEW else LARGEST_STAGE_DATA
+    try:
+        content = json.dumps(data, allow_nan=False, ensure_ascii=False)
+    except ValueError as error:
+        raise InvalidError(f"What came with this stage is no JSON: {error}.") from error
+    if len(content.encode(errors="surrogatepass")) > largest:
+        raise InvalidError(f"What came with this stage is longer than {largest} bytes.")
 
 
 def remember(request: Request, response: Response, token: str) -> None:
