@@ -115,8 +115,8 @@ export class Trial {
     const { media, first_shown } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blobs) => this.player.load(blobs, media, first_shown, signal))
-      .then(() => this.#go("fixation"), (error) => this.#go("failed", error));
+      .then((blobs) => signal.aborted || this.player.load(blobs, media, first_shown, signal))
+      .then(() => signal.aborted || this.#go("fixation"), (error) => signal.aborted || this.#go("failed", error));
   }
 
   /** @param {AbortSignal} signal */

@@ -15,6 +15,8 @@ import { tell } from "./views.js";
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
+/** What comes of anything after the study was abandoned here. @type {Promise<never>} */
+const NEVER = new Promise(() => {});
 
 export class Trials {
   /** @param {HTMLElement} screen @param {Technique | null} technique null: none is ever shown @param {number} breakEvery trials; 0: never */
@@ -28,6 +30,7 @@ export class Trials {
     this.ahead = null;
     /** @type {Trial | null} */
     this.current = null;
+    this.isAbandoned = false;
   }
 
   /**
@@ -38,6 +41,7 @@ export class Trials {
     for (;;) {
       const askedAt = performance.now();
       const description = await this.#next(outbox);
+      if (this.isAbandoned) return NEVER;
       if (!description) return "over";
       if (this.#isTimeForBreak(description)) return "break";
       this.ahead = description.following ?? null;
@@ -47,6 +51,7 @@ export class Trials {
 
   /** Shows one, of the study or to practise. @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
   async show(description, askedAt) {
+    if (this.isAbandoned) return NEVER;
     this.current = new Trial(this.screen, description, this.#film(description), this.#way());
     try {
       return await this.current.run(askedAt);
@@ -58,16 +63,23 @@ export class Trials {
     }
   }
 
-  /** Stops the one that runs for good. */
+  /** Stops the one that runs for good, and any whose description or film is still on its way. */
   abandon() {
+    this.isAbandoned = true;
     this.current?.abandon();
   }
 
   /** @param {Outbox} outbox @returns {Promise<TrialDescription | null>} */
   #next(outbox) {
-    const fresh = upToDate(outbox);
+    const fresh = this.#upToDate(outbox);
     fresh.catch(() => {}); // it may fail after the study went on without it; then the next call tells
     return this.ahead ? Promise.race([fresh, this.#withoutServer(this.ahead)]) : fresh;
+  }
+
+  /** @param {Outbox} outbox @returns {Promise<TrialDescription | null>} */
+  async #upToDate(outbox) {
+    await outbox.emptied();
+    return patiently(async () => (this.isAbandoned ? null : readNextTrial()));
   }
 
   /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
@@ -80,7 +92,7 @@ export class Trials {
   async #take(description, askedAt, outbox) {
     const { following } = description;
     this.films.keepOnly([description, following].flatMap((one) => (one ? [this.#addresses(one)] : [])));
-    if (following) this.#film(description).whole.then(() => this.#film(following)).catch(() => {});
+    if (following) this.#film(description).whole.then(() => this.isAbandoned || this.#film(following)).catch(() => {});
     const { vote, interruption } = await this.show(description, askedAt);
     if (vote) await outbox.putVote(description.trial, vote);
     if (interruption) await outbox.putInterruption(description.trial, interruption);
@@ -112,10 +124,4 @@ export class Trials {
     if (!this.technique) throw new Error("this browser cannot show the films");
     return this.technique;
   }
-}
-
-/** @param {Outbox} outbox @returns {Promise<TrialDescription | null>} */
-async function upToDate(outbox) {
-  await outbox.emptied();
-  return patiently(readNextTrial);
 }

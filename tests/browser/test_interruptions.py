@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import APIResponse, Page, Route, expect
+from techniques import leave_only
 from visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
@@ -12,6 +15,12 @@ HIDE = """() => {
     Object.defineProperty(document, "visibilityState", { value: "hidden", configurable: true });
     document.dispatchEvent(new Event("visibilitychange"));
     delete document.visibilityState;
+}"""
+
+WATCH_TRIAL = """() => {
+    const trial = document.getElementById("trial");
+    window.states = [];
+    new MutationObserver(() => states.push(trial.dataset.state)).observe(trial, { attributeFilter: ["data-state"] });
 }"""
 
 
@@ -84,6 +93,57 @@ def test_two_tabs_do_not_vote_on_the_same_trial(study: Study, page: Page, visito
     other.close()
     page.get_by_role("button", name="Go on here").click()
     visitor.sees("resume")
+
+
+def take_over(study: Study, page: Page, visitor: Visitor) -> None:
+    """In another tab."""
+    other = page.context.new_page()
+    other.goto(study.address)
+    Visitor(other).sees("elsewhere")
+    other.keyboard.press("Enter")
+    Visitor(other).sees("resume")
+    visitor.sees("yielded")
+
+
+def withdraw(_: Study, page: Page, visitor: Visitor) -> None:
+    page.get_by_role("button", name="Withdraw").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+
+
+@pytest.mark.parametrize(
+    ("awaited", "technique", "leave"),
+    [
+        ("**/stages/introduction", "stacked", take_over),
+        ("**/stages/introduction", "stacked", withdraw),
+        ("**/trials/next", "stacked", take_over),
+        ("**/media/**", "webcodecs", take_over),
+    ],
+)
+def test_what_arrives_when_the_page_was_left_starts_nothing(
+    study: Study,
+    page: Page,
+    visitor: Visitor,
+    awaited: str,
+    technique: str,
+    leave: Callable[[Study, Page, Visitor], None],
+) -> None:
+    held: list[tuple[Route, APIResponse]] = []
+    page.route(awaited, lambda route: held.append((route, route.fetch())))
+    leave_only(page, technique)
+    with page.expect_request(awaited):
+        visitor.begin(study)
+    leave(study, page, visitor)
+    page.evaluate(WATCH_TRIAL)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    for route, answer in held:
+        with page.expect_response(route.request.url):
+            route.fulfill(response=answer)
+    page.evaluate("new Promise((resolve) => requestIdleCallback(resolve))")  # what the page does with them has begun
+    page.evaluate("fetch('/healthz')")
+    assert asked == [f"{study.url}/healthz"]
+    assert page.evaluate("states") == []
 
 
 def test_a_tab_never_acts_for_a_participant_who_began_in_another_tab(
