@@ -29,6 +29,7 @@ let packages;
 async function draw(figure) {
   packages ??= load();
   const [{ expressionInterpreter }, answer] = await Promise.all([packages, fetch(figure.dataset.vega)]);
+  if (!answer.ok) throw new Error(`${answer.status} from ${answer.url}`); // its words are no figure
   const spec = await answer.json();
   const ground = document.createElement("div");
   const view = new window.vega.View(window.vega.parse(spec, undefined, { ast: true }), {

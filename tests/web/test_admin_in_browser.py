@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Route
 
 from app import operate
 from app.settings import Settings
@@ -116,6 +117,29 @@ def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     page.get_by_role("button", name="Upload").click()
     page.get_by_text("The server refused the file (413").wait_for(timeout=5000)
     assert page.get_by_role("button", name="Upload").is_enabled()
+    page.close()
+
+
+@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
+def test_a_figure_whose_numbers_cannot_be_had_stays_the_picture_that_it_was(
+    browser: Browser, server: str, settings: Settings, taken: dict[str, Any]
+) -> None:
+    page = browser.new_page(base_url=server, viewport={"width": 1366, "height": 3000})
+    page.goto(operate.add_experimenter(settings, "Dora Example")["path"])
+    refused: list[str] = []
+
+    def refuse_the_first(route: Route) -> None:
+        refused.append(route.request.url)
+        if route.request.url == refused[0]:
+            route.fulfill(status=503, content_type="application/problem+json", body=json.dumps({"title": "Away"}))
+        else:
+            route.continue_()
+
+    page.route("**/figures/*.vega*", refuse_the_first)
+    page.goto(f"/admin/studies/{taken['slug']}/results")
+    page.locator(".plot-ground svg").first.wait_for()
+    figure = page.locator(f"figure[data-vega='{refused[0].removeprefix(server)}']")
+    assert figure.locator("img").is_visible()
     page.close()
 
 
