@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import Connection, select
 
+from app.store.exclusions import takes_part_in
 from app.store.tables import participant, session, vote
 
 
@@ -15,7 +16,7 @@ def votes_by_minute(connection: Connection, study_id: int, now: datetime, minute
     rows = connection.scalars(
         select(vote.c.received_at)
         .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False), vote.c.received_at > since)
+        .where(takes_part_in(study_id), vote.c.received_at > since)
     )
     counts = [0] * minutes
     for received_at in rows:

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_, select, update
 
 from app.store.designs import planned_pairs, stimulus_names
-from app.store.exclusions import is_excluded
+from app.store.exclusions import is_excluded, takes_part_in
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, trial, vote
 from app.study.adaptive import adaptive_pairs
@@ -64,8 +64,7 @@ def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, i
             vote.join(trial).join(assignment).join(participant).join(session, session.c.id == trial.c.session_id)
         )
         .where(
-            participant.c.study_id == study_id,
-            participant.c.is_preview.is_(False),
+            takes_part_in(study_id),
             session.c.withdrawn_at.is_(None),
             ~is_excluded(),
             assignment.c.role == MAIN,
@@ -97,7 +96,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
             assignment.c.role,
         )
         .join(participant)
-        .where(participant.c.study_id == of.id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(of.id))
         .order_by(assignment.c.participant_id, assignment.c.position)
     ):
         planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
@@ -112,7 +111,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
     people = connection.execute(
         select(participant.c.id, participant.c.label, participant.c.order_slot, participant.c.released_at, state)
         .select_from(participant.join(session))
-        .where(participant.c.study_id == of.id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(of.id))
         .order_by(participant.c.order_slot, participant.c.id)
     )
     return [

@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, fu
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import insert_or_ignore
-from app.store.exclusions import in_force
+from app.store.exclusions import in_force, takes_part_in
 from app.store.keys import digest, new_secret
 from app.store.schema import metadata
 from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
@@ -41,7 +41,7 @@ def participant_labelled(connection: Connection, study_id: int, label: str) -> P
     """
     row = connection.execute(
         select(participant.c.id, participant.c.label, participant.c.study_id, participant.c.erased_at).where(
-            participant.c.study_id == study_id, participant.c.label == label, participant.c.is_preview.is_(False)
+            takes_part_in(study_id), participant.c.label == label
         )
     ).one_or_none()
     if row is None:
@@ -140,7 +140,7 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
         )
         .select_from(participant.join(session))
         .outerjoin(exclusion, in_force(participant.c.id))
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(study_id))
     )
     if sought.label:
         query = query.where(participant.c.label.icontains(sought.label, autoescape=True))
@@ -261,11 +261,11 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
 
 def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """A row for each participant and question: first what was written, then what was said to an experimenter."""
-    own = (participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+    own = takes_part_in(study_id)
     written = connection.execute(
         select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
         .select_from(stage_record.join(session).join(participant))
-        .where(*own, stage_record.c.stage == INTERVIEW)
+        .where(own, stage_record.c.stage == INTERVIEW)
         .order_by(participant.c.slot)
     )
     rows: list[dict[str, Any]] = [
@@ -282,7 +282,7 @@ def questionnaire_records(connection: Connection, study_id: int) -> list[dict[st
             spoken_answer.c.experimenter,
         )
         .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
-        .where(*own)
+        .where(own)
         .order_by(participant.c.slot, spoken_answer.c.id)
     )
     return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

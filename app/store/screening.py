@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Row, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
+from app.store.exclusions import takes_part_in
 from app.store.tables import participant, screening_display, screening_item, screening_test, session
 from app.study.screening import (
     NOT_TAKEN,
@@ -199,7 +200,7 @@ def screening_records(connection: Connection, study_id: int) -> Iterator[dict[st
         .join(session, screening_test.c.session_id == session.c.id)
         .join(participant, session.c.participant_id == participant.c.id)
         .outerjoin(screening_display, screening_display.c.session_id == session.c.id)
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(study_id))
         .order_by(participant.c.slot, screening_test.c.test)
     )
     for row in rows.all():

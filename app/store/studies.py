@@ -10,6 +10,7 @@ from typing import Any, Literal
 from sqlalchemy import ColumnElement, Connection, Row, exists, func, insert, select, true, update
 
 from app.errors import ConflictError
+from app.store.exclusions import takes_part_in
 from app.store.tables import condition, dataset, pair, participant, session, study, vote
 from app.study.stages import FINISHED
 
@@ -124,7 +125,7 @@ def progress_by_study(connection: Connection) -> dict[int, Progress]:
 
 
 def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, Progress]:
-    own = (participant.c.study_id == study.c.id) & participant.c.is_preview.is_(False)
+    own = takes_part_in(study.c.id)
     sessions = select(func.count()).select_from(session.join(participant)).where(own)
     counts = {
         "n_datasets": select(func.count()).where(dataset.c.study_id == study.c.id),

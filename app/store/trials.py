@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Connection, Row, Select, exists, func, ins
 from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND, has_singles
 from app.store.engine import Database
-from app.store.exclusions import in_force
+from app.store.exclusions import in_force, takes_part_in
 from app.store.keys import new_opaque_id
 from app.store.tables import (
     assignment,
@@ -148,7 +148,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     ----------
     session_id : the public id of one session; None for all
     """
-    query = _records().where(_of(study_id))
+    query = _records().where(takes_part_in(study_id))
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
     ordered = query.order_by(*IN_ORDER)
@@ -158,7 +158,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
 
 def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
     """One trial of a study, as `trial_records` has it."""
-    query = _records().where(_of(study_id), trial.c.public_id == trial_id)
+    query = _records().where(takes_part_in(study_id), trial.c.public_id == trial_id)
     row = connection.execute(query).one_or_none()
     return None if row is None else _described(row)
 
@@ -207,21 +207,17 @@ def given_labels(connection: Connection, study_id: int) -> list[str]:
     """The participants who have voted or been interrupted, in order of arrival."""
     own = trial.c.session_id == session.c.id
     has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(own, trial.c.voided_at.is_not(None))
-    rows = select(participant.c.label).select_from(participant.join(session)).where(_of(study_id), has_given)
+    rows = select(participant.c.label).select_from(participant.join(session)).where(takes_part_in(study_id), has_given)
     return list(connection.scalars(rows.order_by(participant.c.slot)))
 
 
 def _given(study_id: int, sought: SoughtTrials) -> Select[Any]:
-    query = _records().where(_of(study_id), IS_GIVEN)
+    query = _records().where(takes_part_in(study_id), IS_GIVEN)
     if sought.participant:
         query = query.where(participant.c.label == sought.participant)
     if sought.dataset:
         query = query.where(dataset.c.name == sought.dataset)
     return query.where(KINDS[sought.kind]) if sought.kind in KINDS else query
-
-
-def _of(study_id: int) -> ColumnElement[bool]:
-    return (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
 
 
 def _described(row: Row[Any]) -> dict[str, Any]:
