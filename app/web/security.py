@@ -131,13 +131,13 @@ class BodyLimit:
         if scope["type"] != "http" or UPLOAD_PATH.fullmatch(scope["path"]):
             await self.app(scope, receive, send)
             return
-        n_received, largest = 0, _largest_body(scope["path"])
+        n_received = 0
 
         async def counted() -> Message:
             nonlocal n_received
             message = await receive()
             n_received += len(message.get("body", b""))
-            if n_received > largest:
+            if n_received > LARGEST_BODY and n_received > _largest_body(scope["path"]):
                 raise HTTPException(413)
             return message
 

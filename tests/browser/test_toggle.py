@@ -19,10 +19,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 FPS = 1.0  # a frame stays long enough for three pictures of the screen, also on a busy machine
 N_FRAMES = 10
 FEWEST_MOMENTS = 4
-LATE = {
-    "stacked": 1,
-    "webcodecs": 0,
-}  # frames: a browser tells of a video's after it is on screen, on a busy machine late
+LATE = {"stacked": 1, "webcodecs": 0}  # frames: browsers tell of a video's when it is on screen, a busy machine late
 NO_SHIFT = 4  # grey levels: what compression leaves between the halves; a shift by half a pixel gives 25 and more
 BADGE = np.s_[:90, :160]  # it tells A from B and so differs
 
