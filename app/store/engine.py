@@ -12,25 +12,30 @@ import fcntl
 import logging
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import URL, Column, Connection, Engine, Table, create_engine, event, make_url
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import DataError, InterfaceError, OperationalError
+from sqlalchemy.exc import DataError, DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
 
 log = logging.getLogger(__name__)
+Found = TypeVar("Found")
 
 Transaction = Connection  # what the blocks below are given, for those outside who hand it on to the store
 
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
+KNOWN_TO_LIVE_S = (
+    1.0  # after its last transaction; later the pool asks PostgreSQL whether the connection is still there
+)
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
 
 
@@ -75,7 +80,7 @@ class Database:
 
     def with_own_connection(self) -> Database:
         """The same database by one connection that no reader can take, for the one thread that must never wait."""
-        return Database(_new_engine(self.engine.url, pool_size=1, max_overflow=0), self._write_lock)
+        return _DatabaseOfOneThread(_new_engine(self.engine.url, pool_size=1, max_overflow=0), self._write_lock)
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -96,13 +101,17 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction, on disk when the block ends, undone when it raises."""
-        with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
-            connection = connection.execution_options(is_writing=True)
+        with self._unavailable_when_away(), self._write_lock, self._to_write() as connection:
             try:
                 with connection.begin():
                     yield connection
             except DataError as error:
                 raise InvalidError("This holds a character or a number that cannot be kept.") from error
+
+    @contextmanager
+    def _to_write(self) -> Iterator[Connection]:
+        with self.engine.connect() as connection:
+            yield connection.execution_options(is_writing=True)
 
     @contextmanager
     def _unavailable_when_away(self) -> Iterator[None]:
@@ -119,6 +128,33 @@ class Database:
 
     def dispose(self) -> None:
         self.engine.dispose()
+
+
+class _DatabaseOfOneThread(Database):
+    """Writes by one connection, which the pool gets back when a transaction has failed or none has come for a while."""
+
+    _open: Connection | None = None
+    _last_s = 0.0
+
+    @contextmanager
+    def _to_write(self) -> Iterator[Connection]:
+        connection, self._open = self._open, None
+        if connection is not None and time.monotonic() - self._last_s > KNOWN_TO_LIVE_S:
+            connection.close()
+            connection = None
+        if connection is None:
+            connection = self.engine.connect().execution_options(is_writing=True)
+        try:
+            yield connection
+        except BaseException:
+            connection.close()
+            raise
+        self._open, self._last_s = connection, time.monotonic()
+
+    def dispose(self) -> None:
+        if self._open is not None:
+            self._open.close()
+        super().dispose()
 
 
 def open_database(url: str) -> Database:
@@ -168,7 +204,20 @@ def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:
 
 def _begin_sqlite(connection: Connection) -> None:
     is_writing = connection.get_execution_options().get("is_writing", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if is_writing else "BEGIN")
+    run_by_driver(connection, "BEGIN IMMEDIATE" if is_writing else "BEGIN", lambda cursor, text: cursor.execute(text))
+
+
+def run_by_driver(connection: Connection, text: str, run: Callable[[Any, str], Found]) -> Found:
+    """Run a statement past all that SQLAlchemy does around each; its errors are SQLAlchemy's nevertheless."""
+    cursor = connection.connection.cursor()
+    try:
+        return run(cursor, text)
+    except connection.dialect.loaded_dbapi.Error as error:
+        raise DBAPIError.instance(
+            text, None, error, connection.dialect.loaded_dbapi.Error, dialect=connection.dialect
+        ) from error
+    finally:
+        cursor.close()
 
 
 def insert_or_ignore(

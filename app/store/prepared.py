@@ -7,28 +7,32 @@ statements of a batch of votes that takes longer than the database does (bench/s
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from pydantic_core import to_json
-from sqlalchemy import ARRAY, JSON, Column, ColumnElement, Connection, any_, bindparam, func, select
+from sqlalchemy import ARRAY, JSON, BindParameter, Column, ColumnElement, Connection, any_, bindparam, func, select
 from sqlalchemy.dialects.postgresql.psycopg import PGDialect_psycopg
 from sqlalchemy.dialects.sqlite.pysqlite import SQLiteDialect_pysqlite
 from sqlalchemy.engine import Dialect
-from sqlalchemy.exc import DBAPIError
 from sqlalchemy.sql.dml import Insert
 from sqlalchemy.sql.selectable import Select
 
+from app.store.engine import run_by_driver
+
 Row = Mapping[str, Any]
-Found = TypeVar("Found")
 
 
 def _json(value: Any) -> str:
     return to_json(value).decode()
 
 
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
 DIALECTS: dict[str, Callable[[], Dialect]] = {
-    "sqlite": lambda: SQLiteDialect_pysqlite(paramstyle="named", json_serializer=_json),
-    "postgresql": lambda: PGDialect_psycopg(json_serializer=_json),  # type: ignore[no-untyped-call]
+    "sqlite": lambda: SQLiteDialect_pysqlite(paramstyle="qmark", json_serializer=_json),
+    "postgresql": lambda: PGDialect_psycopg(paramstyle="format", json_serializer=_json),  # type: ignore[no-untyped-call]
 }
 
 
@@ -47,45 +51,31 @@ class Prepared:
         self._dialect = DIALECTS[dialect_name]()
         compiled = statement.compile(dialect=self._dialect, column_keys=columns)
         self._text = str(compiled)
-        self._constants: dict[str, Any] = {}
-        self._processors: list[tuple[str, Callable[[Any], Any]]] = []
-        for parameter, name in compiled.bind_names.items():
-            process = parameter.type.dialect_impl(self._dialect).bind_processor(self._dialect)
-            if not parameter.required:
-                self._constants[name] = process(parameter.value) if process else parameter.value
-            elif process:
-                self._processors.append((name, process))
+        self._parameters = [self._parameter(name, compiled.binds[name]) for name in compiled.positiontup or ()]
+
+    def _parameter(self, name: str, parameter: BindParameter[Any]) -> tuple[str | None, Any]:
+        """What stands at one place of the statement: a name and how its value is told, or a constant."""
+        process = parameter.type.dialect_impl(self._dialect).bind_processor(self._dialect) or _as_it_is
+        return (name, process) if parameter.required else (None, process(parameter.value))
 
     def rows(self, connection: Connection, **values: Any) -> list[tuple[Any, ...]]:
         """What a SELECT finds."""
-        return self._run(connection, lambda cursor: cursor.execute(self._text, self._bound(values)).fetchall())
+        return run_by_driver(
+            connection, self._text, lambda cursor, text: cursor.execute(text, self._bound(values)).fetchall()
+        )
 
     def insert(self, connection: Connection, rows: Sequence[Row]) -> int:
         """Insert rows; how many there are of them then."""
 
-        def insert_each(cursor: Any) -> int:
-            cursor.executemany(self._text, [self._bound(row) for row in rows])
+        def insert_each(cursor: Any, text: str) -> int:
+            cursor.executemany(text, [self._bound(row) for row in rows])
             n_rows: int = cursor.rowcount
             return n_rows
 
-        return self._run(connection, insert_each)
+        return run_by_driver(connection, self._text, insert_each)
 
-    def _bound(self, values: Row) -> dict[str, Any]:
-        bound = {**self._constants, **values}
-        for name, process in self._processors:
-            bound[name] = process(bound[name])
-        return bound
-
-    def _run(self, connection: Connection, what: Callable[[Any], Found]) -> Found:
-        cursor = connection.connection.cursor()
-        try:
-            return what(cursor)
-        except connection.dialect.loaded_dbapi.Error as error:
-            raise DBAPIError.instance(
-                self._text, None, error, connection.dialect.loaded_dbapi.Error, dialect=connection.dialect
-            ) from error
-        finally:
-            cursor.close()
+    def _bound(self, values: Row) -> list[Any]:
+        return [process(values[name]) if name else process for name, process in self._parameters]
 
 
 def among(column: Column[Any], parameter: str, dialect_name: str) -> ColumnElement[bool]:

@@ -10,6 +10,7 @@ from sqlalchemy import (
     Column,
     Float,
     ForeignKey,
+    ForeignKeyConstraint,
     Index,
     Integer,
     String,
@@ -327,6 +328,7 @@ trial = Table(
     Column("void_reason", String(20)),
     Column("void_viewing", JSON(none_as_null=True)),
     UniqueConstraint("session_id", "assignment_id", "attempt"),
+    Index("uq_trial_session_id_id", "session_id", "id", unique=True),
 )
 
 vote = Table(
@@ -335,7 +337,7 @@ vote = Table(
     key(),
     required("client_id", String(36), unique=True),
     reference("session", index=False),
-    reference("trial", index=True),
+    required("trial_id", Integer),
     required("choice", String(4)),
     required("first_shown", String(1)),
     required("n_switches", Integer),
@@ -344,7 +346,9 @@ vote = Table(
     required("viewing", JSON),
     required("received_at", UtcDateTime),
     UniqueConstraint("session_id", "trial_id"),
-    CheckConstraint("choice in ('a', 'b', 'none')", name="choice"),
+    ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # no index of trials alone
+    # no list: of three and more SQLite makes a table, for every row that it checks
+    CheckConstraint("choice = 'a' or choice = 'b' or choice = 'none'", name="choice"),
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, and_, exists, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND, has_singles
@@ -58,6 +58,11 @@ class NextTrial:
     has_singles: bool
 
 
+def is_voted_on() -> ColumnElement[bool]:
+    """That a vote is on a trial."""
+    return and_(vote.c.session_id == trial.c.session_id, vote.c.trial_id == trial.c.id)
+
+
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
     """The first trials of a session without a vote, in order: the one to show, and the one to fetch meanwhile.
 
@@ -85,7 +90,7 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
         .where(
             trial.c.session_id == session_id,
             trial.c.voided_at.is_(None),
-            ~exists().where(vote.c.trial_id == trial.c.id),
+            ~exists().where(is_voted_on()),
         )
         .order_by(trial.c.attempt, assignment.c.position)
         .limit(limit)
@@ -116,7 +121,7 @@ def void_trial(
     with database.writing() as connection:
         connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
         row = connection.execute(
-            select(trial, exists().where(vote.c.trial_id == trial.c.id).label("has_vote")).where(
+            select(trial, exists().where(is_voted_on()).label("has_vote")).where(
                 trial.c.session_id == session_id, trial.c.public_id == trial_id
             )
         ).one_or_none()
@@ -292,7 +297,7 @@ def _records() -> Select[Any]:
         .join(bottom, pair.c.bottom_id == bottom.c.id)
         .join(top_condition, top.c.condition_id == top_condition.c.id)
         .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
-        .outerjoin(vote, vote.c.trial_id == trial.c.id)
+        .outerjoin(vote, is_voted_on())
         .outerjoin(exclusion, in_force(participant.c.id))
     )
 

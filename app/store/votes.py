@@ -17,7 +17,7 @@ from app.store.keys import digest
 from app.store.prepared import Prepared, among
 from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
-from app.store.trials import trial_records
+from app.store.trials import is_voted_on, trial_records
 from app.study.trial import Label
 from app.study.votes import InvalidVoteError, Vote, check_vote, is_same
 
@@ -46,7 +46,7 @@ class Ballot:
 _OPEN_TRIAL = select(trial.c.id).where(
     trial.c.session_id == session.c.id,
     trial.c.voided_at.is_(None),
-    ~exists().where(vote.c.trial_id == trial.c.id),
+    ~exists().where(is_voted_on()),
 )
 # The last first: votes begin at the other end, so that one is found at once.
 _LAST_OPEN_TRIAL = _OPEN_TRIAL.order_by(trial.c.assignment_id.desc()).limit(1)
@@ -264,7 +264,9 @@ def _outcome(
 
 def _sent_before(connection: Connection, sent: Vote, target: _Target) -> KeptVote | StudyError:
     """The vote that stood in the way, if it is this one."""
-    row = connection.execute(select(vote).where(vote.c.trial_id == target.id)).one_or_none()
+    row = connection.execute(
+        select(vote).where(vote.c.session_id == target.session_id, vote.c.trial_id == target.id)
+    ).one_or_none()
     if row is None and target.has_withdrawn:
         return GoneError("You have withdrawn from the study, so this answer was not kept.")
     if row is None:

@@ -11,13 +11,15 @@ from pathlib import Path
 
 import pytest
 from postgresql import PostgresServer
+from seeding import seed_voters
 from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
+from app.store import engine
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
-from app.store.tables import api_token, vote
+from app.store.tables import api_token, trial, vote
 
 
 def token_row(name: str) -> dict[str, object]:
@@ -79,21 +81,66 @@ def test_one_can_read_while_another_writes(database: Database) -> None:
     assert n_tokens(database) == 1
 
 
-def test_a_vote_for_no_trial_is_refused(database: Database, now: datetime) -> None:
-    row = {
-        "client_id": "x",
-        "session_id": 1,
-        "trial_id": 1,
-        "choice": "a",
-        "first_shown": "a",
-        "n_switches": 0,
-        "shown_ms": 0.0,
-        "response_ms": 0.0,
-        "viewing": {},
-        "received_at": now,
-    }
-    with pytest.raises(IntegrityError, match=r"(?i)foreign key"), database.writing() as connection:
-        connection.execute(insert(vote).values(**row))
+def test_a_vote_for_no_trial_of_its_session_is_refused(database: Database, now: datetime) -> None:
+    seed_voters(database, n_voters=2, n_approaches=2)
+    with database.reading() as connection:
+        trials = connection.execute(select(trial.c.session_id, trial.c.id)).all()
+    (of_one, _), (_, of_another) = trials
+    for trial_id in (of_another, 9):
+        row = {
+            "client_id": "x",
+            "session_id": of_one,
+            "trial_id": trial_id,
+            "choice": "a",
+            "first_shown": "a",
+            "n_switches": 0,
+            "shown_ms": 0.0,
+            "response_ms": 0.0,
+            "viewing": {},
+            "received_at": now,
+        }
+        with pytest.raises(IntegrityError, match=r"(?i)foreign key"), database.writing() as connection:
+            connection.execute(insert(vote).values(**row))
+
+
+def test_the_one_thread_that_must_never_wait_writes_again_after_a_failure(database: Database) -> None:
+    alone = database.with_own_connection()
+    for name in ("one", "two", "three"):
+        with pytest.raises(RuntimeError, match="midway"), alone.writing() as connection:  # noqa: PT012
+            connection.execute(insert(api_token).values(**token_row(f"not {name}")))
+            raise RuntimeError("midway")
+        with alone.writing() as connection:
+            connection.execute(insert(api_token).values(**token_row(name)))
+    assert n_tokens(database) == 3
+    alone.dispose()
+
+
+@pytest.mark.slow
+def test_a_connection_that_was_cut_is_replaced(postgres: PostgresServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    database = open_database(postgres.new_database("cut"))
+    upgrade(database)
+    alone = database.with_own_connection()
+
+    def cut() -> None:
+        with alone.writing() as connection:
+            own = connection.scalar(text("SELECT pg_backend_pid()"))
+        with database.writing() as connection:
+            connection.execute(text("SELECT pg_terminate_backend(:pid)"), {"pid": own})
+
+    def write(name: str) -> None:
+        with alone.writing() as connection:
+            connection.execute(insert(api_token).values(**token_row(name)))
+
+    cut()
+    with pytest.raises(UnavailableError):  # in the midst of others; whoever sends it sends it again
+        write("one")
+    write("one")
+    monkeypatch.setattr(engine, "KNOWN_TO_LIVE_S", 0.0)
+    cut()
+    write("two")
+    assert n_tokens(database) == 2
+    alone.dispose()
+    database.dispose()
 
 
 def test_many_threads_write_one_after_another(database: Database) -> None:
