@@ -59,6 +59,7 @@ from app.web.votes import vote_route
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
+GARBAGE_AFTER = 20_000  # objects more than before; after 700 of them, as Python does, it is a sixteenth of an answer
 UVICORN_OPTIONS: dict[str, Any] = {
     "log_config": None,
     "log_level": "warning",
@@ -190,6 +191,7 @@ def _app_to_stay(settings: Settings) -> FastAPI:
     """The app of a process that does nothing else."""
     app = create_app(settings)
     gc.freeze()  # looking for garbage among all that was loaded takes 70 ms each time, in which nobody is answered
+    gc.set_threshold(GARBAGE_AFTER, *gc.get_threshold()[1:])
     return app
 
 

@@ -35,6 +35,7 @@ class Metrics:
         self._count_of = cache(lambda method, route, status: self.requests.labels(method, route, str(status)))
         self._times_of = cache(self.seconds.labels)  # looking a label up takes longer than counting
         self._n_waiting = n_waiting
+        self._is_shared = SHARED_FOLDER in os.environ
         self._waiting = Gauge(
             "reconstudy_votes_waiting",
             "Votes that wait for the writer.",
@@ -45,12 +46,13 @@ class Metrics:
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         self._count_of(method, route, status).inc()
         self._times_of(route).observe(seconds)
-        self._waiting.set(self._n_waiting())
+        if self._is_shared:
+            self._waiting.set(self._n_waiting())
 
     def text(self) -> tuple[bytes, str]:
         """All counts, of every worker where there are several, and their media type."""
         self._waiting.set(self._n_waiting())
-        if SHARED_FOLDER not in os.environ:
+        if not self._is_shared:
             return generate_latest(self._registry), CONTENT_TYPE_LATEST
         _forget_the_dead(Path(os.environ[SHARED_FOLDER]))
         shared = CollectorRegistry()

@@ -53,15 +53,16 @@ class SecurityHeaders:
         headers = {"Content-Security-Policy": policy(media_origin), **HEADERS}
         if is_https:
             headers["Strict-Transport-Security"] = "max-age=31536000"
-        self.headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+        self.headers = {name.lower().encode(): value.encode() for name, value in headers.items()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                given = {name for name, _ in message["headers"]}
                 how_long = b"no-cache" if scope["path"].startswith("/static/") else b"no-store"
-                all_of_them = (*self.headers, (b"cache-control", how_long))
-                message["headers"] = [*message["headers"], *(pair for pair in all_of_them if pair[0] not in given)]
+                own = {**self.headers, b"cache-control": how_long}
+                for name, _ in message["headers"]:
+                    own.pop(name, None)
+                message["headers"] = [*message["headers"], *own.items()]
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
