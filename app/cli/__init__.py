@@ -11,7 +11,7 @@ import sys
 import typer
 
 from app.cli import experiments, results, server, studies
-from app.errors import UnavailableError
+from app.errors import StudyError
 from recon.cli import app as recon_app
 
 BACKEND_PACKAGES = ("cv2", "numba", "pyrender", "skimage", "trimesh")
@@ -41,7 +41,7 @@ def main() -> None:
         if "RECONSTUDY_DEBUG" in os.environ:
             raise
         _fail(str(error))
-    except UnavailableError as error:
+    except StudyError as error:
         _fail(error.detail)
 
 

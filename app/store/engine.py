@@ -33,9 +33,7 @@ Transaction = Connection  # what the blocks below are given, for those outside w
 
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
-KNOWN_TO_LIVE_S = (
-    1.0  # after its last transaction; later the pool asks PostgreSQL whether the connection is still there
-)
+KNOWN_TO_LIVE_S = 1.0  # a connection after its last transaction; later the pool asks PostgreSQL whether it does
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
 
 

@@ -57,16 +57,24 @@ def renew_link(database: Database, name: str, now: datetime, role: Role | None =
     Parameters
     ----------
     role : None: the one they have, or owner
+
+    Raises
+    ------
+    ConflictError
+        If nobody would be left who is an owner.
     """
     secret = new_secret()
     values: dict[str, Any] = {"link_hash": digest(secret), "link_expires_at": now + LINK_LASTS, "disabled_at": None}
     if role is not None:
         values["role"] = role
     with database.writing() as connection:
+        has_owners = _lock_owners(connection)
         _forget_password(connection, name)
         changed = connection.execute(update(experimenter).where(experimenter.c.name == name).values(**values))
         if not changed.rowcount:
             connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
+        if has_owners:
+            _refuse_to_lock_out(connection)
     return secret
 
 
@@ -218,10 +226,13 @@ def _is_owner() -> ColumnElement[bool]:
     return and_(experimenter.c.role == "owner", experimenter.c.disabled_at.is_(None), experimenter.c.name != UNNAMED)
 
 
-def _lock_owners(connection: Connection) -> None:
-    """Nobody's access as an owner ends before the transaction does: each of two would see the other still there."""
+def _lock_owners(connection: Connection) -> bool:
+    """Nobody's access as an owner ends before the transaction does: each of two would see the other still there.
+
+    Whether there are any.
+    """
     owners = select(experimenter.c.id).where(_is_owner()).order_by(experimenter.c.id)
-    connection.execute(owners.with_for_update(key_share=True)).all()
+    return bool(connection.execute(owners.with_for_update(key_share=True)).all())
 
 
 def _refuse_to_lock_out(connection: Connection) -> None:

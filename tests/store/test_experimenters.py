@@ -48,3 +48,14 @@ def test_owners_who_lock_each_other_out_at_once_leave_one_of_them(database: Data
         with database.reading() as connection:
             people = all_experimenters(connection)
         assert [one.role == "owner" and not one.is_disabled for one in people].count(True) == 1
+
+
+def test_a_link_with_a_lower_role_leaves_an_owner(database: Database) -> None:
+    renew_link(database, "Ada", NOW, "viewer")  # before there is an owner, anybody may come
+    renew_link(database, "Eva", NOW, "owner")
+    with pytest.raises(ConflictError, match="Nobody would be left who is an owner"):
+        renew_link(database, "Eva", NOW, "viewer")
+    with database.reading() as connection:
+        assert {one.name: one.role for one in all_experimenters(connection)} == {"Ada": "viewer", "Eva": "owner"}
+    renew_link(database, "Ada", NOW, "owner")
+    renew_link(database, "Eva", NOW, "viewer")
