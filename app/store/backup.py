@@ -23,7 +23,7 @@ from app.store.engine import Database
 from app.store.experimenters import UNNAMED
 from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
 from app.store.schema import metadata
-from app.store.tables import experimenter
+from app.store.tables import experimenter, session, trial, vote
 from app.store.trials import is_voted_on
 
 FACTS = "backup.json"
@@ -253,7 +253,6 @@ def _structure(connection: Connection) -> Iterator[str]:
 
 
 def _contradictions(connection: Connection) -> Iterator[str]:
-    trial, vote, session = (metadata.tables[name] for name in ("trial", "vote", "session"))
     voided = select(func.count()).select_from(vote.join(trial)).where(trial.c.voided_at.is_not(None))
     twice = (
         select(trial.c.assignment_id).join(vote, is_voted_on()).group_by(trial.c.assignment_id).having(func.count() > 1)

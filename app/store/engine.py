@@ -129,7 +129,10 @@ class Database:
 
 
 class _DatabaseOfOneThread(Database):
-    """Writes by one connection, which the pool gets back when a transaction has failed or none has come for a while."""
+    """Writes by one connection, which the pool gets back when a transaction has failed or none has come for a while.
+
+    For writing alone: who reads meanwhile would wait for that connection.
+    """
 
     _open: Connection | None = None
     _last_s = 0.0
