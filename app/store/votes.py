@@ -19,7 +19,7 @@ from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
 from app.store.trials import is_voted_on, trial_records
 from app.study.trial import Label
-from app.study.votes import InvalidVoteError, Vote, check_vote, is_same
+from app.study.votes import InvalidVoteError, Vote, check_vote, check_vote_on_trial, is_same
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,30 @@ class KeptVote:
     is_new: bool
 
 
-@dataclass(frozen=True)
+@dataclass
 class Ballot:
-    """A vote as it arrives: with whose token, for which trial, when, and for which session where its sender says so."""
+    """A vote as it arrives: with whose token, for which trial, when, and for which session where its sender says so.
+
+    What can be told without the database is told when it is made, and not in the transaction that all wait for.
+
+    Raises
+    ------
+    InvalidError
+        If the vote contradicts itself.
+    """
 
     token: str
     trial: str
     sent: Vote
     received_at: datetime
     session: str | None = None
+
+    def __post_init__(self) -> None:
+        self.token_hash = digest(self.token)
+        try:
+            check_vote(self.sent)
+        except InvalidVoteError as error:
+            raise _invalid(error) from error
 
 
 _OPEN_TRIAL = select(trial.c.id).where(
@@ -108,8 +123,8 @@ def keep_votes(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote |
     For each ballot in its order the vote that is kept, or why it is not, which harms no other:
     NoSessionError if its token opens no session, or another one than it is for; NotFoundError if the session has no
     such trial; ConflictError if the trial has another vote, the vote's id belongs to another, or the trial is not open;
-    InvalidError if the vote contradicts itself or the trial; GoneError if the participant has withdrawn and the vote
-    was not kept before.
+    InvalidError if the vote contradicts the trial; GoneError if the participant has withdrawn and the vote was not kept
+    before.
 
     Raises
     ------
@@ -187,7 +202,7 @@ def _targets(connection: Connection, ballots: Sequence[Ballot]) -> dict[str, _Ta
 
 
 def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> _Target | StudyError:
-    if target is None or target.token_hash != digest(ballot.token):
+    if target is None or target.token_hash != ballot.token_hash:
         holder = session_by_token(connection, ballot.token)
         if holder is None or ballot.session not in (None, holder.public_id):
             return NoSessionError()
@@ -201,10 +216,14 @@ def _checked(connection: Connection, ballot: Ballot, target: _Target | None) -> 
     if target.is_voided:
         return ConflictError("This trial was interrupted; it comes again at the end.")
     try:
-        check_vote(ballot.sent, target.first_shown, has_reference=bool(target.has_reference))
+        check_vote_on_trial(ballot.sent, target.first_shown, has_reference=bool(target.has_reference))
     except InvalidVoteError as error:
-        return InvalidError(f"The viewing record is not right: {error}.")
+        return _invalid(error)
     return target
+
+
+def _invalid(error: InvalidVoteError) -> InvalidError:
+    return InvalidError(f"The viewing record is not right: {error}.")
 
 
 def _firsts(accepted: Sequence[tuple[Ballot, _Target]]) -> dict[str, tuple[Ballot, _Target]]:

@@ -37,8 +37,8 @@ class Vote:
         return switches
 
 
-def check_vote(vote: Vote, first_shown: Label, *, has_reference: bool = False) -> None:
-    """Check a well-formed vote against itself and its trial.
+def check_vote(vote: Vote) -> None:
+    """Check a well-formed vote against itself.
 
     Only contradictions are refused. Short looks and quick answers are facts about a participant: they are kept, and the
     analysis decides what they mean.
@@ -46,26 +46,41 @@ def check_vote(vote: Vote, first_shown: Label, *, has_reference: bool = False) -
     Parameters
     ----------
     vote : types and bounds are already checked
+
+    Raises
+    ------
+    InvalidVoteError
+        If a switch does not change what is shown, or switches are not in the order of time.
+    """
+    shown, at_ms = vote.viewing["first_shown"], 0.0
+    for number, switch in enumerate(vote.switches, start=1):
+        if switch["to"] == shown:
+            raise InvalidVoteError(f"switch {number} goes to {shown!r}, which is already shown")
+        if switch["at_ms"] < at_ms:
+            raise InvalidVoteError(f"switch {number} is at {switch['at_ms']} ms, before the one at {at_ms} ms")
+        shown, at_ms = switch["to"], switch["at_ms"]
+
+
+def check_vote_on_trial(vote: Vote, first_shown: Label, *, has_reference: bool = False) -> None:
+    """Check a vote that does not contradict itself against its trial.
+
+    Parameters
+    ----------
     first_shown : the label that the trial shows first
     has_reference : whether the trial shows a reference besides A and B
 
     Raises
     ------
     InvalidVoteError
-        If another label was shown first, a switch does not change what is shown or goes to what is not there, or
-        switches are not in the order of time.
+        If another label was shown first, or a switch goes to what is not there.
     """
     if vote.viewing["first_shown"] != first_shown:
         raise InvalidVoteError(f"first_shown is {vote.viewing['first_shown']!r}; the trial shows {first_shown!r} first")
-    shown, at_ms = first_shown, 0.0
+    if has_reference:
+        return
     for number, switch in enumerate(vote.switches, start=1):
-        if switch["to"] == shown:
-            raise InvalidVoteError(f"switch {number} goes to {shown!r}, which is already shown")
-        if switch["to"] == "reference" and not has_reference:
+        if switch["to"] == "reference":
             raise InvalidVoteError(f"switch {number} goes to the reference, and the trial shows none")
-        if switch["at_ms"] < at_ms:
-            raise InvalidVoteError(f"switch {number} is at {switch['at_ms']} ms, before the one at {at_ms} ms")
-        shown, at_ms = switch["to"], switch["at_ms"]
 
 
 def has_seen_both(viewing: Mapping[str, Any]) -> bool:

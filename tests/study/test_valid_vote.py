@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.study.votes import InvalidVoteError, Vote, check_vote, has_seen_both, is_same
+from app.study.votes import InvalidVoteError, Vote, check_vote, check_vote_on_trial, has_seen_both, is_same
 
 
 def vote(*switches: tuple[str, float], first_shown: str = "a", **changes: Any) -> Vote:
@@ -19,13 +19,12 @@ def vote(*switches: tuple[str, float], first_shown: str = "a", **changes: Any) -
 
 @pytest.mark.parametrize("switches", [(), (("b", 10.0),), (("b", 10.0), ("a", 10.0), ("b", 900.0))])
 def test_looks_that_alternate_in_time_are_valid(switches: tuple[tuple[str, float], ...]) -> None:
-    check_vote(vote(*switches), "a")
+    check_vote(vote(*switches))
 
 
 @pytest.mark.parametrize(
     ("wrong", "complaint"),
     [
-        (vote(first_shown="b"), "first_shown is 'b'"),
         (vote(("a", 10.0)), "switch 1 goes to 'a'"),
         (vote(("b", 10.0), ("b", 20.0)), "switch 2 goes to 'b'"),
         (vote(("b", 10.0), ("a", 9.0)), "switch 2 is at 9.0 ms"),
@@ -33,7 +32,17 @@ def test_looks_that_alternate_in_time_are_valid(switches: tuple[tuple[str, float
 )
 def test_contradictions_are_refused_with_their_place(wrong: Vote, complaint: str) -> None:
     with pytest.raises(InvalidVoteError, match=complaint):
-        check_vote(wrong, "a")
+        check_vote(wrong)
+
+
+def test_a_vote_on_what_the_trial_did_not_show_is_refused() -> None:
+    check_vote_on_trial(vote(("b", 10.0)), "a")
+    with pytest.raises(InvalidVoteError, match="first_shown is 'b'"):
+        check_vote_on_trial(vote(first_shown="b"), "a")
+    looked_at_it = vote(("b", 10.0), ("reference", 20.0))
+    with pytest.raises(InvalidVoteError, match="switch 2 goes to the reference"):
+        check_vote_on_trial(looked_at_it, "a")
+    check_vote_on_trial(looked_at_it, "a", has_reference=True)
 
 
 @pytest.mark.parametrize(
