@@ -84,8 +84,8 @@ class View {
     this.wanted = model?.url;
     this.facts.textContent = model ? "" : "no such model";
     this.put(null);
+    this.figure.classList.toggle("is-loading", Boolean(model));
     if (!model) return;
-    this.figure.classList.add("is-loading");
     try {
       const geometry = await read(model.url);
       if (this.wanted !== model.url) return; // another one was chosen meanwhile
@@ -95,10 +95,10 @@ class View {
       const near = limit === null ? "" : `, 95 % within ${limit.toFixed(1)} mm`;
       this.facts.textContent = `${n.toLocaleString("en")} ${NAMES[model.kind]}${near}`;
       this.canvas.setAttribute("aria-label", `${model.kind} of ${model.dataset} by ${model.condition}`);
-    } catch (error) {
-      tell(`The model of ${model.condition} cannot be shown: ${error.message}`);
+    } catch {
+      if (this.wanted === model.url) this.facts.textContent = "could not be loaded; choose it again later";
     } finally {
-      this.figure.classList.remove("is-loading");
+      if (this.wanted === model.url) this.figure.classList.remove("is-loading");
     }
   }
 
@@ -147,12 +147,14 @@ class View {
 /** @type {Map<string, Promise<any>>} */
 const geometries = new Map();
 
-/** A model's geometry, fetched once. @param {string} url */
+/** A model's geometry, fetched until it has come once. @param {string} url */
 function read(url) {
   if (!geometries.has(url)) {
     const loader = new PLYLoader();
     loader.setCustomPropertyNameMapping({ error: ["error"] });
-    geometries.set(url, loader.loadAsync(url).then(prepared));
+    const geometry = loader.loadAsync(url).then(prepared);
+    geometry.catch(() => geometries.delete(url));
+    geometries.set(url, geometry);
   }
   return geometries.get(url);
 }

@@ -13,7 +13,7 @@ import pytest
 import shapes
 from dashboard import files_of, zipped
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from app import operate
 from app.settings import Settings
@@ -158,6 +158,31 @@ def test_a_scene_without_truth_offers_no_errors(page: Page, look: Look) -> None:
     page.get_by_label("Show").select_option("cloud")
     expect(page.locator("[data-side=left] [data-facts]")).to_contain_text("8 points")
     assert drawn(look("left")).sum() > 0
+
+
+def test_a_model_that_cannot_be_loaded_is_told_in_its_place_and_asked_for_again(page: Page) -> None:
+    asked: list[Route] = []
+    cut_short = b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n"
+    page.route("**/*.ply", lambda route: asked.append(route))
+    left, right = (page.locator(f"[data-side={side}]") for side in ("left", "right"))
+    page.get_by_label("Show").select_option("cloud")
+    expect(right).to_have_class("is-loading")
+    page.get_by_label("Condition on the right").select_option("id_fa")
+    while len(asked) < 2:
+        page.wait_for_timeout(20)
+    asked[1].fulfill(body=cut_short)  # of the cloud that nobody wants any more
+    page.evaluate(DRAWN)
+    expect(right).to_have_class("is-loading")
+    expect(right.locator("[data-facts]")).to_be_empty()
+    asked[0].fulfill(body=cut_short)
+    for side in (left, right):
+        expect(side.locator("[data-facts]")).to_have_text("could not be loaded; choose it again later")
+        expect(side).not_to_have_class("is-loading")
+    expect(page.locator("#models-fault")).to_be_hidden()
+    page.unroute("**/*.ply")
+    page.get_by_label("Condition on the right").select_option("pm_fb")
+    expect(right.locator("[data-facts]")).to_contain_text("4 points")
+    expect(left.locator("[data-facts]")).to_contain_text("8 points")
 
 
 @pytest.mark.usefixtures("packages")
