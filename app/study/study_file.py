@@ -11,6 +11,7 @@ from typing import Any
 from app.study.options import StudyOptions, parse_options
 
 KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
+LONGEST_FILE = 80_000  # characters, where it is sent; a form takes 1 MiB, and escapes a letter to twelve bytes
 
 
 @dataclass(frozen=True)

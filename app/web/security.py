@@ -12,8 +12,10 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.store.experimenters import SESSION_LASTS
+from app.study.options import LONGEST_TEXT
 from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
+from app.study.study_file import LONGEST_FILE
 from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH
 from app.web.problems import problem
 
@@ -35,12 +37,14 @@ HEADERS = {
 }
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
 LARGEST_LETTER = 12  # bytes, of one beyond 16 bits as JSON (\ud834\udd1e) or a form (%F0%9D%84%9E) escapes it
-INTERVIEWS = (  # what may take more, and of how many letters; a note comes with what was noted before
+LONG_TEXTS = (  # where more may come, and of how many letters; a note comes with what was noted before
     (re.compile(f"/api/v1/session/stages/{INTERVIEW}"), MOST_QUESTIONS * LONGEST_ANSWER),
     (
         re.compile(rf"/admin/studies/[a-z0-9-]+/participants/[^/]+/{INTERVIEW}"),
         MOST_SPOKEN_QUESTIONS * (LONGEST_QUESTION + 2 * LONGEST_ANSWER),
     ),
+    (re.compile(r"/admin/studies/[a-z0-9-]+/edit"), 2 * LONGEST_TEXT),
+    (re.compile(r"/admin/studies/[a-z0-9-]+/edit/file"), LONGEST_FILE),
 )
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
@@ -146,5 +150,5 @@ class BodyLimit:
 
 
 def _largest_body(path: str) -> int:
-    letters = next((n_letters for address, n_letters in INTERVIEWS if address.fullmatch(path)), 0)
+    letters = next((n_letters for address, n_letters in LONG_TEXTS if address.fullmatch(path)), 0)
     return LARGEST_BODY + LARGEST_LETTER * letters

@@ -23,6 +23,8 @@ from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
+from app.study.options import LONGEST_TEXT
+from app.study.study_file import LONGEST_FILE
 
 SIGNED_IN = """
 import sys, time
@@ -157,6 +159,21 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
         assert refused.status_code == 422
         assert "Nothing was changed" in refused.text
     assert "By file" in experimenter.get(base).text
+
+
+@pytest.mark.parametrize("letter", ["w", "あ", "𝄞"])
+def test_the_longest_texts_of_a_study_are_taken_in_any_alphabet(
+    experimenter: Dashboard, new_study: NewStudy, letter: str
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    texts = {"consent": letter * LONGEST_TEXT, "debriefing": letter * LONGEST_TEXT}
+    answer = experimenter.act(f"{base}/edit", revision="1", name="Long", consent_version="1", **texts)
+    assert answer.status_code == 200
+    assert answer.text.count(texts["consent"]) > 1
+    shortest = 'name = "Long"\nexposure_s = 2\n# '
+    commented = shortest + letter * (LONGEST_FILE - len(shortest))
+    assert experimenter.act(f"{base}/edit/file", revision="2", text=commented).status_code == 200
+    assert experimenter.act(f"{base}/edit/file", revision="3", text=f"{commented}.").status_code == 422
 
 
 def test_what_participants_see_stays_once_somebody_has_begun(

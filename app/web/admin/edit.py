@@ -15,24 +15,21 @@ from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
-from app.study.options import parse_options
+from app.study.options import LONGEST_TEXT, parse_options
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
-from app.study.study_file import StudyFile, parse_study_file, write_study_file
+from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
 from app.web.admin.shell import see, study_page
 from app.web.gates import Acting, AStudy, Looking, Store
 
 FREE = ("name", "debriefing", "abandoned_after_h")  # what may change although somebody has begun
 LONGEST_NAME = 200
-LONGEST_FILE = 100_000  # characters
 LONGEST_NOTE = 200  # of a value in the audit log
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
 Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
-Text = Annotated[str, Form(max_length=20_000)]
-
-
+Text = Annotated[str, Form(max_length=LONGEST_TEXT)]
 Number = Annotated[float | None, Form(ge=-10, le=10_000, allow_inf_nan=False)]
 Word = Annotated[str, Form(max_length=20)]
 Words = Annotated[list[Word], Form(max_length=10)]

@@ -14,7 +14,7 @@ from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
 from app.store.studies import Progress, Standing, Study, all_studies, progress_by_study, set_standing
-from app.study.options import parse_options
+from app.study.options import LONGEST_TEXT, parse_options
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import Tell, start_job
 from app.web.admin.sets import known_sets, set_folder
@@ -62,7 +62,7 @@ def create(
     stimulus_set: Annotated[str, Form(max_length=200)],
     stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
-    consent: Annotated[str, Form(max_length=20_000)] = "",
+    consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
 ) -> Response:
     """Create a study in the background; its page tells how far it is."""
     folder = set_folder(settings(request), stimulus_set)
