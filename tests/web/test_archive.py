@@ -16,7 +16,7 @@ from typing import Any
 import httpx
 import pytest
 from dashboard import Dashboard
-from seeding import NOW, seed_voters
+from seeding import seed_voters
 from sqlalchemy import Connection
 
 from app.settings import Settings
@@ -24,13 +24,11 @@ from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.studies import study_by_slug
 from app.store.trials import trial_records
-from app.store.votes import Ballot, keep_votes, vote_records
-from app.study.votes import Vote
+from app.store.votes import keep_votes, vote_records
 from app.web import api, archive
 from app.web.answers import IN_MEMORY
 
 N_TRIALS = 25_000
-VIEWING = {"shown_ms": 1000.0, "response_ms": 12.5, "switches": []}
 
 
 def trials(*_: object) -> Iterator[dict[str, Any]]:
@@ -66,10 +64,7 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
     database = open_database(new_database_url())
     upgrade(database)
     (voter,) = seed_voters(database, 1, 3)
-    votes = [
-        Ballot(voter.token, trial, Vote(f"vote {number}", "a", VIEWING | {"first_shown": first_shown}), NOW)
-        for number, (trial, first_shown) in enumerate(voter.trials)
-    ]
+    votes = [voter.ballot(number) for number in range(len(voter.trials))]
     keep_votes(database, votes[:1])
 
     def trials_after_a_vote(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:

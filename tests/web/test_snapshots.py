@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Any
-from uuid import uuid4
 
 import pytest
-from seeding import NOW, Voter, seed_voters
+from seeding import NOW, seed_voters
 from sqlalchemy import Connection
 
 from app.reports import Measure
@@ -15,8 +14,7 @@ from app.store.engine import Database
 from app.store.measurements import replace_measurements
 from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
 from app.store.studies import Study, all_studies
-from app.store.votes import Ballot, keep_votes, vote_records
-from app.study.votes import Vote
+from app.store.votes import keep_votes, vote_records
 from app.web import results
 from app.web.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
 
@@ -45,7 +43,7 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
     with database.reading() as connection:
         (of,) = all_studies(connection)
         one, other = (participant_labelled(connection, of.id, label) for label in ("P001", "P002"))
-    votes = [_ballot(voter, number) for number in range(2) for voter in voters]
+    votes = [voter.ballot(number) for number in range(2) for voter in voters]
     changes: list[Callable[[Connection], object]] = [
         lambda connection: exclude(connection, one, "looked away", "Eva", NOW),
         lambda connection: undo_exclusion(connection, one, "Eva", NOW),
@@ -84,12 +82,6 @@ def _looked_at(database: Database, of: Study, n_read: Callable[[], int]) -> str:
     assert grouped_snapshot_of(database, of) == grouped
     assert n_read() == 0
     return anew.digest
-
-
-def _ballot(voter: Voter, number: int) -> Ballot:
-    trial, first_shown = voter.trials[number]
-    viewing = {"first_shown": first_shown, "shown_ms": 1000.0, "response_ms": 500.0, "switches": []}
-    return Ballot(voter.token, trial, Vote(str(uuid4()), "a", viewing), NOW)
 
 
 def _measure(value: float) -> Measure:
