@@ -170,6 +170,7 @@ def test_the_longest_texts_of_a_study_are_taken_in_any_alphabet(
     answer = experimenter.act(f"{base}/edit", revision="1", name="Long", consent_version="1", **texts)
     assert answer.status_code == 200
     assert answer.text.count(texts["consent"]) > 1
+    assert f'maxlength="{LONGEST_FILE}"' in answer.text
     shortest = 'name = "Long"\nexposure_s = 2\n# '
     commented = shortest + letter * (LONGEST_FILE - len(shortest))
     assert experimenter.act(f"{base}/edit/file", revision="2", text=commented).status_code == 200
