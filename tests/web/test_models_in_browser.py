@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -168,7 +169,8 @@ def test_a_model_that_cannot_be_loaded_is_told_in_its_place_and_asked_for_again(
     page.get_by_label("Show").select_option("cloud")
     expect(right).to_have_class("is-loading")
     page.get_by_label("Condition on the right").select_option("id_fa")
-    while len(asked) < 2:
+    deadline = time.monotonic() + 10
+    while len(asked) < 2 and time.monotonic() < deadline:
         page.wait_for_timeout(20)
     asked[1].fulfill(body=cut_short)  # of the cloud that nobody wants any more
     page.evaluate(DRAWN)

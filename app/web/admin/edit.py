@@ -68,6 +68,7 @@ def edit_page(request: Request, person: Looking, study: AStudy, database: Store)
         "stages": OPTIONAL_STAGES,
         "screening": {"tests": TESTS, "axes": AXES},
         "text": write_study_file(own),
+        "longest_text": LONGEST_TEXT,
         "longest_file": LONGEST_FILE,
         "has_begun": has_begun,
     }

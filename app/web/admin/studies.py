@@ -50,7 +50,8 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
 
 @router.get("/studies/new")
 def new_study_page(request: Request, person: Looking) -> Response:
-    return page(request, "new_study", person, {"sets": known_sets(settings(request)), "stages": OPTIONAL_STAGES})
+    context = {"sets": known_sets(settings(request)), "stages": OPTIONAL_STAGES, "longest_text": LONGEST_TEXT}
+    return page(request, "new_study", person, context)
 
 
 @router.post("/studies/new")
