@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, NotRequired, cast
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field, with_config
+from typing_extensions import TypedDict
 
 from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
@@ -69,53 +70,75 @@ class TrialView(OneTrialView):
     following: OneTrialView | None = Field(description="the trial of `next_media`; it may be voted on as well")
 
 
-class SwitchBody(Strict):
+@with_config(Strict.model_config)
+class SwitchBody(TypedDict):
     to: Label | Literal["reference"]
     at_ms: Milliseconds
     media_time_s: Seconds
-    frame: Count | None = Field(default=None, description="number of the frame on screen, from 0")
-    frame_ms: Milliseconds | None = Field(default=None, description="of the animation frame that showed it")
+    frame: NotRequired[Annotated[Count | None, Field(description="number of the frame on screen, from 0")]]
+    frame_ms: NotRequired[Annotated[Milliseconds | None, Field(description="of the animation frame that showed it")]]
 
 
-class DwellBody(Strict):
+@with_config(Strict.model_config)
+class DwellBody(TypedDict):
     a: Milliseconds
     b: Milliseconds
-    reference: Milliseconds | None = None
+    reference: NotRequired[Milliseconds | None]
 
 
-class DisplayBody(Strict):
+@with_config(Strict.model_config)
+class DisplayBody(TypedDict):
     window_width: Count
     window_height: Count
     device_pixel_ratio: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
     full_screen: bool
 
 
-class ViewingBody(Strict):
+@with_config(Strict.model_config)
+class ViewingBody(TypedDict):
     """How a trial was looked at; what a client does not know it leaves out."""
 
     first_shown: Label
-    technique: Technique | None = Field(default=None, description="how A and B were kept in step")
+    technique: NotRequired[Annotated[Technique | None, Field(description="how A and B were kept in step")]]
     shown_ms: Milliseconds
     response_ms: Milliseconds
     switches: Annotated[list[SwitchBody], Field(max_length=MOST_SWITCHES)]
-    wait_ms: Milliseconds | None = Field(
-        default=None, description="from when the participant was ready to the fixation"
-    )
-    dwell_ms: DwellBody | None = Field(default=None, description="how long each was on screen")
-    n_changes: Count | None = Field(default=None, description="how often the choice was changed before Next")
-    n_frames: Count | None = Field(default=None, description="frames that the browser decoded")
-    n_dropped: Count | None = Field(default=None, description="of these, not shown")
-    n_mismatches: Count | None = Field(default=None, description="refreshes at which A and B were different frames")
-    n_stalls: Count | None = Field(default=None, description="how often the film waited for data")
-    interruption: Reason | None = Field(default=None, description="of a repetition, which is not repeated again")
-    display: DisplayBody | None = None
+    wait_ms: NotRequired[
+        Annotated[Milliseconds | None, Field(description="from when the participant was ready to the fixation")]
+    ]
+    dwell_ms: NotRequired[Annotated[DwellBody | None, Field(description="how long each was on screen")]]
+    n_changes: NotRequired[Annotated[Count | None, Field(description="how often the choice was changed before Next")]]
+    n_frames: NotRequired[Annotated[Count | None, Field(description="frames that the browser decoded")]]
+    n_dropped: NotRequired[Annotated[Count | None, Field(description="of these, not shown")]]
+    n_mismatches: NotRequired[
+        Annotated[Count | None, Field(description="refreshes at which A and B were different frames")]
+    ]
+    n_stalls: NotRequired[Annotated[Count | None, Field(description="how often the film waited for data")]]
+    interruption: NotRequired[
+        Annotated[Reason | None, Field(description="of a repetition, which is not repeated again")]
+    ]
+    display: NotRequired[DisplayBody | None]
+
+
+def _without_nulls(viewing: ViewingBody) -> ViewingBody:
+    """Null is what a client does not know, too."""
+    dwells = viewing.get("dwell_ms")
+    for part in (viewing, *viewing["switches"], *([dwells] if dwells else [])):
+        known = cast(dict[str, Any], part)
+        if None in known.values():
+            for name in [name for name, value in known.items() if value is None]:
+                del known[name]
+    return viewing
+
+
+Viewing = Annotated[ViewingBody, AfterValidator(_without_nulls)]
 
 
 class VoidBody(Strict):
     """An attempt that was interrupted, and what was seen until then."""
 
     reason: Reason
-    viewing: ViewingBody
+    viewing: Viewing
 
 
 class TroubleBody(Strict):
@@ -125,7 +148,7 @@ class TroubleBody(Strict):
 class VoteBody(Strict):
     id: Annotated[str, Field(pattern=UUID, examples=["6f1c2e0a-6d3b-4f5e-9a51-0c6b7f3d2e18"])]
     choice: Literal["a", "b", "none"]
-    viewing: ViewingBody
+    viewing: Viewing
 
 
 def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> OneTrialView:

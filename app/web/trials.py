@@ -58,8 +58,7 @@ def void(
     """Say that a trial was interrupted: it comes once more at the end. 409: it has a vote, or came again already."""
     if signed_in.session.has_withdrawn:
         raise GoneError("You have withdrawn from the study.")
-    viewing = body.viewing.model_dump(exclude_none=True)
-    if void_trial(database, signed_in.session.id, trial, body.reason, viewing, now):
+    if void_trial(database, signed_in.session.id, trial, body.reason, body.viewing, now):
         log.info("session %s: trial %s interrupted (%s)", signed_in.session.public_id, trial, body.reason)
 
 

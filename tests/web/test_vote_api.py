@@ -38,6 +38,22 @@ def test_a_vote_that_is_sent_again_gets_the_same_answer(
     assert participant.get("/api/v1/session").json()["progress"]["done"] == 1
 
 
+def test_null_says_as_much_as_leaving_out(
+    participant: httpx.Client, trial: dict[str, Any], vote_body: VoteBody
+) -> None:
+    body, other = vote_body(trial), "b" if trial["first_shown"] == "a" else "a"
+    seen = switch(other, 1.0)
+    viewing = body["viewing"] | {"switches": [seen], "dwell_ms": {"a": 1.0, "b": 2.0}}
+    with_nulls = viewing | {
+        "switches": [seen | {"frame": None}],
+        "dwell_ms": {"a": 1.0, "b": 2.0, "reference": None},
+        "display": None,
+        "n_stalls": None,
+    }
+    assert participant.put(path(trial), json=body | {"viewing": with_nulls}).status_code == 201
+    assert participant.put(path(trial), json=body | {"viewing": viewing}).status_code == 200
+
+
 def test_another_body_or_a_second_id_is_a_conflict(
     participant: httpx.Client, trial: dict[str, Any], vote_body: VoteBody
 ) -> None:
