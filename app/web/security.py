@@ -30,11 +30,15 @@ POLICY = (
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+PAGE_HEADERS = {  # what is no page has no use for them
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
+DATA, DATA_POLICY = "/api/", "default-src 'none'; frame-ancestors 'none'"
+STATIC = "/static/"
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
 LARGEST_LETTER = 12  # bytes, of one beyond 16 bits as JSON (\ud834\udd1e) or a form (%F0%9D%84%9E) escapes it
 LONG_TEXTS = (  # where more may come, and of how many letters; a note comes with what was noted before
@@ -54,22 +58,31 @@ class SecurityHeaders:
 
     def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
         self.app = app
-        headers = {"Content-Security-Policy": policy(media_origin), **HEADERS}
-        if is_https:
-            headers["Strict-Transport-Security"] = "max-age=31536000"
-        self.headers = {name.lower().encode(): value.encode() for name, value in headers.items()}
+        always = HEADERS | ({"Strict-Transport-Security": "max-age=31536000"} if is_https else {})
+        of_page = always | PAGE_HEADERS | {"Content-Security-Policy": policy(media_origin)}
+        self.of_data = _encoded(always | {"Content-Security-Policy": DATA_POLICY, "Cache-Control": "no-store"})
+        self.of_static = _encoded(of_page | {"Cache-Control": "no-cache"})
+        self.of_page = _encoded(of_page | {"Cache-Control": "no-store"})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                how_long = b"no-cache" if scope["path"].startswith("/static/") else b"no-store"
-                own = {**self.headers, b"cache-control": how_long}
+                own = self._headers_of(scope["path"]).copy()
                 for name, _ in message["headers"]:
                     own.pop(name, None)
                 message["headers"] = [*message["headers"], *own.items()]
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
+
+    def _headers_of(self, path: str) -> dict[bytes, bytes]:
+        if path.startswith(DATA):
+            return self.of_data
+        return self.of_static if path.startswith(STATIC) else self.of_page
+
+
+def _encoded(headers: Mapping[str, str]) -> dict[bytes, bytes]:
+    return {name.lower().encode(): value.encode() for name, value in headers.items()}
 
 
 def policy(media_origin: str | None) -> str:

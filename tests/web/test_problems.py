@@ -54,7 +54,8 @@ def test_what_nobody_foresaw_is_logged_and_not_told(tmp_path: Path, caplog: pyte
 def test_every_answer_carries_security_headers(client: httpx.Client, path: str) -> None:
     headers = client.get(path).headers
     policy = headers["content-security-policy"]
-    assert "default-src 'self'" in policy
+    assert ("default-src 'none'" if path.startswith("/api/") else "default-src 'self'") in policy
+    assert "frame-ancestors 'none'" in policy
     assert "unsafe" not in policy
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["x-frame-options"] == "DENY"
