@@ -25,7 +25,7 @@ from app.store.engine import open_database
 from app.store.tables import trial, vote
 
 TAB = """<!doctype html><meta charset="utf-8"><title>A tab</title><script type="module">
-import { Outbox, openShelf, randomId } from "/static/js/outbox.js";
+import { Outbox, openShelf, newId } from "/static/js/outbox.js";
 import { claim, takeOver } from "/static/js/tabs.js";
 
 const owner = "OWNER";
@@ -40,7 +40,7 @@ window.voteOn = async (trials) => {
     if (!isMine) return;
     const choice = ["a", "b", "none"][Math.floor(3 * Math.random())];
     const viewing = { first_shown, shown_ms: 1, response_ms: 1, switches: [] };
-    const vote = { id: randomId(), choice, viewing };
+    const vote = { id: newId(), choice, viewing };
     await tried(trial, vote.id, choice);
     await outbox.putVote(trial, vote);
     kept(trial);

@@ -15,6 +15,7 @@ from seeding import Voter
 
 ANSWER_TIMEOUT_S = 30
 RETRY_S = 0.02
+FIRST_VOTE_MS, TRIAL_MS = 1_767_225_600_000, 20_000  # since 1970
 
 
 @dataclass
@@ -40,7 +41,10 @@ class Letter:
 
 def letters_of(voter: Voter, rng: Random, *, n_switches: int = 4) -> list[Letter]:
     """A voter's votes in order."""
-    return [_letter(voter.token, trial, first_shown, rng, n_switches) for trial, first_shown in voter.trials]
+    return [
+        _letter(voter.token, trial, first_shown, rng, n_switches, at_ms=FIRST_VOTE_MS + number * TRIAL_MS)
+        for number, (trial, first_shown) in enumerate(voter.trials)
+    ]
 
 
 def send(port: int, bundles: Sequence[Sequence[Letter]], *, repeat: float = 0.0, rng: Random | None = None) -> Tally:
@@ -153,8 +157,8 @@ class _Line:
         return int(head[9:12])
 
 
-def _letter(token: str, trial: str, first_shown: str, rng: Random, n_switches: int) -> Letter:
-    client_id, choice = str(UUID(int=rng.getrandbits(128), version=4)), rng.choice(["a", "b", "none"])
+def _letter(token: str, trial: str, first_shown: str, rng: Random, n_switches: int, at_ms: int) -> Letter:
+    client_id, choice = _client_id(at_ms + rng.randrange(TRIAL_MS), rng), rng.choice(["a", "b", "none"])
     other = "b" if first_shown == "a" else "a"
     switches = [
         {"to": (other, first_shown)[turn % 2], "at_ms": 500.25 * turn, "media_time_s": 0.5 * turn}
@@ -167,3 +171,8 @@ def _letter(token: str, trial: str, first_shown: str, rng: Random, n_switches: i
         f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
     )
     return Letter(trial, client_id, choice, head.encode() + body)
+
+
+def _client_id(at_ms: int, rng: Random) -> str:
+    """As static/js/outbox.js makes it: a UUID of version 7 (RFC 9562)."""
+    return str(UUID(int=at_ms << 80 | 7 << 76 | rng.getrandbits(12) << 64 | 2 << 62 | rng.getrandbits(62)))

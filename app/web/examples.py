@@ -55,7 +55,7 @@ VIEWING: dict[str, Any] = {
     "n_stalls": 0,
     "display": {"window_width": 1920, "window_height": 1080, "device_pixel_ratio": 1.0, "full_screen": True},
 }
-VOTE_ID = "6f1c2e0a-6d3b-4f5e-9a51-0c6b7f3d2e18"
+VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
 EXAMPLES: dict[str, Any] = {
     "Admission": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
     "Resumption": {"resume_code": "maple-otter-93", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},

@@ -146,7 +146,14 @@ class TroubleBody(Strict):
 
 
 class VoteBody(Strict):
-    id: Annotated[str, Field(pattern=UUID, examples=["6f1c2e0a-6d3b-4f5e-9a51-0c6b7f3d2e18"])]
+    id: Annotated[
+        str,
+        Field(
+            pattern=UUID,
+            examples=["019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"],
+            description="made by the client, the same whenever it sends the vote again; any UUID, best of version 7",
+        ),
+    ]
     choice: Literal["a", "b", "none"]
     viewing: Viewing
 

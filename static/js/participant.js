@@ -4,7 +4,7 @@ import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
-import { Outbox, openShelf, randomId } from "./outbox.js";
+import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, stayOnSubmit } from "./page.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
@@ -86,7 +86,7 @@ function welcome() {
 function begin() {
   enterFullScreen();
   byId("begin").toggleAttribute("disabled", true);
-  const key = inBrowser.get(beginKey) ?? randomId();
+  const key = inBrowser.get(beginKey) ?? newId();
   inBrowser.set(beginKey, key);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));

@@ -3,7 +3,7 @@
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
-import { randomId } from "./outbox.js";
+import { newId } from "./outbox.js";
 import { SWITCH_KEYS, after, fill, find, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { display, dwell, tenths } from "./viewing.js";
@@ -251,7 +251,7 @@ export class Trial {
   #vote(choice, response_ms, n_changes) {
     this.viewing.response_ms = tenths(response_ms);
     this.viewing.n_changes = n_changes;
-    this.#go("done", { vote: { id: randomId(), choice, viewing: this.viewing } });
+    this.#go("done", { vote: { id: newId(), choice, viewing: this.viewing } });
   }
 }
 

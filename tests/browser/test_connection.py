@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from uuid import RFC_4122, UUID
+
 import pytest
 from playwright.sync_api import Page, Route, expect
 from visitor import Study, Visitor
@@ -86,6 +88,22 @@ def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study,
     visitor.sees("resume")
     expect(page.locator("[data-view=resume]")).to_contain_text("1 of 3 pairs")
     assert [vote["choice"] for vote in study.votes(1)] == ["a"]
+
+
+def test_votes_that_wait_leave_in_the_order_in_which_they_were_given(study: Study, page: Page) -> None:
+    page.goto(study.url)
+    given, listed = page.evaluate("""async () => {
+        const { newId, openShelf } = await import("/static/js/outbox.js");
+        const [shelf, given] = [await openShelf(), []];
+        for (let number = 0; number < 6; number++) {
+            given.push(newId());
+            await shelf.add({ id: given.at(-1), owner: "somebody", trial: `${number}` });
+            await new Promise((resolve) => setTimeout(resolve, 2));
+        }
+        return [given, (await shelf.list("somebody")).map((pending) => pending.id)];
+    }""")
+    assert listed == given
+    assert {(UUID(one).version, UUID(one).variant) for one in given} == {(7, RFC_4122)}
 
 
 def test_a_vote_that_is_refused_for_good_is_dropped_and_its_trial_comes_again(
