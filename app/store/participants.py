@@ -92,14 +92,20 @@ def participant_record(connection: Connection, person: Person) -> dict[str, Any]
 
 
 def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """How many votes everybody has given, and whether they count: what of `participant_records` is found at once."""
+    """How many votes everybody has given, and whether they count: what of `participant_records` is found at once.
+
+    And when the vote on their last trial came: as many votes of a restored backup are others.
+    """
+    of_votes = vote.c.session_id == session.c.id
+    last_voted_at = select(vote.c.received_at).where(of_votes).order_by(vote.c.trial_id.desc()).limit(1)
     query = _records(study_id).with_only_columns(
         participant.c.label.label("participant"),
         session.c.public_id.label("session"),
         session.c.withdrawn_at,
         participant.c.erased_at,
         exclusion.c.reason,
-        select(func.count()).where(vote.c.session_id == session.c.id).scalar_subquery().label("n_votes"),
+        select(func.count()).where(of_votes).scalar_subquery().label("n_votes"),
+        last_voted_at.scalar_subquery().label("last_voted_at"),
     )
     return [dict(row._mapping) for row in connection.execute(query.order_by(participant.c.slot))]
 

@@ -98,7 +98,8 @@ def _latest(
 ) -> Snapshot:
     """The snapshot of the votes so far, which are read only if something has changed: 60 000 take seconds.
 
-    A participant's votes are added to, or all erased, and never altered: how many there are says which.
+    A participant's votes are added to, or all erased, and never altered: how many there are, and when the vote on the
+    last trial came, says which.
 
     Parameters
     ----------

@@ -127,4 +127,6 @@ def test_votes_by_participant_are_those_of_their_records(database: Database, peo
     with database.reading() as connection:
         records = participant_records(connection, people)
         votes = participants_votes(connection, people)
+    last_voted_at = [row.pop("last_voted_at") for row in votes]
     assert votes == [{name: row[name] for name in votes[0]} for row in records]
+    assert last_voted_at == [row["last_vote_at"] for row in records]  # here the last trial's vote is the last

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import pytest
@@ -14,6 +16,7 @@ from app.store.engine import Database
 from app.store.measurements import replace_measurements
 from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
 from app.store.studies import Study, all_studies
+from app.store.tables import vote
 from app.store.votes import keep_votes, vote_records
 from app.web import results
 from app.web.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
@@ -64,6 +67,20 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
     before_exclusion, undone = len(votes), len(votes) + 2
     assert digests[undone] == digests[before_exclusion]
     assert len(set(digests)) == len(digests) - 1
+
+
+def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n_read: Callable[[], int]) -> None:
+    (voter,) = seed_voters(database, 1, 3)
+    with database.reading() as connection:
+        (of,) = all_studies(connection)
+    keep_votes(database, [voter.ballot(0)])
+    before = snapshot_of(database, of.id)
+    with database.writing() as connection:
+        connection.execute(vote.delete())
+    later = voter.ballot(0)
+    keep_votes(database, [replace(later, sent=replace(later.sent, choice="b"), received_at=NOW + timedelta(days=1))])
+    assert snapshot_of(database, of.id) != before
+    assert n_read() == 2
 
 
 def _looked_at(database: Database, of: Study, n_read: Callable[[], int]) -> str:
