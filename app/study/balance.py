@@ -190,7 +190,8 @@ def _worst(seen: Sequence[Sequence[_Seen]], surplus: Surplus) -> int:
     for trials in seen:
         totals: Counter[Hashable] = Counter()
         for one in trials:
-            totals.update(dict(surplus(one)))
+            for of, by in surplus(one):
+                totals[of] += by
         worst = max(worst, *map(abs, totals.values()), 0)
     return worst
 
@@ -205,20 +206,22 @@ def _datasets_in_order(plan: StudyPlan, order: TakenOrder) -> list[int]:
 
 def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
     seen = [one for order in orders for one in _seen(plan, order)]
+    shown = Counter(one.pair for one in seen)
+    as_a = Counter((one.pair, one.a) for one in seen)
+    first = Counter((one.pair, one.first) for one in seen)
     rows = []
     for pair in plan.pairs:
         if pair.is_identical:
             continue
-        own = [one for one in seen if one.pair == pair.key]
         (dataset, item_1), (_, item_2) = plan.names[pair.top], plan.names[pair.bottom]
         rows.append(
             {
                 "dataset": dataset,
                 "item_1": item_1,
                 "item_2": item_2,
-                "n_shown": len(own),
-                "n_1_is_a": sum(one.a == pair.top for one in own),
-                "n_1_is_first": sum(one.first == pair.top for one in own),
+                "n_shown": shown[pair.key],
+                "n_1_is_a": as_a[pair.key, pair.top],
+                "n_1_is_first": first[pair.key, pair.top],
             }
         )
     return rows

@@ -145,7 +145,8 @@ def shuffle_pairs(
         left = list(pairs)
         while left:
             tired = _shown_throughout(order[-LONGEST_RUN:]) if len(order) >= LONGEST_RUN else frozenset()
-            allowed = [pair for pair in left if not tired & pair.stimuli and pair not in order[-1:]]
+            last = order[-1].key if order else None
+            allowed = [pair for pair in left if pair.top not in tired and pair.bottom not in tired and pair.key != last]
             if not allowed:
                 break
             order.append(allowed[rng.integers(len(allowed))])
