@@ -59,7 +59,7 @@ def nginx(folder: Path, settings: Settings, server: str) -> Iterator[str]:
     )
     (folder / "nginx.conf").write_text(outer, encoding="utf-8")
     command = [program, "-p", str(folder), "-c", str(folder / "nginx.conf"), "-e", "stderr"]
-    subprocess.run([*command, "-t"], check=True, capture_output=True)
+    subprocess.run([*command, "-t"], check=True)
     process = subprocess.Popen(command)
     try:
         deadline = time.monotonic() + START_TIMEOUT_S
