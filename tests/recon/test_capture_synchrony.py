@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from recon.capture.check import check_capture
 from recon.capture.format import Capture, image_path
-from recon.capture.synchrony import MAX_LAG, lag
+from recon.capture.synchrony import MAX_LAG, MIN_MARGIN, lag
 
 N = 40
 
@@ -23,10 +23,13 @@ def signal(seed: int) -> np.ndarray:
 
 @given(st.integers(0, 2**32 - 1), st.integers(-MAX_LAG, MAX_LAG), st.floats(0.3, 3.0))
 @settings(deadline=None, max_examples=60)
-def test_a_late_camera_is_found_whatever_its_distance(seed: int, late: int, scale: float) -> None:
+def test_a_late_camera_is_found_whatever_its_distance_unless_motion_is_steady(
+    seed: int, late: int, scale: float
+) -> None:
     motion, noise = signal(seed), np.random.default_rng(seed + 1).normal(0, 0.05, N)
     first, second = motion[5 : 5 + N], scale * (motion[5 - late : 5 - late + N] + noise)
-    assert lag([(first, second)]) == late
+    is_steady = np.corrcoef(first, second)[0, 1] > 1 - MIN_MARGIN - 0.02  # so much alike a frame later, too
+    assert lag([(first, second)]) in ((late, 0) if is_steady else (late,))
 
 
 def test_cameras_without_likeness_or_motion_say_nothing() -> None:
