@@ -55,5 +55,6 @@ def test_few_people_who_agree_by_chance_are_no_finding() -> None:
     assert power(StudyPlan(2, 1, 30), 4.0, 1, 50) > 0.9  # thirty of thirty are a finding
 
 
+@pytest.mark.slow
 def test_a_plan_without_a_chance_has_no_detectable_difference() -> None:
     assert detectable_jod(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None

@@ -53,6 +53,7 @@ def test_what_only_the_left_view_sees_stays_unmatched() -> None:
         assert np.isnan(hidden).mean() > 0.8
 
 
+@pytest.mark.slow
 @every_matcher
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
 def test_one_thread_and_two_give_the_same_bits(matcher: Matcher) -> None:

@@ -63,6 +63,7 @@ def test_each_case_uses_exactly_the_edges_that_change_sign(case: int) -> None:
     assert used == crossed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_any_field_gives_a_closed_surface_across_blocks(seed: int) -> None:
     dense = np.random.default_rng(seed).normal(size=(16, 16, 24))

@@ -130,6 +130,7 @@ def by_eth3d(
     return accuracy, completeness, 2 * accuracy * completeness / (accuracy + completeness)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scanner", [None, (20.0, 500.0, -30.0)])
 def test_scores_are_those_of_eth3d(tmp_path: Path, scanner: tuple[float, float, float] | None) -> None:
     rng = np.random.default_rng(5)

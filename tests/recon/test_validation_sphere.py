@@ -114,6 +114,7 @@ def test_what_is_no_sphere_is_not_reported_as_one(shape: object, seed: int) -> N
         fit_sphere(shape(np.random.default_rng(seed)), RADIUS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [90.0, 120.0, 190.0, 300.0])
 def test_a_sphere_of_another_radius_is_not_reported(other: float) -> None:
     points, _ = cap(radius=other)
@@ -172,6 +173,7 @@ def test_the_ball_is_found_in_a_whole_lidar_scan(real_data: Path, shot: int) -> 
     assert abs(fit.free_radius - 300.0) < 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shot", [1, 2, 3, 4])
 def test_no_ball_is_found_in_a_lidar_scan_that_it_is_cut_out_of(real_data: Path, shot: int) -> None:
     points = 1000 * np.loadtxt(real_data / "sphere" / f"L1_S{shot}.xyz")

@@ -253,6 +253,7 @@ def test_the_curves_legend_names_each_sensor_once(tmp_path: Path) -> None:
     assert (svg.count(">S1<"), svg.count(">combined<")) == (1, 1)
 
 
+@pytest.mark.slow
 def test_the_command_prints_its_report_as_json(tmp_path: Path) -> None:
     paths = [str(path) for path in write_caps(tmp_path, 1)]
     sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]

@@ -147,6 +147,7 @@ def test_sensors_of_a_run_are_compared_in_both_directions(run: Path) -> None:
     assert all(row["agree"] > 0.5 and row["agree"] + row["in_front"] <= 1 for row in rows)
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_recording_and_writes_a_report(run: Path, capture: Capture, tmp_path: Path) -> None:
     assert recorded_in(read_run(run)).resolve() == capture.folder.resolve()
     out = tmp_path / "out"

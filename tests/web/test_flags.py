@@ -97,6 +97,7 @@ def test_a_look_that_fails_is_told_and_made_again(flags: Flags, monkeypatch: pyt
     assert shown(flags, people(), LATER) == "look 1"
 
 
+@pytest.mark.slow
 def test_participants_are_shown_while_what_is_unusual_is_looked_for(
     experimenter: Dashboard,
     client: httpx.Client,

@@ -43,6 +43,7 @@ def test_a_second_study_of_a_name_is_refused(study: dict[str, Any], settings: Se
         create.create_study(settings, stimulus_set, study["name"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [({"exposure_s": 0.0}, "exposure 0"), ({"exposure_s": float("nan")}, "exposure nan"), ({"seed": -1}, "seed -1")],

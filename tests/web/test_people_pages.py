@@ -57,6 +57,7 @@ def test_the_monitor_follows_a_participant_by_server_sent_events(
         until(lines, "1 of 6")
 
 
+@pytest.mark.slow
 def test_a_monitor_is_shown_no_longer_than_the_access_of_who_watches(
     server: str, settings: Settings, client: httpx.Client, new_study: NewStudy
 ) -> None:

@@ -161,6 +161,7 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
     assert "By file" in experimenter.get(base).text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("letter", ["w", "あ", "𝄞"])
 def test_the_longest_texts_of_a_study_are_taken_in_any_alphabet(
     experimenter: Dashboard, new_study: NewStudy, letter: str

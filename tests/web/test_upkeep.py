@@ -172,6 +172,7 @@ def test_another_programs_database_with_a_table_of_the_same_name_is_left_alone(
     database.dispose()
 
 
+@pytest.mark.slow
 def test_people_and_tokens_are_not_dropped_unless_one_says_so(
     here: Settings, tmp_path: Path, new_database_url: Callable[[], str]
 ) -> None:
@@ -193,6 +194,7 @@ def test_people_and_tokens_are_not_dropped_unless_one_says_so(
     assert rows_of(there) == rows_of(here)
 
 
+@pytest.mark.slow
 def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> None:
     back_up(here, tmp_path / "backup.zip")
     with ZipFile(tmp_path / "backup.zip") as whole, ZipFile(tmp_path / "damaged.zip", "w") as damaged:

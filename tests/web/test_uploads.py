@@ -116,6 +116,7 @@ def test_reports_and_models_are_uploaded(own_server: str, own: Settings, compare
     assert not list((own.data_dir / "uploads").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [
