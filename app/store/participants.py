@@ -64,6 +64,8 @@ class SoughtPeople:
 
 
 EVERYBODY = SoughtPeople()
+_GIVEN_IN_SESSION = vote.c.session_id == session.c.id
+_N_VOTES = select(func.count()).where(_GIVEN_IN_SESSION)
 STANDINGS: Mapping[str, ColumnElement[bool]] = {
     "going": session.c.stage.not_in(ENDS),
     "finished": session.c.stage == FINISHED,
@@ -96,15 +98,14 @@ def participants_votes(connection: Connection, study_id: int) -> list[dict[str, 
 
     And when the vote on their last trial came: as many votes of a restored backup are others.
     """
-    of_votes = vote.c.session_id == session.c.id
-    last_voted_at = select(vote.c.received_at).where(of_votes).order_by(vote.c.trial_id.desc()).limit(1)
+    last_voted_at = select(vote.c.received_at).where(_GIVEN_IN_SESSION).order_by(vote.c.trial_id.desc()).limit(1)
     query = _records(study_id).with_only_columns(
         participant.c.label.label("participant"),
         session.c.public_id.label("session"),
         session.c.withdrawn_at,
         participant.c.erased_at,
         exclusion.c.reason,
-        select(func.count()).where(of_votes).scalar_subquery().label("n_votes"),
+        _N_VOTES.scalar_subquery().label("n_votes"),
         last_voted_at.scalar_subquery().label("last_voted_at"),
     )
     return [dict(row._mapping) for row in connection.execute(query.order_by(participant.c.slot))]
@@ -121,14 +122,13 @@ def _described(row: Row[Any]) -> dict[str, Any]:
 
 def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
     trials = select(func.count()).where(trial.c.session_id == session.c.id)
-    of_votes = vote.c.session_id == session.c.id
     facts = {
         "n_trials": trials.where(trial.c.voided_at.is_(None)),
-        "n_votes": select(func.count()).where(of_votes),
+        "n_votes": _N_VOTES,
         "n_voided": trials.where(trial.c.voided_at.is_not(None)),
         "last_served_at": select(func.max(trial.c.served_at)).where(trial.c.session_id == session.c.id),
-        "last_vote_at": select(func.max(vote.c.received_at)).where(of_votes),
-        "mean_response_ms": select(func.avg(vote.c.response_ms)).where(of_votes),
+        "last_vote_at": select(func.max(vote.c.received_at)).where(_GIVEN_IN_SESSION),
+        "mean_response_ms": select(func.avg(vote.c.response_ms)).where(_GIVEN_IN_SESSION),
     }
     query = (
         select(
