@@ -22,40 +22,42 @@ from sse_starlette.sse import AppStatus
 from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
-from app.leftovers import remove_leftovers
-from app.media import MediaStore
-from app.operate import open_store
+from app.films.object_store import MediaStore
+from app.operations.leftovers import remove_leftovers
+from app.operations.manage import open_store
 from app.settings import Settings
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
-from app.web import api, health, media, pages, participant, screening, trials
+from app.web import health, media
 from app.web.admin import (
     attach,
     design,
     edit,
     interview,
     invitations,
-    models,
+    models_page,
     objective,
     overview,
-    people,
+    participants,
     server,
-    sets,
     sign_in,
+    stimulus_sets,
     studies,
     users,
 )
-from app.web.admin import results as admin_results
-from app.web.admin import votes as admin_votes
+from app.web.admin import results_page as admin_results
+from app.web.admin import votes_page as admin_votes
 from app.web.admin.flags import Flags
-from app.web.described import describe
+from app.web.analyst import routes
+from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.metrics import SHARED_FOLDER, Metrics
+from app.web.participant import pages, screening, session, trials
+from app.web.participant.votes import vote_route
 from app.web.problems import UnforeseenErrors, install_problems
-from app.web.requests import Requests, start_logging
+from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
-from app.web.votes import vote_route
 
 ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
@@ -63,7 +65,7 @@ GARBAGE_AFTER = 20_000  # objects more than before; after 700 of them, as Python
 UVICORN_OPTIONS: dict[str, Any] = {
     "log_config": None,
     "log_level": "warning",
-    "access_log": False,  # addresses hold invitations and sign-in links; app/web/requests.py logs routes
+    "access_log": False,  # addresses hold invitations and sign-in links; app/web/request_log.py logs routes
     "server_header": False,
     "timeout_graceful_shutdown": 20,  # s for downloads; votes take milliseconds
     "timeout_keep_alive": 75,  # s, longer than proxies and clients keep a connection: else they would meet a closed one
@@ -115,25 +117,25 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     app.router.routes.append(vote_route)  # routes are tried in this order, and votes are what comes most
     for router in (
         trials.router,
-        participant.router,
+        session.router,
         screening.router,
-        api.router,
+        routes.router,
         media.router,
         health.router,
         sign_in.router,
         users.router,
         server.router,
-        sets.router,
+        stimulus_sets.router,
         studies.router,  # before those of one study: "new" is no study
         overview.router,
-        people.router,
+        participants.router,
         interview.router,
         admin_votes.router,
         design.router,
         invitations.router,
         admin_results.router,
         objective.router,
-        models.router,
+        models_page.router,
         attach.router,
         edit.router,
         pages.router,

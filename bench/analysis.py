@@ -27,7 +27,7 @@ import numpy as np
 from app.analysis.bootstrap import bootstrap_scores, participant_weights
 from app.analysis.bradley_terry import fit_counts, fit_scores
 from app.analysis.counts import count_pairs
-from app.analysis.votes import VotesTable, votes_from_indices
+from app.analysis.votes_table import VotesTable, votes_from_indices
 
 try:
     import evalica

@@ -22,18 +22,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.board import MIN_CORNERS, Board, Corners, parse_board
-from recon.capture.calibrate import PairCalibration, calibrate_camera, calibrate_pair, calibrate_rig
+from recon.capture.calibration.board import MIN_CORNERS, Board, Corners, parse_board
+from recon.capture.calibration.solve import PairCalibration, calibrate_camera, calibrate_pair, calibrate_rig
 from recon.capture.format import read_capture
 from recon.capture.images import CaptureError
-from recon.capture.segment import segment_capture
+from recon.capture.masks.segment import segment_capture
 from recon.rig import Camera, Rig, Sensor, rigid
 from recon.studio import SynthParameters, synthesise
 from recon.studio.rigs import Field, arc_rig
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests/recon"))
-from board_pictures import board_picture, board_pose, project, relative_error
-from strokes import SIDES, intersection_over_union, write_strokes
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.recon.capture.calibration.board_pictures import board_picture, board_pose, project, relative_error
+from tests.recon.capture.masks.strokes import SIDES, intersection_over_union, write_strokes
 
 Seen = dict[str, Corners]
 BOARDS = {"ChArUco": "charuco:14x10:50:37", "chessboard": "chessboard:14x9:50"}

@@ -20,14 +20,13 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-
-from seeding import seed_voters
-from study_server import StudyServer
-from tab_chaos import compare, vote_in_chaos
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
+from tests.seeding import seed_voters
+from tests.study_server import StudyServer
+from tests.tab_chaos import compare, vote_in_chaos
 
 N_VOTERS = 10
 

@@ -25,15 +25,15 @@ from typing import Any
 
 from distributed import LocalCluster
 
-from recon.artefacts import file_digest
 from recon.capture.format import Capture, read_capture
-from recon.execute import LocalProcesses, Pool, open_pool
-from recon.flythrough import Film, RenderOptions, make_part
-from recon.options import parse_size
-from recon.pipeline import ReconstructOptions, reconstruct
-from recon.products import match_frame
-from recon.run import read_run
+from recon.cli.options import parse_size
+from recon.pipeline.film import Film, RenderOptions, make_part
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
+from recon.pipeline.run import read_run
+from recon.pipeline.stages import match_frame
+from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
+from recon.workers import LocalProcesses, Pool, open_pool
 
 Tasks = Callable[[Path], Sequence[partial[Any]]]
 """The tasks of a stage, given the folder into which they write."""

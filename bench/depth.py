@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from recon.depth import MATCHERS, StereoPair
 from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
-from recon.files import whole_file
+from recon.storage.files import whole_file
 
 Disparity = NDArray[np.float32]
 # left, right, left truth, right truth, truth values a pixel, disparities, unscored border

@@ -29,18 +29,18 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
-import sqlite_disk
-from postgresql import PostgresServer
-from seeding import seed_voters
 from sqlalchemy import select
-from study_server import StudyServer
-from voters import Letter, Tally, letters_of, send_all
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import trial, vote
+from tests import sqlite_disk
+from tests.postgresql import PostgresServer
+from tests.seeding import seed_voters
+from tests.study_server import StudyServer
+from tests.voters import Letter, Tally, letters_of, send_all
 
 N_VOTERS = 20
 LONGEST_S = 900

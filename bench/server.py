@@ -41,19 +41,19 @@ from random import Random
 from statistics import median
 from typing import Any, NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import psycopg
-import sqlite_disk
-from postgresql import PostgresServer
-from seeding import seed_voters
-from study_server import StudyServer, free_port, wait_for_port
-from voters import Letter, Tally, letters_of, send_all, send_at_rate
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import pair
+from tests import sqlite_disk
+from tests.postgresql import PostgresServer
+from tests.seeding import seed_voters
+from tests.study_server import StudyServer, free_port, wait_for_port
+from tests.voters import Letter, Tally, letters_of, send_all, send_at_rate
 
 AVRATENG_SERVER = Path(__file__).parent / "avrateng.py"
 HTTP, OURS, AVRATENG = "HTTP only, 16", "SQLite, our writer, 16", "as avrateNG, 16"

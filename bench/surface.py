@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from recon.capture.rectify import Rectification
 from recon.cloud import CloudParameters, back_project, cloud_from_disparity, fit_planes, merge_clouds
 from recon.fusion import fuse_after, fuse_before
-from recon.mesh import Cloud, Mesh
+from recon.geometry.mesh import Cloud, Mesh
 from recon.rig import Camera, look_at, rigid
 from recon.surface import SurfaceParameters
 from recon.surface.components import component_labels

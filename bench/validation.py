@@ -21,22 +21,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.segment import segment_capture
-from recon.pipeline import ReconstructOptions, reconstruct
-from recon.run import cloud_name
+from recon.capture.masks.segment import segment_capture
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
+from recon.pipeline.run import cloud_name
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.surface import SurfaceParameters
-from recon.validation.caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap
-from recon.validation.cuboid import fit_cuboid
-from recon.validation.exclusion import Parts, examine_parts, findings, usual_parts
-from recon.validation.ground_truth import Shape, compare_points, sample_evenly
-from recon.validation.measured import FitError, named_clouds
-from recon.validation.sphere import fit_sphere
-from recon.validation.sphere_fit import SphereFit
-from recon.validation.sphere_methods import METHODS, SphereSettings
-from recon.validation.spheres import measure_spheres
+from recon.validation.clouds import FitError, named_clouds
+from recon.validation.cuboid.fit import fit_cuboid
+from recon.validation.sphere.consensus import fit_sphere
+from recon.validation.sphere.evaluation import measure_spheres
+from recon.validation.sphere.exclusion import Parts, examine_parts, findings, usual_parts
+from recon.validation.sphere.methods import METHODS, SphereSettings
+from recon.validation.sphere.model import SphereFit
+from recon.validation.sphere.simulated_caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap
 from recon.validation.triangles import TriangleTree
+from recon.validation.truth.evaluation import Shape, compare_points, sample_evenly
 
 RADIUS = 150.0
 AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh, read_mesh, write_mesh
+from recon.geometry.mesh import Mesh, read_mesh, write_mesh
 from recon.render.camera_path import camera_path
 from recon.render.checked import check_video
 from recon.render.frames import render_frames

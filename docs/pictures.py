@@ -14,9 +14,9 @@ from playwright.sync_api import Page, sync_playwright
 
 from app.files import write_bytes
 from app.main import running_server
-from app.operate import list_studies
+from app.operations.manage import list_studies
 from app.settings import Settings
-from recon.preview import webp
+from recon.pipeline.preview import webp
 from recon.render.sheet import contact_sheet
 
 PICTURES = Path(__file__).parent / "pictures"

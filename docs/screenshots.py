@@ -19,10 +19,10 @@ import httpx
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from app import create, operate
 from app.main import running_server
+from app.operations import create, manage
 from app.settings import Settings
-from app.simulate import begin, next_trial, simulate_study, vote
+from app.simulation.participants import begin, next_trial, simulate_study, vote
 from app.study.options import StudyOptions
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -83,16 +83,16 @@ def study_server(given: argparse.Namespace, folder: Path) -> Iterator[tuple[str,
         leave_in_the_middle(settings, url)
         attached = [*given.report, *models(given, folder, is_demo=demo)]
         if attached:
-            operate.attach_results(settings, attached, "demo")
-        bearer = {"Authorization": f"Bearer {operate.add_own_token(settings, 'screenshots')}"}
+            manage.attach_results(settings, attached, "demo")
+        bearer = {"Authorization": f"Bearer {manage.add_own_token(settings, 'screenshots')}"}
         trials = httpx.get(f"{url}/api/v1/studies/demo/trials", headers=bearer, timeout=60).json()
         looked = max(trials, key=lambda row: row["n_switches"] or 0)
-        yield url, operate.add_experimenter(settings, "Ada Example")["path"], str(looked["trial"])
+        yield url, manage.add_experimenter(settings, "Ada Example")["path"], str(looked["trial"])
 
 
 def leave_in_the_middle(settings: Settings, url: str) -> None:
     """Somebody who is still there."""
-    invitation = operate.add_invitation(settings, "demo")["invitation"]
+    invitation = manage.add_invitation(settings, "demo")["invitation"]
     with httpx.Client(base_url=url, timeout=60) as client:
         session = begin(client, "demo", invitation)
         for choice in ("a", "none", "b"):
@@ -106,7 +106,7 @@ def models(given: argparse.Namespace, folder: Path, *, is_demo: bool) -> Sequenc
         return [given.models]
     if not is_demo:
         return []
-    from recon.models import write_models
+    from recon.export_models import write_models
 
     write_models([given.stimuli / "run"], folder / "gathered", None, lambda *_: None)
     return [folder / "gathered"]

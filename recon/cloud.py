@@ -11,7 +11,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from recon.capture.rectify import Rectification
-from recon.mesh import Cloud
+from recon.geometry.mesh import Cloud
 
 MIN_FIT_POINTS = 6  # twice what determines a plane
 SPECKLE_STEPS_PER_PX = 16  # OpenCV's own fixed point for disparities

@@ -17,31 +17,31 @@ from typing import Any
 
 import numpy as np
 
-from recon.artefacts import Artefacts, code_version
 from recon.capture.format import CAPTURE_FILE
-from recon.capture.segment import segment_capture
+from recon.capture.masks.segment import segment_capture
 from recon.depth import DEFAULTS
 from recon.depth.census import RADIUS as CENSUS_RADIUS
 from recon.depth.temporal import TemporalParameters
-from recon.execute import Progress, silent
-from recon.files import read_json, write_json
-from recon.flythrough import RenderOptions
-from recon.pipeline import ReconstructOptions, reconstruct, render
-from recon.run import cloud_name, mesh_name, read_run
+from recon.pipeline.film import RenderOptions
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.run import cloud_name, mesh_name, read_run
+from recon.storage.artefacts import Artefacts, code_version
+from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.scenes import CUBOID_SIZE_MM, SPHERE_RADIUS_MM
 from recon.studio.truth import MESH as TRUE_MESH
-from recon.validation.cuboid_report import write_cuboid_report
-from recon.validation.cuboids import CuboidSettings, measure_cuboids
-from recon.validation.ground_truth import MeshSettings, measure_mesh
-from recon.validation.measured import named_clouds
+from recon.validation.clouds import named_clouds
+from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
+from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.measures import Subject
-from recon.validation.report import write_report_json
-from recon.validation.sphere_methods import SphereSettings
-from recon.validation.sphere_report import write_sphere_report
-from recon.validation.spheres import measure_spheres
-from recon.validation.views import ViewSettings, measure_views
-from recon.validation.views_report import write_views_report
+from recon.validation.page import write_report_json
+from recon.validation.sphere.evaluation import measure_spheres
+from recon.validation.sphere.methods import SphereSettings
+from recon.validation.sphere.report import write_sphere_report
+from recon.validation.truth.evaluation import MeshSettings, measure_mesh
+from recon.validation.views.evaluation import ViewSettings, measure_views
+from recon.validation.views.report import write_views_report
+from recon.workers import Progress, silent
 
 SCENES = ("ball", "box", "people", "standing", "face")  # figure 2
 SENSORS = ("S1", "S2", "S3")
@@ -53,8 +53,8 @@ OBJECT_NOISE, OBJECT_CALIBRATION_PX = 3.0, 0.05  # grey levels and pixels: with 
 REACH_MM = 220.0  # of a validation object's middle from that of the working volume, on each axis
 SEED = 1
 OBJECTIVE_FILE, REPORT = "objective.json", "report.json"
-RECORDING = ("capture", "studio", "rig.py", "mesh.py")
-MEASURING = ("validation", "render", "surface", "cloud.py", "fusion.py", "mesh.py", "rig.py")
+RECORDING = ("capture", "studio", "rig.py", "geometry")
+MEASURING = ("validation", "render", "surface", "cloud.py", "fusion.py", "geometry", "rig.py")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from recon.cloud import merge_clouds
-from recon.mesh import Cloud, Mesh, merge_meshes
+from recon.geometry.mesh import Cloud, Mesh, merge_meshes
 from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, with_voxel
 
 Fusion = Callable[[Sequence[Cloud], SurfaceParameters], Mesh]

@@ -9,13 +9,13 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from command_line import Command, command_line
 from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
-from postgresql import PostgresServer
 
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
+from tests.command_line import Command, command_line
+from tests.postgresql import PostgresServer
 
 settings.register_profile("patient", deadline=None)  # how long an example takes is the machine's business
 settings.load_profile("patient")

@@ -11,16 +11,16 @@ from uuid import uuid4
 
 from sqlalchemy import select, update
 
-from app.films import PairVideo
-from app.stimuli import Stimulus, StimulusSet
+from app.films.pairs import PairVideo
+from app.intake.stimuli import Stimulus, StimulusSet
 from app.store.designs import insert_design
 from app.store.engine import Database
 from app.store.invitations import insert_invitation, invitation_by_code
 from app.store.sessions import begin_session, session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
-from app.store.votes import Ballot
-from app.study.votes import Vote
+from app.store.vote_records import Ballot
+from app.study.valid_vote import Vote
 
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 

@@ -1,6 +1,6 @@
 """The study server in a process of its own that can be killed, and is there again at once.
 
-    python tests/study_server.py DATA_DIR PORT [options]
+    python -m tests.study_server DATA_DIR PORT [options]
 
 The process loads everything, then forks the server; when that dies it forks the next. It dies with its parent.
 """
@@ -58,7 +58,7 @@ class StudyServer:
         self._log = log
         self.port = free_port()
         self.base_url = f"http://127.0.0.1:{self.port}"
-        self._command = [sys.executable, __file__, str(data_dir), str(self.port), *options]
+        self._command = [sys.executable, "-m", "tests.study_server", str(data_dir), str(self.port), *options]
         url = {"RECONSTUDY_DATABASE_URL": database_url} if database_url else {}
         self._environment = os.environ | {"PYTHONPATH": str(ROOT)} | url
         self._pid_file = data_dir / "server.pid"
@@ -119,10 +119,10 @@ def _serve(arguments: argparse.Namespace) -> None:
     import app.main
     from app.settings import Settings
     from app.store import vote_writer
-    from app.store.votes import KeptVote
+    from app.store.vote_records import KeptVote
 
     if arguments.safe or arguments.sync_ms:
-        import sqlite_disk
+        from tests import sqlite_disk
 
         sqlite_disk.install(arguments.safe, arguments.sync_ms / 1000)
     if arguments.batch:

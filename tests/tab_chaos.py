@@ -17,12 +17,12 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from playwright.async_api import BrowserContext, Error, Page, Route, async_playwright
-from seeding import Voter
 from sqlalchemy import select
-from study_server import ROOT, StudyServer
 
 from app.store.engine import open_database
 from app.store.tables import trial, vote
+from tests.seeding import Voter
+from tests.study_server import ROOT, StudyServer
 
 TAB = """<!doctype html><meta charset="utf-8"><title>A tab</title><script type="module">
 import { Outbox, openShelf, newId } from "/static/js/outbox.js";

@@ -22,13 +22,13 @@ from PIL import Image
 
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes
-from app.create import read_options
-from app.stimuli import decode, read_stimulus_set
+from app.intake.stimuli import decode, read_stimulus_set
+from app.operations.create import read_options
 from app.study.study_file import parse_study_file
 from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
 from recon.depth.disparity_io import read_disparity
-from recon.mesh import read_cloud, read_mesh
+from recon.geometry.mesh import read_cloud, read_mesh
 
 REFUSALS = (ValueError, OSError)  # a sentence for whoever gave the file; anything else is our mistake
 LONGEST_S = 20.0

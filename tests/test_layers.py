@@ -13,23 +13,20 @@ ROOT = Path(__file__).parent.parent
 
 # Left to right; a stage may import its own and those before it.
 STAGES = [
-    {"files", "remote", "rig", "ply", "glb", "mesh", "execute", "artefacts"},
+    {"rig", "geometry", "storage", "workers"},
     {"capture"},
     {"studio"},
     {"depth"},
-    {"cloud", "errors"},
+    {"cloud"},
     {"surface"},
     {"fusion"},
     {"approaches"},
     {"render"},
-    {"manifest"},
-    {"run"},
-    {"products"},
-    {"flythrough", "preview"},
+    {"pipeline"},
     {"validation"},
-    {"pipeline", "models"},
+    {"export_models"},
     {"experiment"},
-    {"console", "options", "cli", "capture_cli", "validate_cli"},
+    {"cli"},
 ]
 RANK = {stage: rank for rank, stages in enumerate(STAGES) for stage in stages}
 
@@ -39,12 +36,12 @@ HOMES = {
     "alembic": ("app/store/", "migrations/"),
     "fastapi": ("app/web/", "app/main.py"),
     "starlette": ("app/web/", "app/main.py"),
-    "jinja2": ("app/web/", "app/main.py", "app/analysis/report.py", "app/experiment_report.py"),
+    "jinja2": ("app/web/", "app/main.py", "app/analysis/report.py", "app/experiment/report.py"),
     "open3d": ("recon/",),
     "pyrender": ("recon/",),
     "cv2": ("recon/",),
     "numba": ("recon/",),
-    "imageio_ffmpeg": ("recon/render/video.py", "app/stimuli.py"),
+    "imageio_ffmpeg": ("recon/render/video.py", "app/intake/stimuli.py"),
 }
 PURE = {"numpy", "scipy", "app"}
 PURE_EXCEPTIONS = {
@@ -52,7 +49,7 @@ PURE_EXCEPTIONS = {
     "app/analysis/report.py": {"jinja2", "pandas"},
     "app/analysis/reading.py": {"pandas"},
     "app/analysis/tabular.py": {"pandas"},
-    "app/analysis/votes.py": {"pandas"},
+    "app/analysis/votes_table.py": {"pandas"},
 }
 IMPURE_STANDARD_LIBRARY = {"sqlite3", "random", "secrets", "time", "socket", "http", "urllib", "uuid"}
 

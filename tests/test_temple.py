@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from app.analysis import analyse, votes_from_rows
-from app.create import create_study
 from app.main import running_server
-from app.operate import add_token
+from app.operations.create import create_study
+from app.operations.manage import add_token
 from app.settings import Settings
-from app.simulate import simulate
-from recon.capture.check import check_capture
-from recon.capture.evidence import dark_background_threshold
+from app.simulation.participants import simulate
+from recon.capture.checking.check import check_capture
 from recon.capture.format import Capture, read_held_out
-from recon.capture.middlebury import import_middlebury
-from recon.capture.segment import METHODS, clean_mask, segment_capture
-from recon.flythrough import RenderOptions
-from recon.mesh import Mesh, read_mesh
-from recon.pipeline import ReconstructOptions, reconstruct, render
+from recon.capture.importing.middlebury import import_middlebury
+from recon.capture.masks.evidence import dark_background_threshold
+from recon.capture.masks.segment import METHODS, clean_mask, segment_capture
+from recon.geometry.mesh import Mesh, read_mesh
+from recon.pipeline.film import RenderOptions
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.run import mesh_name
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.rig import Camera
-from recon.run import mesh_name
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from random import Random
 from uuid import UUID
 
-from seeding import Voter
+from tests.seeding import Voter
 
 ANSWER_TIMEOUT_S = 30
 RETRY_S = 0.02

@@ -2,11 +2,11 @@
 no clock, no chance.
 """
 
+from app.analysis.analyse import analyse
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.report import analyse_file, write_analysis
-from app.analysis.results import analyse
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes import VotesError, VotesTable
+from app.analysis.votes_table import VotesError, VotesTable
 
 __all__ = [
     "AnalysisSettings",

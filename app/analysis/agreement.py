@@ -17,7 +17,7 @@ from scipy.stats import chi2, rankdata
 from app.analysis.bradley_terry import only_compared
 from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 BETWEEN_DATASETS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
 LARGEST_TRANSITIVITY = 60  # items; 34 220 triples

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from app.analysis.tabular import numbers, read_csv
-from app.analysis.votes import VotesError
+from app.analysis.votes_table import VotesError
 
 
 def read_items(path: Path) -> dict[str, dict[str, str]]:

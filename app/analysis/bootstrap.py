@@ -12,7 +12,7 @@ from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts, is_ide
 from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 

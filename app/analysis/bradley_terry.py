@@ -17,7 +17,7 @@ from app.analysis.many_items import maximise_many_items
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.penalised import maximise_firth
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 

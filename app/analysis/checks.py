@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.votes import IDENTICAL, MAIN, NONE, REPEAT, VotesTable
+from app.analysis.votes_table import IDENTICAL, MAIN, NONE, REPEAT, VotesTable
 
 
 def check_rows(votes: VotesTable) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weig
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
 from app.analysis.factors import votes_on_factor
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 

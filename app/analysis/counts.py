@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

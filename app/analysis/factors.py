@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import Fit, fit_scores
-from app.analysis.votes import VotesError, VotesTable
+from app.analysis.votes_table import VotesError, VotesTable
 
 Array = NDArray[np.float64]
 Factors = Mapping[str, Mapping[str, str]]  # factor -> item -> level

@@ -12,7 +12,7 @@ from app.analysis.comparison import fit_by
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes import VotesError, VotesTable
+from app.analysis.votes_table import VotesError, VotesTable
 
 Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; who is missing belongs to none
 

@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import Fit, participant_gradients
 from app.analysis.factors import ModelTest
-from app.analysis.votes import VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 

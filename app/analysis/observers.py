@@ -19,7 +19,7 @@ from app.analysis.contrasts import holm
 from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.newton import Design
 from app.analysis.triads import Triads, pooled_p_value, smallest_p_value
-from app.analysis.votes import NONE, A, B, VotesTable
+from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from scipy.stats import binomtest
 
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import differences
-from app.analysis.votes import VotesTable, votes_from_indices
+from app.analysis.votes_table import VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.tabular import numbers, read_frame, refuse
-from app.analysis.votes import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
+from app.analysis.votes_table import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
 OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role")

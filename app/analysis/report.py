@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.analysis.analyse import analyse
 from app.analysis.attributes import read_items, read_measures, read_participants
 from app.analysis.charts import (
     chart_pdf,
@@ -29,7 +30,6 @@ from app.analysis.charts import (
     triads_chart,
 )
 from app.analysis.reading import read_votes
-from app.analysis.results import analyse
 from app.analysis.sections import sections
 from app.analysis.settings import AnalysisSettings
 from app.files import write_bytes, write_json, write_text

@@ -20,7 +20,7 @@ from app.analysis.groups import GroupComparison
 from app.analysis.settings import LEVEL, AnalysisSettings
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value
-from app.analysis.votes import NONE, A, B, VotesTable
+from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from app.analysis.votes import VotesError
+from app.analysis.votes_table import VotesError
 
 
 def read_frame(path: Path) -> pd.DataFrame:

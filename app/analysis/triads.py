@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.stats import chi2
 
-from app.analysis.votes import NONE, A, VotesTable
+from app.analysis.votes_table import NONE, A, VotesTable
 
 EXACT_UP_TO = 10  # items; the dynamic programme takes 0.2 s for ten and grows by about three with each further item
 MANY_ITEMS, SPARSE = 100, 0.05  # above this many and below this share of n^2 pairs, sparse matrices are faster

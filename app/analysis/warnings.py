@@ -8,7 +8,7 @@ import numpy as np
 
 from app.analysis.comparison import Comparison
 from app.analysis.settings import LEVEL
-from app.analysis.votes import MAIN, VotesTable
+from app.analysis.votes_table import MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # of one comparison that are listed
 MANY_REPEATS = 5  # repeated votes that are named one by one

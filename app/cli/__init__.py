@@ -10,9 +10,9 @@ import sys
 
 import typer
 
-from app.cli import experiments, results, server, studies
+from app.cli import analysis, experiments, server, studies
 from app.errors import StudyError
-from recon.cli import app as recon_app
+from recon.cli.main import app as recon_app
 
 BACKEND_PACKAGES = ("cv2", "numba", "pyrender", "skimage", "trimesh")
 
@@ -21,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Objective and subjective evaluation of multi-stereo 3D reconstruction.",
 )
-for part in (recon_app, experiments.app, studies.app, server.app, results.app):
+for part in (recon_app, experiments.app, studies.app, server.app, analysis.app):
     app.add_typer(part)
 
 

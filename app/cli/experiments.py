@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.results import score_sentences
+from app.cli.analysis import score_sentences
 from app.cli.shared import counted
-from recon.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, print_result
 
 if TYPE_CHECKING:
+    from app.experiment.timetable import Step
     from app.settings import Settings
-    from app.timetable import Step
 
 DEMO_SECONDS = 5.0
 DEMO_FRAMES = 6
@@ -39,10 +39,10 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
-    from app.demo import ability_sentence, demo_front, demo_scores
+    from app.experiment.demo import ability_sentence, demo_front, demo_scores
+    from app.experiment.timetable import Timetable
     from app.main import running_server
     from app.settings import Settings
-    from app.timetable import Timetable
 
     settings, front = Settings(data_dir=out / "study", database_url=None), out / "front"
     progress = ProgressLine(note=lambda: timetable.left())
@@ -69,15 +69,15 @@ def demo(
 
 def _demo_steps(out: Path, settings: Settings, participants: int, progress: ProgressLine) -> list[Step]:
     """The demo's work, with seconds on two idle cores; each step makes only what is missing."""
-    from app.demo import demo_analysis, demo_study, demo_votes
+    from app.experiment.demo import demo_analysis, demo_study, demo_votes
+    from app.experiment.timetable import Step
     from app.main import running_server
-    from app.timetable import Step
     from recon.capture.format import CAPTURE_FILE
-    from recon.capture.segment import segment_capture
-    from recon.flythrough import RenderOptions
-    from recon.pipeline import ReconstructOptions, reconstruct, render
-    from recon.preview import write_stage_pictures
-    from recon.run import read_run
+    from recon.capture.masks.segment import segment_capture
+    from recon.pipeline.film import RenderOptions
+    from recon.pipeline.preview import write_stage_pictures
+    from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+    from recon.pipeline.run import read_run
     from recon.studio import SynthParameters, synthesise
 
     capture, run, stimuli = out / "capture", out / "run", out / "stimuli"
@@ -128,9 +128,9 @@ def experiment_paper(
     as_json: JsonOption = False,
 ) -> None:
     """The paper's experiment on synthetic recordings and artificial people, and a report beside the paper's numbers."""
-    from app.experiment import StudyPart, study_step
-    from app.experiment_report import read_results, write_experiment_report
-    from app.timetable import Step, Timetable, duration
+    from app.experiment.report import read_results, write_experiment_report
+    from app.experiment.study import StudyPart, study_step
+    from app.experiment.timetable import Step, Timetable, duration
     from recon.experiment import SCALES, Experiment, measured_pace, steps
 
     if scale not in SCALES:

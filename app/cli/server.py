@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from app.cli.shared import DEFAULT_URL, UrlOption
-from recon.console import JsonOption, print_result
+from recon.cli.console import JsonOption, print_result
 
 app = typer.Typer()
 admin_app = typer.Typer(no_args_is_help=True, help="Experimenters.")
@@ -27,7 +27,7 @@ def serve(
 ) -> None:
     """Serve all studies until interrupted."""
     from app.main import serve as serve_studies
-    from app.operate import list_studies, set_up_path
+    from app.operations.manage import list_studies, set_up_path
     from app.settings import Settings
 
     settings = Settings()
@@ -54,7 +54,7 @@ def admin_add(
     as_json: JsonOption = False,
 ) -> None:
     """A sign-in link for an experimenter, good for a week; an older link of theirs ends, and so does a password."""
-    from app.operate import add_experimenter
+    from app.operations.manage import add_experimenter
     from app.settings import Settings
     from app.store.experimenters import ROLES
 
@@ -75,7 +75,7 @@ def token_add(
     as_json: JsonOption = False,
 ) -> None:
     """A bearer token for fetching results over REST; it is shown this once."""
-    from app.operate import add_token
+    from app.operations.manage import add_token
     from app.settings import Settings
     from app.store.tokens import SCOPES
 
@@ -92,8 +92,8 @@ def backup(
     as_json: JsonOption = False,
 ) -> None:
     """Write all that is stored to a file, as it is at one moment; the server may run."""
+    from app.operations.backup import back_up
     from app.settings import Settings
-    from app.upkeep import back_up
 
     result = back_up(Settings(), file, with_media=media)
     n_rows = sum(result["tables"].values())
@@ -109,8 +109,8 @@ def restore(
     as_json: JsonOption = False,
 ) -> None:
     """Bring a backup back, all of it or nothing; the server may run."""
+    from app.operations.backup import restore as restore_backup
     from app.settings import Settings
-    from app.upkeep import restore as restore_backup
 
     result = restore_backup(Settings(), file, replace=replace)
     print_result(
@@ -121,8 +121,8 @@ def restore(
 @db_app.command("check")
 def db_check(as_json: JsonOption = False) -> None:
     """Everything wrong with the database and the films, models and reports it names; exit 1 if anything is."""
+    from app.operations.backup import check
     from app.settings import Settings
-    from app.upkeep import check
 
     result = check(Settings())
     print_result(result, "\n".join(result["faults"]) or "Nothing is wrong.", as_json=as_json)
@@ -133,7 +133,7 @@ def db_check(as_json: JsonOption = False) -> None:
 @db_app.command("upgrade")
 def db_upgrade(as_json: JsonOption = False) -> None:
     """Bring the database to the newest version."""
-    from app.operate import upgrade_database
+    from app.operations.manage import upgrade_database
     from app.settings import Settings
 
     result = upgrade_database(Settings())

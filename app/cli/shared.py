@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from recon.console import ProgressLine
+from recon.cli.console import ProgressLine
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 UrlOption = Annotated[str, typer.Option(help="Where the server is reached, for the links that are printed.")]

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.shared import DEFAULT_URL, UrlOption, counted
-from recon.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
 stimuli_app = typer.Typer(no_args_is_help=True, help="Stimulus sets.")
@@ -24,7 +24,7 @@ def stimuli_check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a stimulus set: files, digests, and that every video can be decoded."""
-    from app.stimuli import read_stimulus_set
+    from app.intake.stimuli import read_stimulus_set
 
     progress = ProgressLine()
     found = read_stimulus_set(stimulus_set, counted(progress))
@@ -44,7 +44,7 @@ def stimuli_import(
     as_json: JsonOption = False,
 ) -> None:
     """Make a stimulus set of somebody else's videos."""
-    from app.stimulus_import import import_stimuli
+    from app.intake.import_videos import import_stimuli
 
     progress = ProgressLine()
     found = import_stimuli(folder, out, practice=practice, progress=counted(progress))
@@ -106,7 +106,7 @@ def study_create(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study of a stimulus set, with an open invitation."""
-    from app.create import create_study, read_options
+    from app.operations.create import create_study, read_options
     from app.settings import Settings
 
     given = {
@@ -144,7 +144,7 @@ def study_import(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study as a study file says, with an open invitation."""
-    from app.create import import_study
+    from app.operations.create import import_study
     from app.settings import Settings
 
     progress = ProgressLine()
@@ -160,7 +160,7 @@ def study_export(
     as_json: JsonOption = False,
 ) -> None:
     """Write a study as a study file, from which `study import` makes it again."""
-    from app.operate import export_study
+    from app.operations.manage import export_study
     from app.settings import Settings
 
     text = export_study(Settings(), study)
@@ -180,7 +180,7 @@ def study_invite(
     as_json: JsonOption = False,
 ) -> None:
     """Make another invitation to a study."""
-    from app.operate import add_invitation
+    from app.operations.manage import add_invitation
     from app.settings import Settings
 
     made = add_invitation(Settings(), study, places=places)
@@ -195,7 +195,7 @@ def study_balance(
     as_json: JsonOption = False,
 ) -> None:
     """Whether everybody's order follows from the seed, and whether labels, first looks and datasets are balanced."""
-    from app.operate import study_balance as balance_of
+    from app.operations.manage import study_balance as balance_of
     from app.settings import Settings
 
     report = balance_of(Settings(), study)
@@ -211,7 +211,7 @@ def study_attach(
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study; again: they are replaced."""
-    from app.operate import attach_results
+    from app.operations.manage import attach_results
     from app.settings import Settings
 
     found = attach_results(Settings(), results, study)
@@ -230,7 +230,7 @@ def study_attach(
 @study_app.command("list")
 def study_list(as_json: JsonOption = False) -> None:
     """All studies with their progress, the newest first."""
-    from app.operate import list_studies
+    from app.operations.manage import list_studies
     from app.settings import Settings
 
     found = list_studies(Settings())

@@ -8,8 +8,9 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Table, exists, insert, or_, select
 
-from app.films import FilmFile, PairVideo
-from app.stimuli import StimulusSet
+from app.films.pairs import FilmFile, PairVideo
+from app.films.strips import H264, SINGLE
+from app.intake.stimuli import StimulusSet
 from app.store.keys import new_opaque_id
 from app.store.tables import (
     assignment,
@@ -22,7 +23,6 @@ from app.store.tables import (
     stimulus,
     trial,
 )
-from app.strips import H264, SINGLE
 from app.study.trial import PlannedPair
 
 FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}

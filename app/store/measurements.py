@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, delete, insert, select
 
-from app.reports import Measure
+from app.intake.reports import Measure
 from app.store.tables import condition, dataset, measurement
 
 

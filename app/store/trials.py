@@ -29,7 +29,7 @@ from app.store.tables import (
 )
 from app.study.technique import is_frame_locked
 from app.study.trial import reveal
-from app.study.votes import has_seen_both
+from app.study.valid_vote import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
 ROWS_AT_ONCE = 2000  # from the database; tables of any length pass through

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from app.errors import UnavailableError
 from app.store.engine import Database
-from app.store.votes import Ballot, KeptVote, keep_votes
+from app.store.vote_records import Ballot, KeptVote, keep_votes
 
 log = logging.getLogger(__name__)
 

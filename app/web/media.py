@@ -14,10 +14,10 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app.errors import NotFoundError, UnavailableError
-from app.films import FilmFile
-from app.media import SIGNED_FOR_S, MediaStore
+from app.films.object_store import SIGNED_FOR_S, MediaStore
+from app.films.pairs import FilmFile
+from app.films.strips import SINGLE
 from app.store.designs import film_file
-from app.strips import SINGLE
 from app.web.gates import Store, settings
 
 # A name never gets other content; shared caches must not serve a study's material to others.

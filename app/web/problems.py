@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
-from app.web.entry import entry_token, remember_entry
+from app.web.form_token import entry_token, remember_entry
 from app.web.gates import note_refusal
 
 Typed = Sequence[tuple[str, str]]

@@ -19,9 +19,9 @@ from playwright.async_api import Page, async_playwright
 from playing.bars import SIZE, both_strips, difference, goes_back, latencies, read_bars
 from playing.study import Study, dropped, last_viewing, summary
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "browser"))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from techniques import MISSING
+from tests.browser.techniques import MISSING
 
 USED, TALL = (1920, 1080), (1920, 2300)  # windows; in the tall one most of the strip that is not shown is seen too
 PAUSES_S = (0.06, 0.10)  # between presses

@@ -13,11 +13,11 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from app.create import create_study
+from app.intake.stimuli import run_ffmpeg
 from app.main import running_server
-from app.operate import add_token
+from app.operations.create import create_study
+from app.operations.manage import add_token
 from app.settings import Settings
-from app.stimuli import run_ffmpeg
 from app.study.options import parse_options
 from playing.bars import SECONDS, write_films
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.files import whole_file
+from recon.storage.files import whole_file
 
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
 PREVIEW_PERCENTILES = (1.0, 99.0)  # a few wrong matches must not wash out the colours

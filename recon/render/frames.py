@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh
+from recon.geometry.mesh import Mesh
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform

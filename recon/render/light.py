@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh
+from recon.geometry.mesh import Mesh
 from recon.render.rasterise import height_map
 from recon.render.scene import LitMesh, Scene, light_grid
 

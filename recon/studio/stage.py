@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh
+from recon.geometry.mesh import Mesh
 from recon.studio import objects
 from recon.studio.appearance import vertex_albedo
 from recon.studio.looks import look_row

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.folder import new_folder
 from recon.capture.format import CameraStream, Capture, HeldOut, SensorStream, write_capture
-from recon.execute import silent
-from recon.files import write_json
-from recon.mesh import write_mesh
+from recon.capture.importing.folder import new_folder
+from recon.geometry.mesh import write_mesh
 from recon.rig import Camera, Rig, Sensor
+from recon.storage.files import write_json
 from recon.studio import truth
 from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose
@@ -30,6 +29,7 @@ from recon.studio.scenes import SCENES, Scene
 from recon.studio.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.stage import Stage, Staged
 from recon.studio.views import View, empty_view
+from recon.workers import silent
 
 BOUNDS_MARGIN_MM = 15.0
 CELL_PX = 5.0  # edge of the actors' triangles in pixels

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.mesh import Cloud, Mesh
+from recon.geometry.mesh import Cloud, Mesh
 from recon.surface.apss import signed_field
 from recon.surface.band import Band, band_around
 from recon.surface.blocks import LARGEST_AXIS, SAMPLES

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.mesh import Cloud
+from recon.geometry.mesh import Cloud
 from recon.surface.blocks import BLOCK, LARGEST_AXIS, block_coordinates, block_keys, neighbours_in
 
 BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import Cloud
+from recon.geometry.mesh import Cloud
 
 SAME_SURFACE = 0.8  # cosine between the normals of two sensors' points that are the same place
 SATURATED = (8, 247)  # bytes beyond these may have been clipped

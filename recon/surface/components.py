@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh
+from recon.geometry.mesh import Mesh
 
 
 def drop_small_components(mesh: Mesh, share: float) -> Mesh:

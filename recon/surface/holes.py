@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import Mesh
+from recon.geometry.mesh import Mesh
 
 
 def close_holes(mesh: Mesh, longest_rim: float) -> Mesh:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.mesh import error_colours
+from recon.geometry.mesh import error_colours
 
 SIDE_PX = 360  # of each of the four squares
 MAP_CELLS, TITLE_PX = 60, 22  # at most, along the longer edge of a face; above its map

@@ -25,7 +25,7 @@ const scale = document.getElementById("errors-scale");
 /** @type {{dataset: string, condition: string, kind: string, n_points: number, n_faces: number, error_limit_mm: number | null, url: string}[]} */
 const models = JSON.parse(document.getElementById("models-data").textContent);
 
-// The colours of recon.mesh.error_colours, as sRGB because its bytes are what is mixed there.
+// The colours of recon.geometry.mesh.error_colours, as sRGB because its bytes are what is mixed there.
 const RED = new Color(178 / 255, 24 / 255, 43 / 255);
 const BLUE = new Color(33 / 255, 102 / 255, 172 / 255);
 const WHITE = new Color(1, 1, 1);

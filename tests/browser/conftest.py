@@ -7,15 +7,15 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from films import squares, write_films
 from playwright.sync_api import Browser, BrowserContext, Page
-from visitor import MakeFilms, NewStudy, Study, Visitor
 
-from app.create import create_study
 from app.main import running_server
-from app.operate import add_token
+from app.operations.create import create_study
+from app.operations.manage import add_token
 from app.settings import Settings
 from app.study.options import StudyOptions
+from tests.browser.films import squares, write_films
+from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
 
 VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
 

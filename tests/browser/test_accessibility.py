@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
-from visitor import NewStudy, Study, Visitor
 
-from app.operate import add_invitation
+from app.operations.manage import add_invitation
 from app.settings import Settings
 from app.study.options import parse_options
+from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

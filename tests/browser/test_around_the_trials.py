@@ -7,13 +7,13 @@ from typing import Any
 
 import httpx
 import pytest
-from films import squares
 from playwright.sync_api import Page, expect
 from test_accessibility import check_accessibility
-from visitor import MakeFilms, NewStudy, Study, Visitor
 
 from app.study.options import parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
+from tests.browser.films import squares
+from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

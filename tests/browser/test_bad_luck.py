@@ -8,9 +8,9 @@ from pathlib import Path
 import httpx
 import pytest
 from playwright.sync_api import Page, expect
-from visitor import NewStudy, Study, Visitor
 
 from app.study.options import parse_options
+from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from seeding import seed_voters
-from study_server import StudyServer
-from tab_chaos import Seen, compare, vote_in_chaos
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
+from tests.seeding import seed_voters
+from tests.study_server import StudyServer
+from tests.tab_chaos import Seen, compare, vote_in_chaos
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

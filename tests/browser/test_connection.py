@@ -6,10 +6,10 @@ from uuid import RFC_4122, UUID
 
 import pytest
 from playwright.sync_api import Page, Route, expect
-from visitor import Study, Visitor
 
-from app.operate import add_invitation
+from app.operations.manage import add_invitation
 from app.settings import Settings
+from tests.browser.visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

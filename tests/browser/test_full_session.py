@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from eyes import passes_screening
-from films import squares, write_films
 from playwright.sync_api import Page, expect
-from visitor import NewStudy, Study, Visitor
 
-from app.operate import study_balance
+from app.operations.manage import study_balance
 from app.settings import Settings
-from app.simulate import Preference
+from app.simulation.participants import Preference
 from app.study.options import parse_options
+from tests.browser.eyes import passes_screening
+from tests.browser.films import squares, write_films
+from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

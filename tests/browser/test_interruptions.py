@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import APIResponse, Page, Route, expect
-from techniques import leave_only
-from visitor import Study, Visitor
+
+from tests.browser.techniques import leave_only
+from tests.browser.visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

@@ -4,15 +4,15 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from films import CONDITIONS, DATASET
 from playwright.sync_api import Page, Response, expect
-from visitor import Study, Visitor
 
-from app.operate import add_invitation
+from app.operations.manage import add_invitation
 from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.studies import Standing, set_standing, study_by_slug
+from tests.browser.films import CONDITIONS, DATASET
+from tests.browser.visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from eyes import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
 from test_accessibility import check_accessibility
-from visitor import NewStudy, Study, Visitor
 
 from app.study.options import parse_options
 from app.study.pictures import read_png
+from tests.browser.eyes import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
+from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

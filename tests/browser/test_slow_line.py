@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from eyes import fits_card, types_distance
 from playwright.sync_api import Page, Route, expect
-from visitor import NewStudy, Study, Visitor
 
 from app.study.options import parse_options
+from tests.browser.eyes import fits_card, types_distance
+from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

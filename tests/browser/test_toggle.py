@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
-from techniques import leave_only
-from visitor import MakeFilms, NewStudy, Study, Visitor
 
 from app.study.options import parse_options
+from tests.browser.films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
+from tests.browser.techniques import leave_only
+from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

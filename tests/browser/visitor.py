@@ -11,11 +11,11 @@ from typing import Any
 import cv2
 import httpx
 import numpy as np
-from films import Draw, decode_squares
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
-from app.simulate import begin, next_trial, vote
+from app.simulation.participants import begin, next_trial, vote
+from tests.browser.films import Draw, decode_squares
 
 LONGEST_WAIT_S = 30.0
 

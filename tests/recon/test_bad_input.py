@@ -13,11 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_line import Command
 
-from recon.capture.segment import segment_capture
-from recon.mesh import Cloud, read_mesh, write_cloud, write_no_cloud
+from recon.capture.masks.segment import segment_capture
+from recon.geometry.mesh import Cloud, read_mesh, write_cloud, write_no_cloud
 from recon.studio import SynthParameters, synthesise
+from tests.command_line import Command
 
 NO_EGL = {"PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}
 

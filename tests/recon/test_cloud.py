@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from recon.capture.rectify import Rectification
 from recon.cloud import CloudParameters, back_project, cloud_from_disparity, fit_planes, merge_clouds, support
-from recon.mesh import Cloud
+from recon.geometry.mesh import Cloud
 from recon.rig import Camera, look_at, rigid
 
 SIZE = (80, 60)

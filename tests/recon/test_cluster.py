@@ -14,18 +14,18 @@ from pathlib import Path
 import cv2
 import numba
 import pytest
-from command_line import Command
 from distributed import LocalCluster
-from object_store import BUCKET, object_store
 from s3fs import S3FileSystem
 
-from recon.artefacts import file_digest
-from recon.execute import RETRIES, open_pool
-from recon.flythrough import RenderOptions
-from recon.pipeline import ReconstructOptions, reconstruct, render
-from recon.remote import place
-from recon.run import LOG_FILE
+from recon.pipeline.film import RenderOptions
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.run import LOG_FILE
+from recon.storage.artefacts import file_digest
+from recon.storage.remote import place
 from recon.studio import SynthParameters, synthesise
+from recon.workers import RETRIES, open_pool
+from tests.command_line import Command
+from tests.object_store import BUCKET, object_store
 
 pytestmark = [
     pytest.mark.slow,

@@ -7,7 +7,7 @@ import pytest
 
 from recon.cloud import merge_clouds
 from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before
-from recon.mesh import Cloud, merge_meshes
+from recon.geometry.mesh import Cloud, merge_meshes
 from recon.surface import NoSurfaceError, SurfaceParameters, default_voxel, surface_from_cloud
 
 PARAMETERS = SurfaceParameters(voxel_mm=3.0)

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 
-from app.attachments import attach
 from app.errors import InvalidError
-from app.models import FOLDERS
-from app.reports import REPORT
+from app.intake.models import FOLDERS
+from app.intake.reports import REPORT
+from app.operations.attach import attach
 from app.web.admin.jobs import Tell, start_job
 from app.web.admin.uploads import MB, UploadingActor, receive_zip, unpack
 from app.web.gates import AStudy, Store, settings

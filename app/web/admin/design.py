@@ -10,13 +10,13 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.stimuli import file_digest
+from app.films.strips import write_still
+from app.intake.stimuli import file_digest
 from app.store.designs import conditions_of, pair_records, stimulus_records
 from app.store.orders import study_plan, taken_orders
-from app.strips import write_still
 from app.study.balance import balance_report
 from app.study.design import participant_order
-from app.web.admin.shell import study_page
+from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
 VOTING_S = 4.0  # beside the exposure: fixation, the choice, Next; typical of simulated and real sessions

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
-from app.create import EXPOSURE_BOUNDS_S
 from app.errors import ConflictError, InvalidError
+from app.operations.create import EXPOSURE_BOUNDS_S
 from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, lock_study, progress_of
@@ -19,7 +19,7 @@ from app.study.options import LONGEST_TEXT, parse_options
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
-from app.web.admin.shell import see, study_page
+from app.web.admin.layout import see, study_page
 from app.web.gates import Acting, AStudy, Looking, Store
 
 FREE = ("name", "debriefing", "abandoned_after_h")  # what may change although somebody has begun

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from app.store.engine import Database
-from app.web.results import analysis_of
+from app.web.analyst.results import analysis_of
 
 AT_MOST_EVERY = timedelta(seconds=10)  # for one study; votes come more often
 PATIENCE_S = 0.5  # of a page's first look, which is to be seen within a second

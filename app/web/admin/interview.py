@@ -13,7 +13,7 @@ from app.store.interviews import keep_spoken, spoken_of
 from app.store.participants import participant_labelled
 from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER
-from app.web.admin.shell import see, study_page
+from app.web.admin.layout import see, study_page
 from app.web.gates import Acting, AStudy, Looking, Store
 
 Label = Annotated[str, Path(max_length=40)]

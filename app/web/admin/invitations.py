@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from app.errors import NotFoundError
 from app.store.invitations import end_invitation, insert_invitation, invitations_of
-from app.web.admin.shell import see, study_page
+from app.web.admin.layout import see, study_page
 from app.web.gates import Acting, AStudy, Looking, Store
 
 MOST_AT_ONCE = 200

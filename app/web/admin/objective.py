@@ -7,15 +7,15 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
-from app.attachments import report_folder
 from app.errors import NotFoundError
+from app.operations.attach import report_folder
+from app.store.attached_reports import report_records
 from app.store.measurements import measurement_records
-from app.store.reports import report_records
+from app.web.admin.layout import study_page
 from app.web.admin.objective_view import beside_scores, measure_lines, report_view
-from app.web.admin.shell import study_page
+from app.web.analyst.results import FIGURE_TYPES, figures_of, snapshot_of
 from app.web.gates import AStudy, Person, Store, settings
 from app.web.media import FOREVER
-from app.web.results import FIGURE_TYPES, figures_of, snapshot_of
 
 router = APIRouter(prefix="/admin/studies/{slug}/objective", include_in_schema=False)
 

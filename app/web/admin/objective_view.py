@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from app.reports import EVERY_DATASET
+from app.intake.reports import EVERY_DATASET
 from app.web.admin.results_view import NOTHING, decimal, unique
 
 MOST_ROWS = 100  # of a table on the page; the file has all

@@ -21,7 +21,7 @@ from app.store.studies import Study, progress_of
 from app.study.options import parse_options
 from app.study.stages import FINISHED, WITHDRAWN
 from app.web.admin.flags import PATIENCE_S, Flags
-from app.web.admin.shell import study_page
+from app.web.admin.layout import study_page
 from app.web.gates import AStudy, Person, database, is_still_signed_in, now
 
 LOOKS_EVERY_S = 1.0

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from app.store.migrate import newest_version
-from app.web.admin.shell import page
+from app.web.admin.layout import page
 from app.web.gates import Owner, settings
 
 router = APIRouter(prefix="/admin", include_in_schema=False)

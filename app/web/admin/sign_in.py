@@ -9,7 +9,6 @@ from fastapi import APIRouter, Depends, Form, Path, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.errors import InvalidError, UnauthorisedError
-from app.passwords import check_password, hash_password, is_password
 from app.store.audit import STRANGER, Entry, record, record_alone
 from app.store.engine import Database
 from app.store.experimenters import (
@@ -22,8 +21,9 @@ from app.store.experimenters import (
     set_password,
     sign_out,
 )
-from app.web.admin.shell import page, see
-from app.web.entry import entry_token, own_form, remember_entry
+from app.web.admin.layout import page, see
+from app.web.admin.passwords import check_password, hash_password, is_password
+from app.web.form_token import entry_token, own_form, remember_entry
 from app.web.gates import EXPERIMENTER_COOKIE, Myself, Now, Person, Store, address, is_secure, throttle
 from app.web.security import set_experimenter_cookie
 from app.web.throttle import SIGN_INS, SIGN_INS_AS

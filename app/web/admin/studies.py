@@ -8,8 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
 from fastapi.responses import Response
 
-from app.create import create_study, duplicate_study, slugify
 from app.errors import InvalidError, NotFoundError
+from app.operations.create import create_study, duplicate_study, slugify
 from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
@@ -17,11 +17,11 @@ from app.store.studies import Progress, Standing, Study, all_studies, progress_b
 from app.study.options import LONGEST_TEXT, parse_options
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import Tell, start_job
-from app.web.admin.sets import known_sets, set_folder
-from app.web.admin.shell import page, see
+from app.web.admin.layout import page, see
+from app.web.admin.stimulus_sets import known_sets, set_folder
+from app.web.analyst.results import load_analysis
 from app.web.gates import Acting, AStudy, Looking, Person, Store, settings
-from app.web.participant import remember
-from app.web.results import load_analysis
+from app.web.participant.session import remember
 
 EXPOSURE_S = Form(ge=0.1, le=3600, allow_inf_nan=False)
 

@@ -20,7 +20,7 @@ from app.store.experimenters import (
     set_role,
 )
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
-from app.web.admin.shell import page, see, turns
+from app.web.admin.layout import page, see, turns
 from app.web.gates import ActingOwner, Looking, Owner, Store, database
 
 ENTRIES_ON_A_PAGE = 50

@@ -1,0 +1,227 @@
+"""The whole analysis of a votes table, as the object that becomes analysis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
+from app.analysis.bradley_terry import fit_scores, only_compared
+from app.analysis.checks import check_rows
+from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
+from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
+from app.analysis.correlation import ScoreSet, correlation_rows
+from app.analysis.factors import Effect, ModelTest, check_factors, effects_of, fit_additive, model_tests, order_test
+from app.analysis.groups import GroupComparison, check_groups, compare_groups
+from app.analysis.homogeneity import Part, parts_differ
+from app.analysis.observers import observer_rows
+from app.analysis.rows import (
+    contrast_rows,
+    effect_row,
+    group_rows,
+    model_row,
+    pair_rows,
+    pooled_triads,
+    score_rows,
+    tie_model_rows,
+    triads_row,
+)
+from app.analysis.settings import AnalysisSettings
+from app.analysis.triads import triads
+from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable
+from app.analysis.warnings import MOST_PAIRS, warnings_of
+
+MEASURE_REPLICATES = 500  # over participants, for the intervals of correlations
+
+
+def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict[str, Any]:
+    """Analyse votes: screening, scores, factors, agreement.
+
+    Returns
+    -------
+    dict
+        The content of analysis.json; only lists, dictionaries, text, numbers and None.
+
+    Raises
+    ------
+    VotesError
+        If an item has no level of a factor, or a dataset or factor has the name of all of them together.
+    """
+    settings = settings or AnalysisSettings()
+    _check_names(votes, settings)
+    used = _used(votes, settings)
+    check_factors(used, settings.factors)
+    check_groups(votes, settings.groups)
+    compared = list(compare(used, settings))
+    screened = triads(used)
+    effects, tests = _factor_results(used, settings, compared)
+    groups = _group_comparisons(used, settings)
+    tests += [one.test for one in groups if one.test is not None]
+    by_dataset = _scores_by_dataset(compared)
+    return {
+        "schema_version": 1,
+        "settings": settings.as_dict(),
+        "votes": _tally(votes, used),
+        "scores": [row for one in compared for row in score_rows(one)],
+        "scores_with_excluded": _scores_with_excluded(votes, used, settings),
+        "models": [model_row(one) for one in compared],
+        "tie_models": [row for one in compared for row in tie_model_rows(one, settings)],
+        "contrasts": [row for one in compared for row in contrast_rows(one)],
+        "effects": effects,
+        "tests": _test_rows(tests),
+        "groups": [row for one in groups for row in group_rows(one)],
+        "triads": [triads_row(row) for row in screened],
+        "triads_pooled": pooled_triads(screened),
+        "measures": _measure_rows(used, settings, compared),
+        "agreement": agreement_rows(used),
+        "dataset_agreement": dataset_agreement_rows(by_dataset),
+        "dataset_concordance": concordance(by_dataset),
+        "observers": observer_rows(used, screened, ties=settings.ties),
+        "checks": check_rows(votes),
+        "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in pair_rows(one)],
+        "warnings": warnings_of(votes, used, compared),
+    }
+
+
+def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
+    """Raise if what is said of all votes together would be taken for one dataset or factor."""
+    for what, names in (("dataset", votes.datasets), ("factor", settings.factors)):
+        if ALL in names:
+            raise VotesError(f"a {what} is called {ALL!r}, which stands for all of them together: rename it")
+
+
+def _factor_results(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> tuple[list[dict[str, Any]], list[ModelTest]]:
+    """Return the additive model's effects, and all tests between models."""
+    effects: list[Effect] = []
+    tests: list[ModelTest | None] = []
+    additive: dict[str, Part] = {}
+    for dataset in dataset_names(votes, settings) if settings.factors else ():
+        part = only_compared(of_dataset(votes, dataset))
+        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=settings.order_effect)
+        if fit is not None and fit.status == "ok":
+            additive[dataset] = Part(part, fit)
+            if settings.order_effect:
+                without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
+                tests.append(None if without is None else order_test(fit, without, "additive", dataset))
+            effects += effects_of(fit, settings.factors, dataset)
+            tests += model_tests(
+                part, settings.factors, dataset, ties=settings.ties, order_effect=settings.order_effect
+            )
+    for one in compared if settings.order_effect else ():
+        without = fit_scores(one.votes, ties=settings.ties)
+        tests.append(order_test(one.fit, without, one.comparison, one.dataset))
+    for model in dict.fromkeys(one.comparison for one in compared):
+        parts = {one.dataset: Part(one.votes, one.fit) for one in compared if one.comparison == model}
+        tests.append(_datasets_test(model, parts))
+    tests.append(_datasets_test("additive", additive))
+    return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
+
+
+def _group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
+    parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
+    return [one for dataset, part in parts if len(part) for one in compare_groups(part, dataset, settings)]
+
+
+def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:
+    """Return dataset -> item -> score of the single datasets that have scores."""
+    return {
+        one.dataset: dict(zip(one.fit.items, one.fit.scores.tolist(), strict=True))
+        for one in compared
+        if one.comparison == ALL and one.dataset != ALL and one.fit.scores is not None
+    }
+
+
+def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
+    if ALL not in parts:
+        return None
+    single = [part for dataset, part in parts.items() if dataset != ALL]
+    return parts_differ("datasets differ", model, ALL, parts[ALL].fit, single)
+
+
+def _measure_rows(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> list[dict[str, Any]]:
+    """Return the measures beside the scores; their intervals need replicates, which are made here if there are none."""
+    if not settings.measures:
+        return []
+    if not settings.bootstrap:
+        compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed=())))
+    of_items = [one for one in compared if one.comparison == ALL and one.fit.scores is not None]
+    single = [one for one in of_items if one.dataset != ALL] or of_items
+    return correlation_rows(
+        {one.dataset: _score_set(one) for one in single}, settings.measures, np.random.default_rng([settings.seed, 1])
+    )
+
+
+def _score_set(one: Comparison) -> ScoreSet:
+    fit = one.fit
+    assert fit.scores is not None
+    place = {item: index for index, item in enumerate(fit.items)}
+    different = [
+        (place[c.item_a], place[c.item_b]) if c.difference > 0 else (place[c.item_b], place[c.item_a])
+        for c in contrasts(fit)
+        if c.p_holm < SIGNIFICANT
+    ]
+    replicates = np.zeros((0, len(fit.items)))
+    if one.bootstrap is not None:
+        replicates = np.full((len(one.bootstrap.kept), len(fit.items)), np.nan)
+        replicates[one.bootstrap.kept] = one.bootstrap.scores
+    return ScoreSet(fit.items, fit.scores, replicates, different)
+
+
+def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
+    """Return the tests with Holm's correction over each family: one kind of test, on the single datasets or on all
+    together.
+    """
+    families: dict[tuple[str, bool], list[ModelTest]] = {}
+    for test in tests:
+        families.setdefault((test.name.split()[0], test.dataset == ALL), []).append(test)
+    rows = []
+    for family in families.values():
+        own = [test.p_value if test.p_participant is None else test.p_participant for test in family]
+        for test, corrected in zip(family, holm(np.array(own)).tolist(), strict=True):
+            rows.append(asdict(test) | {"p_holm": corrected})
+    return rows
+
+
+def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
+    """Return the scores as they would be without the experimenter's exclusions; empty if there are none."""
+    everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
+    if len(everybody) == len(used):
+        return []
+    plain = replace(settings, bootstrap=0)
+    return [row for one in compare(everybody, plain) for row in score_rows(one)]
+
+
+def _used(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
+    unknown = set(settings.exclude).difference(votes.participants)
+    if unknown:
+        raise ValueError(
+            f"the participant to exclude, {sorted(unknown)[0]!r}, is not among the {len(votes.participants)} who voted"
+        )
+    excluded = np.isin(np.array(votes.participants, object), list(settings.exclude))[votes.participant]
+    return replace(votes, excluded=votes.excluded | excluded).used()
+
+
+def _tally(votes: VotesTable, used: VotesTable) -> dict[str, Any]:
+    """Count what was read and what became of it; the parts add up to the whole."""
+    practice = int(votes.count[votes.practice].sum())
+    checks = int(votes.count[(votes.role != MAIN) & ~votes.practice & ~votes.excluded].sum())
+    total, analysed = votes.n_votes, used.n_votes
+    return {
+        "rows": len(votes),
+        "votes": total,
+        "practice": practice,
+        "checks": checks,
+        "excluded": total - practice - checks - analysed,
+        "analysed": analysed,
+        "participants": len(np.unique(used.participant)) if votes.has_participants else None,
+        "datasets": list(votes.datasets) if votes.has_datasets else [],
+        "items": list(votes.items),
+        "ties": int(used.count[used.choice == 2].sum()),
+    }

@@ -1,0 +1,174 @@
+"""Commands that make votes, analyse them, and plan how many are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from app.cli.shared import counted
+from recon.cli.console import JsonOption, ProgressLine, print_result
+
+app = typer.Typer()
+
+
+@app.command()
+def simulate(
+    study: Annotated[str, typer.Option(help="The study's name in addresses, as `study list` shows it.")],
+    url: Annotated[str | None, typer.Option(help="A running server of this database; default: one of its own.")] = None,
+    participants: Annotated[int, typer.Option(min=1, help="How many take the whole study.")] = 22,
+    abilities: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON: condition, or dataset/condition, -> ability in natural log-odds; default: drawn by the seed."
+        ),
+    ] = None,
+    tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    seed: Annotated[int, typer.Option(help="Of the abilities and choices.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Artificial participants of known preference take the whole study over HTTP."""
+    from app.main import running_server
+    from app.settings import Settings
+    from app.simulation.participants import simulate_study
+
+    settings = Settings()
+    known = None if abilities is None else _read_abilities(abilities)
+    progress = ProgressLine()
+    with nullcontext(url) if url else running_server(settings) as base_url:
+        result = simulate_study(
+            settings, base_url, study, participants, known, tie_rate, seed, progress=counted(progress)
+        )
+    progress.close()
+    print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)
+
+
+@app.command()
+def analyse(
+    votes: Annotated[Path, typer.Argument(help="Votes as CSV, Parquet or JSON.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
+    items: Annotated[Path | None, typer.Option(help="CSV: item, then a column for each factor.")] = None,
+    measures: Annotated[
+        Path | None, typer.Option(help="CSV: dataset, item, then a column for each objective measure.")
+    ] = None,
+    ties: Annotated[str, typer.Option(help="davidson, rao-kupper, half or drop.")] = "davidson",
+    factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
+    participants: Annotated[
+        Path | None, typer.Option(help="CSV: participant, then a column for each grouping (experience, age, …).")
+    ] = None,
+    group: Annotated[
+        list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")
+    ] = None,
+    penalty: Annotated[str, typer.Option(help="Estimate where no maximum exists: firth or ridge.")] = "firth",
+    by: Annotated[str, typer.Option(help="dataset: also every dataset by itself; none: only pooled.")] = "dataset",
+    order_effect: Annotated[
+        bool, typer.Option("--order-effect", help="Estimate the advantage of being shown first.")
+    ] = False,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates over participants for the intervals.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="Participant to leave out, as a recorded decision; may be repeated.")
+    ] = None,
+    columns: Annotated[
+        str | None, typer.Option(help="Where names differ: participant=judge,item_a=left,item_b=right.")
+    ] = None,
+    choices: Annotated[str | None, typer.Option(help="Where words differ: none=tie,a=1,b=0.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The whole analysis of any pair-comparison votes: triads, scores, standard errors, figures, report."""
+    from app.analysis import AnalysisSettings, analyse_file
+
+    if by not in ("dataset", "none"):
+        raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
+    settings = AnalysisSettings(
+        ties=ties,
+        order_effect=order_effect,
+        bootstrap=bootstrap,
+        seed=seed,
+        penalty=penalty,
+        by_dataset=by == "dataset",
+        exclude=tuple(exclude or ()),
+    )
+    analysis = analyse_file(
+        votes,
+        out,
+        settings,
+        items=items,
+        columns=_parse_mapping(columns, "--columns"),
+        choices=_parse_mapping(choices, "--choices"),
+        factors=factor,
+        measures=measures,
+        participants=participants,
+        groups=group,
+    )
+    print_result(analysis, score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+
+
+@app.command()
+def plan(
+    conditions: Annotated[int, typer.Option(min=2, help="Conditions compared within a dataset, every pair of them.")],
+    datasets: Annotated[int, typer.Option(min=1, help="Datasets.")],
+    participants: Annotated[int, typer.Option(min=2, help="Participants.")],
+    effect: Annotated[float, typer.Option(help="True difference of two conditions, JOD (log-odds / ln 3).")] = 0.5,
+    tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power.")] = 400,
+    seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Power and sample size of a study by simulation."""
+    import numpy as np
+
+    from app.analysis.power import StudyPlan, plan_study
+
+    design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
+    result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    sentences = (
+        f"{result['votes_per_participant']} votes by each of {participants} participants.\n"
+        f"A difference of {effect:g} JOD is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
+        f"{result['power_pooled']:.2f} over all.\n"
+        f"Found with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} in one dataset, "
+        f"{_jod(result['detectable_jod_pooled'])} over all."
+    )
+    print_result(result, sentences, as_json=as_json)
+
+
+def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
+    """The pairs of "ours=theirs,ours=theirs"."""
+    if text is None:
+        return None
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
+        raise typer.BadParameter(f"{option} is {text!r}, expected ours=theirs, comma between")
+    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
+
+
+def _read_abilities(path: Path) -> dict[str, float]:
+    from recon.storage.files import read_json
+
+    content = read_json(path)
+    wrong = [name for name, value in content.items() if isinstance(value, bool) or not isinstance(value, int | float)]
+    if wrong:
+        raise ValueError(f"{path}: the ability of {wrong[0]} is {content[wrong[0]]!r}, expected a number")
+    return {name: float(value) for name, value in content.items()}
+
+
+def score_sentences(analysis: Mapping[str, Any]) -> str:
+    """The pooled scores, a line each, best first."""
+    rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
+    rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
+    width = max((len(row["item"]) for row in rows), default=0)
+    return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
+
+
+def _score_text(row: Mapping[str, Any]) -> str:
+    if row["score"] is None:
+        return f"no score ({row['status']})"
+    interval = "" if row["ci_low"] is None else f"  95 % interval {row['ci_low']:+.3f} to {row['ci_high']:+.3f}"
+    return f"{row['score']:+.3f}{interval}"
+
+
+def _jod(difference: float | None) -> str:
+    return "no difference considered" if difference is None else f"{difference:.2f} JOD"

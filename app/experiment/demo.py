@@ -1,0 +1,96 @@
+"""The demo's study: made of its videos, voted on by simulated participants, analysed, and shown on a front page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from app.analysis import write_analysis
+from app.experiment.study import fetched
+from app.files import read_json, write_bytes, write_json
+from app.operations.create import create_study
+from app.operations.manage import add_experimenter, list_studies
+from app.settings import Settings
+from app.simulation.participants import simulate_study
+from app.web.front import FRONT_FILE
+
+Progress = Callable[[int, int, str], None]
+
+# What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
+DEPTH_ABILITIES = {"id": -0.8, "dr": 0.1, "pm": 0.7}
+FUSION_ABILITIES = {"fa": -0.4, "fb": 0.4}
+ABILITIES = {f"{d}_{f}": round(x + y, 3) for d, x in DEPTH_ABILITIES.items() for f, y in FUSION_ABILITIES.items()}
+TIE_RATE = 0.2
+SEED = 1
+
+
+def demo_study(settings: Settings, manifest: Path, exposure_s: float, progress: Progress) -> dict[str, Any]:
+    """The demo's study, created unless it is there."""
+    if not list_studies(settings):
+        create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, progress=progress)
+    return list_studies(settings)[0]
+
+
+def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
+    """Let simulated participants vote, unless somebody did before."""
+    (study,) = list_studies(settings)
+    if not study["n_votes"] and participants:
+        simulate_study(settings, url, study["slug"], participants, ABILITIES, TIE_RATE, SEED, progress=progress)
+
+
+def demo_analysis(settings: Settings, url: str, out: Path) -> None:
+    """The study's analysis as an analyst fetches it, written into a folder; nothing before the first vote."""
+    (study,) = list_studies(settings)
+    if study["n_votes"]:
+        analysis = fetched(settings, url, study["slug"], ("analysis",))["analysis"]
+        write_analysis(analysis, out, source="the demo's study")
+
+
+def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> dict[str, Any]:
+    """Write the front page's content; where it leads.
+
+    Parameters
+    ----------
+    out : the demo's folder
+    folder : the front page's, with the pictures of the stages
+    """
+    (study,) = list_studies(settings)
+    paths = {
+        "participant": f"/s/{study['invitations'][0]}",
+        "experimenter": add_experimenter(settings, "demo")["path"],
+    }
+    chart = out / "analysis" / "figures" / "scores.svg"
+    if chart.is_file():
+        write_bytes(folder / chart.name, chart.read_bytes())
+    made = sorted(path.stem for path in folder.glob("*.webp"))
+    pictures = {
+        "recording": [name for name in made if name.startswith("recording_")],
+        "depth": [f"depth_{method}" for method in DEPTH_ABILITIES],
+        "model": [f"model_{approach}" for approach in ABILITIES],
+    }
+    content = {
+        **paths,
+        "n_pairs": study["n_pairs"],
+        "exposure_s": study["exposure_s"],
+        "n_votes": study["n_votes"],
+        "n_participants": study["n_finished"],
+        "n_frames": n_frames,
+        "truth": ability_sentence(),
+        "folder": out.name,
+        "pictures": pictures,
+    }
+    write_json(folder / FRONT_FILE, content)
+    return paths
+
+
+def demo_scores(out: Path) -> Mapping[str, Any] | None:
+    """The analysis that was written; None before the first vote."""
+    path = out / "analysis" / "analysis.json"
+    return read_json(path) if path.is_file() else None
+
+
+def ability_sentence() -> str:
+    """What the simulated participants prefer, to compare the scores with."""
+    best_first = sorted(ABILITIES.items(), key=lambda pair: -pair[1])
+    return ", ".join(f"{item} {ability:+.1f}" for item, ability in best_first)

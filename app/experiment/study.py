@@ -1,0 +1,175 @@
+"""The paper's experiment from the stimulus set on: a study of the videos, its people, their votes and scores.
+
+The people are artificial, and prefer what was measured to be better: the truth that the scores are held against.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+
+from app.experiment.timetable import Step
+from app.files import read_json, write_json
+from app.intake.reports import Measure, read_report
+from app.intake.stimuli import MANIFEST
+from app.main import running_server
+from app.operations.create import create_study
+from app.operations.manage import add_own_token, attach_results, list_studies
+from app.settings import Settings
+from app.simulation.observer import Observer
+from app.simulation.participants import Person, simulate_study
+from app.study.options import StudyOptions, parse_options
+
+NAME = "The paper's study"
+OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
+TABLES = ("analysis", "screening", "questionnaire", "participants")
+QUALITY = "novel view SSIM"  # what people are taken to see of a model: its likeness to photographs
+LOG_ODDS_PER_OCTAVE = 5.0  # a model half as unlike the photographs as another one wins 148 : 1
+SENSITIVITY_SPREAD = 0.3  # of people: standard deviation of the logarithm of how much quality moves them
+TASTE_SPREAD = 0.3  # of people: standard deviation of what they like about an approach besides, log-odds
+TIE_RATE = 0.15
+N_PEOPLE = 22  # table 3
+N_MEN, N_TRAINED = 9, 11
+AGES = (19, 59)
+LACKING = 8  # who lacks a cone: so many are before them
+SEED = 1
+TIMEOUT_S = 300.0
+PEOPLE_S, FILM_MPX_S, N_FILMS = 45.0, 0.05, 75  # on two idle cores of 2026
+
+OPTIONS = {
+    "optional_stages": ["screening", "practice", "interview"],
+    "screening": {"on_failure": "stop", "colour_misses": 2},  # of 5: by slips alone nobody misses more
+    "questions": [
+        {"name": "age", "kind": "number", "minimum": 16, "maximum": 120},
+        {"name": "sex", "kind": "choice", "options": ["female", "male", "other", "unsaid"]},
+        {
+            "name": "trained",
+            "kind": "choice",
+            "text": "Are you trained in the evaluation of images or 3D models?",
+            "options": ["yes", "no"],
+        },
+    ],
+}
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class StudyPart:
+    """The study of an experiment's folder.
+
+    Parameters
+    ----------
+    out : the experiment's folder, with the stimulus set and what was measured
+    """
+
+    out: Path
+
+    def settings(self) -> Settings:
+        """Of a server whose database is named by what it was made from: another experiment never overwrites votes."""
+        return Settings(data_dir=self.out / f"study-{self.digest()[:8]}", database_url=None, media_url=None)
+
+    def digest(self) -> str:
+        """Of everything that the votes depend on."""
+        manifest = read_json(self.out / "stimuli" / MANIFEST)
+        shown = [(one["dataset"], one["approach"], one["sha256"]) for one in manifest["stimuli"]]
+        truth = list(true_abilities(self.measures()).items())
+        model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED, OPTIONS]
+        return hashlib.sha256(json.dumps([shown, truth, model]).encode()).hexdigest()
+
+    def reports(self) -> list[Path]:
+        """The validation reports that speak of the approaches."""
+        listed = read_json(self.out / OBJECTIVE_FILE)["reports"]
+        return [self.out / name for name in listed if name.split("/")[1] in ("views", "truth")]
+
+    def measures(self) -> list[Measure]:
+        return [measure for report in self.reports() for measure in read_report(report).measures]
+
+    def take(self, progress: Progress) -> None:
+        """Make the study, let the people take it, and keep what they answered, unless that was done before."""
+        settings = self.settings()
+        answers = settings.data_dir / ANSWERS_FILE
+        if answers.is_file():
+            return
+        for file in settings.data_dir.glob("study.sqlite*"):  # of a start that was interrupted; films stay
+            file.unlink()
+        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=study_options(), progress=progress)
+        (study,) = list_studies(settings)
+        abilities = true_abilities(self.measures())
+        with running_server(settings) as url:
+            crowd = people(abilities)
+            result = simulate_study(settings, url, study["slug"], crowd, abilities, TIE_RATE, SEED, progress=progress)
+            attach_results(settings, self.reports(), study["slug"])
+            found = fetched(settings, url, study["slug"], TABLES)
+        write_json(answers, {"abilities": abilities, "study": study, "votes": result["votes"], **found})
+
+    def answers(self) -> dict[str, Any]:
+        """What the people answered, and the truth that was put in."""
+        return read_json(self.settings().data_dir / ANSWERS_FILE)
+
+
+def study_step(study: StudyPart, film_megapixels: float, progress: Progress) -> Step:
+    """The study of 75 films and its people, with the seconds that it takes on two cores."""
+    seconds = PEOPLE_S + N_FILMS * film_megapixels * FILM_MPX_S
+    return Step("let people take the study", seconds, partial(study.take, progress))
+
+
+def study_options() -> StudyOptions:
+    """Screening that stops who fails, practice, and the questions of table 3."""
+    return parse_options(OPTIONS)
+
+
+def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:
+    """Natural log-odds by "dataset/approach", sum zero in each dataset: the more like the photographs, the better.
+
+    Raises
+    ------
+    ValueError
+        If nothing was measured of the quality that people see.
+    """
+    octaves = {
+        (one.dataset, one.approach): -np.log2(max(1.0 - one.value, 1e-6)) for one in measures if one.measure == QUALITY
+    }
+    if not octaves:
+        raise ValueError(f"the reports hold no {QUALITY!r}, on which the artificial people's preferences depend")
+    means = {
+        dataset: float(np.mean([value for (of, _), value in octaves.items() if of == dataset]))
+        for dataset, _ in octaves
+    }
+    return {
+        f"{dataset}/{approach}": round(LOG_ODDS_PER_OCTAVE * (float(value) - means[dataset]), 4)
+        for (dataset, approach), value in octaves.items()
+    }
+
+
+def people(abilities: Mapping[str, float]) -> list[Person]:
+    """As many as in the paper, men and women, trained and untrained, and one more who fails the screening."""
+    rng = np.random.default_rng(SEED)
+    approaches = sorted({name.split("/")[1] for name in abilities})
+    sexes = rng.permutation(["male"] * N_MEN + ["female"] * (N_PEOPLE - N_MEN)).tolist()
+    trained = rng.permutation(["yes"] * N_TRAINED + ["no"] * (N_PEOPLE - N_TRAINED)).tolist()
+    ages = np.rint(np.linspace(*AGES, N_PEOPLE)).astype(int)
+    crowd = []
+    for sex, is_trained, age in zip(sexes, trained, rng.permutation(ages).tolist(), strict=True):
+        sensitivity = float(rng.lognormal(0.0, SENSITIVITY_SPREAD))
+        taste = dict(zip(approaches, rng.normal(0.0, TASTE_SPREAD, len(approaches)).tolist(), strict=True))
+        own = {name: sensitivity * ability + taste[name.split("/")[1]] for name, ability in abilities.items()}
+        observer = Observer(acuity=float(rng.uniform(-0.2, 0.0)))
+        crowd.append(Person(own, observer, {"age": age, "sex": sex, "trained": is_trained}))
+    crowd.insert(LACKING, Person(observer=Observer(lacks="deutan", slips=0.0)))
+    return crowd
+
+
+def fetched(settings: Settings, url: str, slug: str, tables: Sequence[str]) -> dict[str, Any]:
+    """Tables of a study as an analyst fetches them over REST."""
+    headers = {"Authorization": f"Bearer {add_own_token(settings, 'results')}"}
+    with httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT_S) as client:
+        return {name: client.get(f"/api/v1/studies/{slug}/{name}").raise_for_status().json() for name in tables}

@@ -1,0 +1,154 @@
+"""Models to be turned by hand: what a folder of `reconstudy models`, or of anybody's PLY files, must hold.
+
+`meshes/DATASET/CONDITION.ply` and `clouds/DATASET/CONDITION.ply`, binary and little endian. Points may have colours,
+normals, and `error`, their signed distance to the truth in mm. Files are believed by their content.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.intake.stimuli import file_digest
+
+Kind = Literal["mesh", "cloud"]
+FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}
+LARGEST_BYTES = 256 * 1024 * 1024  # of one model; a browser holds two of them
+LONGEST_HEADER = 8192
+LIMIT_SHARE = 95  # percentile of the errors at which the colours end, as in the reports
+SCALARS = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "<i2",
+    "ushort": "<u2",
+    "int": "<i4",
+    "uint": "<u4",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "<i2",
+    "uint16": "<u2",
+    "int32": "<i4",
+    "uint32": "<u4",
+    "float": "<f4",
+    "double": "<f8",
+    "float32": "<f4",
+    "float64": "<f8",
+}
+TRIANGLE = np.dtype([("count", "u1"), ("index", "<i4", (3,))])
+FACE_LISTS = tuple(f"property list {count} {kind} vertex_ind{end}" for count in ("uchar", "uint8")
+                   for kind in ("int", "uint", "int32", "uint32") for end in ("ices", "ex"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Model:
+    """A mesh or cloud of a condition in a dataset.
+
+    Parameters
+    ----------
+    error_limit_mm : 95 % of the points lie nearer to the truth; None where errors are not known
+    """
+
+    path: Path
+    dataset: str
+    condition: str
+    kind: Kind
+    sha256: str
+    n_points: int
+    n_faces: int
+    error_limit_mm: float | None
+
+
+def holds_models(folder: Path) -> bool:
+    """Whether a folder looks like one of models."""
+    return any((folder / name).is_dir() for name in FOLDERS.values())
+
+
+def read_models(folder: Path) -> list[Model]:
+    """Check all models of a folder.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or one is not whole: names the file.
+    """
+    found = [read_model(path, kind) for kind, path in _files(folder)]
+    if not found:
+        raise ValueError(f"{folder}: holds no meshes/DATASET/CONDITION.ply; `reconstudy models RUN -o OUT` writes them")
+    return found
+
+
+def read_model(path: Path, kind: Kind) -> Model:
+    """Check one model, which lies as DATASET/CONDITION.ply.
+
+    Raises
+    ------
+    ValueError
+        If it is not what its place says.
+    """
+    if path.stat().st_size > LARGEST_BYTES:
+        raise ValueError(f"{path}: has {path.stat().st_size // 2**20} MB, expected {LARGEST_BYTES // 2**20} at most")
+    content = path.read_bytes()
+    try:
+        points, faces = _elements(content)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if kind == "mesh" and not len(faces):
+        raise ValueError(f"{path}: holds no faces; a cloud belongs into the folder {FOLDERS['cloud']}")
+    limit = _error_limit(path, points)
+    digest = file_digest(path)
+    return Model(path, path.parent.name, path.stem, kind, digest, len(points), len(faces), limit)
+
+
+def _files(folder: Path) -> Iterator[tuple[Kind, Path]]:
+    for kind, name in FOLDERS.items():
+        for path in sorted((folder / name).glob("*/*.ply")):
+            yield kind, path
+
+
+def _elements(content: bytes) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Points and triangles of a PLY, whole and with numbers that can be drawn."""
+    head, separator, _ = content[:LONGEST_HEADER].partition(b"end_header\n")
+    if not separator or not head.startswith(b"ply\nformat binary_little_endian 1.0\n"):
+        raise ValueError("is no binary little-endian PLY file")
+    kind, n_points, n_faces = _described(head.decode("ascii", "replace").splitlines()[2:])
+    start, size = len(head) + len(separator), n_points * kind.itemsize + n_faces * TRIANGLE.itemsize
+    if len(content) != start + size:
+        raise ValueError(f"has {len(content) - start} bytes after its header, which speaks of {size}")
+    points = np.frombuffer(content, kind, n_points, start)
+    faces = np.frombuffer(content, TRIANGLE, n_faces, start + points.nbytes)
+    if not all(np.isfinite(points[axis]).all() for axis in "xyz"):
+        raise ValueError("holds coordinates that are not finite numbers")
+    index = faces["index"]
+    if (faces["count"] != 3).any() or (index.size and not 0 <= index.min() <= index.max() < n_points):
+        raise ValueError("has faces that are no triangles of its points")
+    return points, faces
+
+
+def _described(lines: list[str]) -> tuple[np.dtype[np.void], int, int]:
+    """What a header says: the kind of a point, how many of them, and how many triangles."""
+    counts, fields, element = {"vertex": 0, "face": 0}, [], ""
+    for line in (one.strip() for one in lines if not one.startswith(("comment", "obj_info"))):
+        words = line.split()
+        if words[:1] == ["element"] and len(words) == 3 and words[1] in counts and words[2].isdigit():
+            element, counts[words[1]] = words[1], int(words[2])
+        elif element == "vertex" and len(words) == 3 and words[0] == "property" and words[1] in SCALARS:
+            fields.append((words[2], SCALARS[words[1]]))
+        elif not (element == "face" and line in FACE_LISTS):
+            raise ValueError(f"has {line[:80]!r} in its header, expected points with numbers and lists of three points")
+    if not counts["vertex"] or not {"x", "y", "z"} <= {name for name, _ in fields}:
+        raise ValueError("holds no points with x, y and z")
+    return np.dtype(fields), counts["vertex"], counts["face"]
+
+
+def _error_limit(path: Path, points: NDArray[np.void]) -> float | None:
+    if "error" not in (points.dtype.names or ()):
+        return None
+    errors = np.abs(points["error"].astype(np.float64))
+    if not np.isfinite(errors).all():
+        raise ValueError(f"{path}: holds errors that are not finite numbers")
+    return float(np.percentile(errors, LIMIT_SHARE))

@@ -1,0 +1,164 @@
+"""What is attached to a study besides its votes: reports of objective evaluation with their measures, and models.
+
+Their files are kept in the data folder under the digest of their content: `reports/DIGEST/`, `models/DIGEST.ply`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from app.files import whole_file
+from app.intake.models import Model, holds_models, read_models
+from app.intake.reports import Measure, Report, expanded, read_report, report_files
+from app.intake.stimuli import file_digest
+from app.settings import Settings
+from app.store.attached_models import replace_models
+from app.store.attached_reports import replace_report
+from app.store.audit import Entry, record
+from app.store.designs import conditions_of, datasets_of
+from app.store.engine import Database
+from app.store.measurements import replace_measurements
+from app.store.studies import Study
+
+LONGEST_SUBJECT = 500
+WHOLE_STUDY = "the whole study"  # what a report that names no approach is about
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a study compares."""
+
+    study: Study
+    datasets: Sequence[str]
+    conditions: Sequence[str]
+
+    def refusal(self, strangers: Iterable[str]) -> ValueError:
+        """The error of something that speaks of nothing here."""
+        return ValueError(
+            f"this speaks of {', '.join(strangers)}; the study {self.study.slug} compares "
+            f"{', '.join(self.conditions)} in {', '.join(self.datasets)}"
+        )
+
+
+def attach(
+    settings: Settings, database: Database, study: Study, paths: Sequence[Path], *, by: str, now: datetime
+) -> dict[str, Any]:
+    """Attach reports and folders of models, in place of earlier ones of the same; what is of other studies is left out.
+
+    A report that names no approach is of the study as a whole: it is shown, and has nothing to compare with scores.
+
+    Parameters
+    ----------
+    paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
+    by : who does it, for the audit log
+
+    Raises
+    ------
+    ValueError
+        If one cannot be read, or nothing in them is what the study compares. Then nothing is attached.
+    """
+    with database.reading() as connection:
+        datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
+    compared = Compared(study, datasets, conditions)
+    reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
+    _check_distinct([report for _, report in reports])
+    measures, strangers = _suited_measures(compared, [report for _, report in reports])
+    models, foreign = _suited_models(compared, [path for path in paths if holds_models(path)])
+    kept = [(report, _keep_report(settings, path)) for path, report in reports]
+    for model in models:
+        _keep_model(settings, model)
+    names = list(dict.fromkeys(one.measure for one in measures))
+    ignored = list(dict.fromkeys([*strangers, *foreign]))
+    detail = {"measures": names, "reports": len(kept), "models": len(models), "ignored": ignored}
+    with database.writing() as connection:
+        replace_measurements(connection, study.id, measures, now)
+        for report, digest in kept:
+            if digest is not None:
+                replace_report(connection, study.id, report.kind, subject_of(report.measures), digest, now)
+        replace_models(connection, study.id, models, now)
+        record(connection, by, Entry("results attached", study.id, study.slug, detail), now)
+    return {"study": study.slug, "n_values": len(measures), **detail}
+
+
+def subject_of(measures: Sequence[Measure]) -> str:
+    """What a report is about, such as "ball: pm_fa, pm_fb"."""
+    if not measures:
+        return WHOLE_STUDY
+    by_dataset: dict[str, dict[str, None]] = {}
+    for one in measures:
+        by_dataset.setdefault(one.dataset, {})[one.approach] = None
+    return "; ".join(f"{dataset}: {', '.join(of)}" for dataset, of in by_dataset.items())[:LONGEST_SUBJECT]
+
+
+def report_folder(settings: Settings, digest: str) -> Path:
+    """Where a report's files are kept."""
+    return settings.data_dir / "reports" / digest
+
+
+def digest_of(files: Sequence[Path]) -> str:
+    """The digest by which a report's files are kept."""
+    sums = "".join(f"{file_digest(file)}  {file.name}\n" for file in files)
+    return hashlib.sha256(sums.encode()).hexdigest()
+
+
+def model_file(settings: Settings, sha256: str) -> Path:
+    """Where a model is kept."""
+    return settings.data_dir / "models" / f"{sha256}.ply"
+
+
+def _check_distinct(reports: Sequence[Report]) -> None:
+    whole = [report.kind for report in reports if not report.measures]
+    if twice := sorted({kind for kind in whole if whole.count(kind) > 1}):
+        raise ValueError(
+            f"{whole.count(twice[0])} reports of kind {twice[0]} name no approach, expected one, as each would replace "
+            "the other; evaluate again with --approach NAME"
+        )
+
+
+def _suited_measures(compared: Compared, reports: Sequence[Report]) -> tuple[list[Measure], list[str]]:
+    measures = [one for report in reports for one in report.measures]
+    suited, strangers = expanded(measures, compared.datasets, compared.conditions)
+    if measures and not suited:
+        raise compared.refusal(strangers)
+    return suited, strangers
+
+
+def _suited_models(compared: Compared, folders: Sequence[Path]) -> tuple[list[Model], list[str]]:
+    found = [model for folder in folders for model in read_models(folder)]
+    suited = [one for one in found if one.dataset in compared.datasets and one.condition in compared.conditions]
+    strangers = [f"{one.dataset}/{one.condition}" for one in found if one not in suited]
+    if found and not suited:
+        raise compared.refusal(strangers)
+    return suited, strangers
+
+
+def _keep_report(settings: Settings, path: Path) -> str | None:
+    """Copy a report's tables and figures; the digest of all of them, None where there are none."""
+    files = report_files(path)
+    if not files:
+        return None
+    digest = digest_of(files)
+    folder = report_folder(settings, digest)
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=".part-", dir=folder.parent) as temporary:
+            whole = Path(temporary) / "report"
+            whole.mkdir()
+            for file in files:
+                shutil.copyfile(file, whole / file.name)
+            whole.rename(folder)
+    return digest
+
+
+def _keep_model(settings: Settings, model: Model) -> None:
+    path = model_file(settings, model.sha256)
+    if not path.exists():
+        with whole_file(path) as temporary:
+            shutil.copyfile(model.path, temporary)

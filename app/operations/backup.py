@@ -1,0 +1,137 @@
+"""Backup, restore and check of a server's database, pair videos, and attached reports and models."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
+
+from app.files import whole_file
+from app.intake.reports import PLAIN_NAME
+from app.intake.stimuli import file_digest
+from app.operations.attach import digest_of, model_file, report_folder
+from app.settings import Settings
+from app.store.attached_models import model_digests
+from app.store.attached_reports import report_digests
+from app.store.backup import faults_of, read_tables, refuse_what_is_held, write_tables
+from app.store.designs import film_files
+from app.store.engine import Database, open_database
+from app.store.keys import utc_now
+
+MEDIA = "media/"
+DAMAGED = (BadZipFile, zlib.error, EOFError)
+ATTACHED = re.compile(rf"reports/[0-9a-f]{{64}}/{PLAIN_NAME.pattern}|models/[0-9a-f]{{64}}\.ply")  # in the data folder
+
+
+def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict[str, Any]:
+    """Write all rows, and pair videos, reports and models if wanted, to one file; the server may run."""
+    with (
+        _database(settings) as database,
+        whole_file(path) as temporary,
+        ZipFile(temporary, "w", ZIP_DEFLATED) as archive,
+    ):
+        tables = write_tables(database, archive, utc_now())
+        videos = sorted(_films(database)) if with_media else []
+        for name in videos:
+            archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
+        attached = _attached(settings, database) if with_media else []
+        for file in attached:
+            archive.write(file, file.relative_to(settings.data_dir).as_posix())
+    counts = {"videos": len(videos), "attached": len(attached)}
+    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, **counts}
+
+
+def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
+    """Bring back what `back_up` wrote, into either kind of database: all of it, or nothing is changed.
+
+    Raises
+    ------
+    ValueError
+        If the file is not a whole backup, or the database holds something that is not to be replaced.
+    """
+    try:
+        archive = ZipFile(path)
+    except (OSError, BadZipFile) as error:
+        raise ValueError(f"{path}: is not a backup: {error}") from error
+    with archive, _database(settings) as database:
+        videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
+        if strange := [name for name in videos if Path(name).name != name]:
+            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
+        attached = [name for name in archive.namelist() if ATTACHED.fullmatch(name)]
+        refuse_what_is_held(database, replace=replace)
+        places = {MEDIA + name: settings.media_dir / name for name in videos}
+        places |= {name: settings.data_dir / name for name in attached}
+        try:
+            with ExitStack() as files:
+                for name, place in places.items():
+                    _extract(archive, name, files.enter_context(whole_file(place)))
+                # as late as can be, for what lies there may be of the rows that are to be replaced
+                tables = read_tables(database, archive, replace=replace, before_commit=files.close)
+        except DAMAGED as error:
+            raise ValueError(f"{path}: is damaged: {error}") from error
+    return {"tables": tables, "videos": len(videos), "attached": len(attached)}
+
+
+def check(settings: Settings) -> dict[str, Any]:
+    """Everything wrong with the database, and with the pair videos, models and reports it names."""
+    with _database(settings) as database:
+        if faults := faults_of(database):
+            return {"faults": faults, "videos": 0, "attached": 0}
+        films = {} if settings.media_url else _films(database)
+        models, reports = _attached_digests(database)
+    for name, sha256 in sorted(films.items()):
+        faults += _faults_of_file(settings.media_dir / name, sha256, "prepared")
+    for sha256 in models:
+        faults += _faults_of_file(model_file(settings, sha256), sha256, "attached")
+    for digest in reports:
+        faults += _faults_of_report(report_folder(settings, digest), digest)
+    return {"faults": faults, "videos": len(films), "attached": len(models) + len(reports)}
+
+
+def _faults_of_file(path: Path, sha256: str, made: str) -> list[str]:
+    if not path.is_file():
+        return [f"{path}: is missing"]
+    return [] if file_digest(path) == sha256 else [f"{path}: is not the file that was {made}"]
+
+
+def _faults_of_report(folder: Path, digest: str) -> list[str]:
+    if not folder.is_dir():
+        return [f"{folder}: is missing"]
+    return [] if digest_of(sorted(folder.iterdir())) == digest else [f"{folder}: is not the report that was attached"]
+
+
+def _extract(archive: ZipFile, name: str, path: Path) -> None:
+    with archive.open(name) as source, path.open("wb") as target:
+        shutil.copyfileobj(source, target)
+
+
+def _attached(settings: Settings, database: Database) -> list[Path]:
+    """The files of all reports and models that studies have."""
+    models, reports = _attached_digests(database)
+    of_reports = [file for digest in reports for file in sorted(report_folder(settings, digest).iterdir())]
+    return [*of_reports, *(model_file(settings, sha256) for sha256 in models)]
+
+
+def _attached_digests(database: Database) -> tuple[list[str], list[str]]:
+    """Of models' files and of reports."""
+    with database.reading() as connection:
+        return model_digests(connection), report_digests(connection)
+
+
+def _films(database: Database) -> dict[str, str]:
+    with database.reading() as connection:
+        return film_files(connection)
+
+
+@contextmanager
+def _database(settings: Settings) -> Iterator[Database]:
+    database = open_database(settings.url)
+    try:
+        yield database
+    finally:
+        database.dispose()

@@ -1,0 +1,243 @@
+"""Create studies: of a stimulus set, as a study file says, or after another one."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import tomllib
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from app.films.object_store import MediaStore
+from app.films.pairs import (
+    NO_REFERENCES,
+    FilmMaker,
+    PairVideo,
+    prepare_identical,
+    prepare_pairs,
+    prepare_practice,
+    split_reference,
+)
+from app.intake.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
+from app.operations.manage import opened_store
+from app.settings import Settings
+from app.store import studies
+from app.store.audit import COMMAND_LINE, Actor, Entry, record
+from app.store.designs import copy_design, insert_design, insert_practice
+from app.store.engine import Database
+from app.store.invitations import insert_invitation
+from app.store.keys import utc_now
+from app.study.adaptive import check_adaptive
+from app.study.options import StudyOptions, parse_options
+from app.study.stages import PRACTICE
+from app.study.study_file import parse_study_file
+
+EXPOSURE_BOUNDS_S = (0.1, 3600.0)
+LONGEST_SLUG = 48
+
+
+def create_study(
+    settings: Settings,
+    manifest_path: Path,
+    name: str,
+    *,
+    exposure_s: float | None = None,
+    seed: int | None = None,
+    options: StudyOptions | None = None,
+    progress: Progress = no_progress,
+    by: str = COMMAND_LINE,
+    is_paused: bool = False,
+) -> dict[str, Any]:
+    """Create a study of a stimulus set: check it, prepare the pair videos, store the design and an open invitation.
+
+    Parameters
+    ----------
+    manifest_path : the stimulus set's folder or manifest
+    name : what participants and experimenters read
+    exposure_s : how long a pair is shown; None: as long as the shortest video
+    seed : of everybody's order; None: drawn
+    options : what is asked besides votes; None: nothing, which is the quickest study
+    by : who creates it, for the audit log
+    is_paused : let nobody in before it is opened
+
+    Raises
+    ------
+    ValueError
+        If there is a study of this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+    """
+    slug = slugify(name)
+    with opened_store(settings) as database:
+        _refuse_second(database, slug, name)
+        stimulus_set = read_stimulus_set(manifest_path, progress)
+        row = {
+            "slug": slug,
+            "name": name.strip(),
+            "state": "open",
+            "exposure_s": _exposure(stimulus_set, exposure_s),
+            "seed": _seed(seed),
+            "factors": stimulus_set.factors,
+            "options": (options or StudyOptions()).as_json(),
+            "manifest_sha256": stimulus_set.sha256,
+        }
+        films = _prepare_films(settings, stimulus_set, options or StudyOptions(), progress)
+        row["created_at"] = created_at = utc_now()
+        row["paused_at"] = created_at if is_paused else None
+        with database.writing() as connection:
+            study_id = studies.insert_study(connection, row)
+            insert_design(connection, study_id, films.compared, films.pairs)
+            insert_practice(connection, study_id, films.practice)
+            code = insert_invitation(connection, study_id, None, created_at)
+            entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
+            record(connection, by, entry, created_at)
+        with database.reading() as connection:
+            counts = asdict(studies.progress_of(connection, study_id))
+    return {
+        "invitation": code,
+        "path": f"/s/{code}",
+        **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
+        **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
+    }
+
+
+def import_study(
+    settings: Settings, path: Path, *, stimuli: Path | None = None, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Create a study as a study file says.
+
+    Parameters
+    ----------
+    path : the study file
+    stimuli : the stimulus set's folder; None: the one that the file names
+
+    Raises
+    ------
+    ValueError
+        If the file is not readable or not as described, or its stimulus set is another one; else as `create_study`.
+    """
+    try:
+        found = parse_study_file(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+    if stimuli is None and found.stimuli is None:
+        raise ValueError(f'{path}: names no stimuli; add stimuli = "FOLDER", or name the folder by --stimuli')
+    folder = stimuli or path.parent / str(found.stimuli)
+    manifest = folder / MANIFEST if folder.is_dir() else folder
+    if found.manifest_sha256 and manifest.is_file() and file_digest(manifest) != found.manifest_sha256:
+        raise ValueError(
+            f"{manifest}: its SHA-256 is {file_digest(manifest)}, {path} expects {found.manifest_sha256}: "
+            "this is another stimulus set"
+        )
+    return create_study(
+        settings,
+        folder,
+        found.name,
+        exposure_s=found.exposure_s,
+        seed=found.seed,
+        options=found.options,
+        progress=progress,
+    )
+
+
+def duplicate_study(database: Database, of: studies.Study, name: str, actor: Actor) -> str:
+    """A new study of another one's stimuli, pairs and options, which pauses until it is opened; its name in addresses.
+
+    Raises
+    ------
+    ValueError
+        If there is a study of this name.
+    """
+    slug = slugify(name)
+    _refuse_second(database, slug, name)
+    kept = ("exposure_s", "factors", "options", "manifest_sha256")
+    row = {key: getattr(of, key) for key in kept}
+    own = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
+    with database.writing() as connection:
+        study_id = studies.insert_study(connection, {**row, **own, "created_at": actor.now, "paused_at": actor.now})
+        copy_design(connection, of.id, study_id)
+        insert_invitation(connection, study_id, None, actor.now)
+        record(connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": of.slug}), actor.now)
+    return slug
+
+
+def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
+    """A study's options from a TOML file, where there is one; what is given besides goes before it.
+
+    Raises
+    ------
+    ValueError
+        If the file is not readable or not as described: names it and what is wrong.
+    """
+    if path is None:
+        return parse_options(given)
+    try:
+        return parse_options({**tomllib.loads(path.read_text(encoding="utf-8")), **given})
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def slugify(name: str) -> str:
+    """A study's name as it stands in addresses.
+
+    Raises
+    ------
+    ValueError
+        If nothing of the name can.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
+    if not slug or len(name) > 200:
+        raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
+    return slug
+
+
+def _refuse_second(database: Database, slug: str, name: str) -> None:
+    with database.reading() as connection:
+        is_taken = studies.slug_exists(connection, slug)
+    if is_taken:
+        raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
+
+
+@dataclass(frozen=True)
+class _Films:
+    """What a study shows: the stimuli that it compares, and the films of its pairs and of the practice."""
+
+    compared: StimulusSet
+    pairs: Sequence[PairVideo]
+    practice: Sequence[PairVideo]
+
+
+def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, progress: Progress) -> _Films:
+    """Make the films that are not there yet, and put them where browsers get them."""
+    compared, references = stimulus_set, NO_REFERENCES
+    if options.reference:
+        compared, references = split_reference(stimulus_set, options.reference)
+    if options.adaptive_pairs:
+        check_adaptive(options.adaptive_pairs, len(compared.conditions))
+    maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
+    pairs = prepare_pairs(compared, maker, references)
+    if options.identical_pairs:
+        pairs += prepare_identical(compared, maker, references)
+    practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
+    if settings.media_url:
+        files = [file for video in [*pairs, *practice] for file in video.files]
+        MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
+    return _Films(compared, pairs, practice)
+
+
+def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
+    """How long a pair is shown, s: as wanted, or as long as the shortest video."""
+    shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
+    exposure_s = float(shortest_s if wanted_s is None else wanted_s)
+    low_s, high_s = EXPOSURE_BOUNDS_S
+    if not low_s <= exposure_s <= high_s:
+        raise ValueError(f"exposure {exposure_s} s: expected between {low_s} and {high_s}")
+    return exposure_s
+
+
+def _seed(wanted: int | None) -> int:
+    if wanted is not None and not 0 <= wanted < 2**63:
+        raise ValueError(f"seed {wanted}: expected a whole number from 0 to 2^63 - 1")
+    return secrets.randbits(63) if wanted is None else wanted

@@ -1,0 +1,310 @@
+"""Artificial participants of known preference, who take the whole study over HTTP like anybody else.
+
+What a trial compares they learn from the analyst's side, because the participant's side does not tell.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+import numpy as np
+
+from app.operations.manage import add_own_token, list_studies
+from app.settings import Settings
+from app.simulation.observer import Observer
+from app.simulation.preference import choose, tie_weight
+from app.simulation.screening import take_screening
+from app.study.comprehension import RIGHT_ANSWER
+from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
+
+Progress = Callable[[int, int, str], None]
+
+TIMEOUT_S = 30.0
+MOST_SWITCHES = 8
+TYPICAL_RESPONSE_MS = 1500.0
+NO_ANSWERS: Mapping[str, Any] = {}
+
+
+def no_progress(done: int, total: int, what: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Preference:
+    """What artificial participants prefer.
+
+    Parameters
+    ----------
+    abilities : natural log-odds by item, or by "dataset/item" where they are of one dataset only
+    tie_rate : probability of no preference between equals (Davidson)
+    """
+
+    abilities: Mapping[str, float]
+    tie_rate: float
+
+    def ability(self, dataset: str, item: str) -> float:
+        """What the item is worth in the dataset."""
+        own = f"{dataset}/{item}"
+        return self.abilities[own if own in self.abilities else item]
+
+    def missing(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
+        """What of a study has no ability: an item, or "dataset/item" where other datasets have one."""
+        lacking = [
+            (dataset, item)
+            for item in items
+            for dataset in datasets
+            if item not in self.abilities and f"{dataset}/{item}" not in self.abilities
+        ]
+        nowhere = {item for item in items if sum(one == item for _, one in lacking) == len(datasets)}
+        return sorted({item if item in nowhere else f"{dataset}/{item}" for dataset, item in lacking})
+
+    def choose(self, dataset: str, item_a: str, item_b: str, rng: np.random.Generator) -> str:
+        return choose(self.ability(dataset, item_a), self.ability(dataset, item_b), self.tie_rate, rng)
+
+
+@dataclass(frozen=True)
+class Person:
+    """One artificial participant.
+
+    Parameters
+    ----------
+    abilities : as of `Preference`, of this person's own; None: those of all
+    observer : who takes the screening
+    answers : to the questionnaire by name; what is required besides is answered somehow
+    """
+
+    abilities: Mapping[str, float] | None = None
+    observer: Observer = field(default_factory=Observer)
+    answers: Mapping[str, Any] = field(default_factory=dict)
+
+
+def simulate(
+    base_url: str,
+    slug: str,
+    invitation: str,
+    token: str,
+    participants: int | Sequence[Person],
+    abilities: Mapping[str, float] | None = None,
+    tie_rate: float = 0.1,
+    seed: int = 0,
+    *,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """Let artificial participants take a study, one after another.
+
+    Parameters
+    ----------
+    base_url : of the server, for example "http://127.0.0.1:8000"
+    slug, invitation : of the study
+    token : an analyst's bearer token
+    participants : how many, all alike, or each by themselves
+    abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
+    tie_rate : probability of no preference between equals
+    seed : of all choices; the same seed and slots give the same choices
+    progress : told after each vote
+
+    Raises
+    ------
+    ValueError
+        If an item of the study has no ability, or the server refuses something: then the sentence is the server's.
+    """
+    tie_weight(tie_rate)
+    started, n_votes = time.perf_counter(), 0
+    people = [Person()] * participants if isinstance(participants, int) else participants
+    with httpx.Client(base_url=base_url, timeout=TIMEOUT_S) as client:
+        study = _ask(client, "GET", f"/api/v1/studies/{slug}", token).json()
+        items = sorted({row["item"] for row in study["conditions"]})
+        if abilities is None:
+            abilities = dict(
+                zip(items, np.random.default_rng(seed).normal(size=len(items)).round(3).tolist(), strict=True)
+            )
+        preferences = [Preference(abilities if one.abilities is None else one.abilities, tie_rate) for one in people]
+        for preference in preferences:
+            if missing := preference.missing(study["datasets"], items):
+                raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
+        for number, (person, preference) in enumerate(zip(people, preferences, strict=True)):
+            rngs = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
+            session = begin(client, slug, invitation, person.observer, rngs[1])
+            total = len(people) * session["progress"]["total"]
+            for _ in _votes(client, slug, session, token, preference, rngs[0]):
+                n_votes += 1
+                progress(n_votes, total, f"participant {number + 1} of {len(people)}")
+            now = _ask(client, "GET", "/api/v1/session", session["token"]).json()
+            pass_stages(client, session | now, answers=person.answers)
+    seconds = time.perf_counter() - started
+    return {
+        "study": slug,
+        "participants": len(people),
+        "votes": n_votes,
+        "seconds": round(seconds, 3),
+        "tie_rate": tie_rate,
+        "seed": seed,
+        "abilities": dict(abilities),
+    }
+
+
+def _votes(
+    client: httpx.Client,
+    slug: str,
+    session: Mapping[str, Any],
+    token: str,
+    preference: Preference,
+    rng: np.random.Generator,
+) -> Iterator[str]:
+    """Vote in every trial of a session, and yield the choices; none of who was screened out."""
+    if session["stage"] == SCREENED_OUT:
+        return
+    hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
+    while trial := next_trial(client, session["token"]):
+        compared = hidden[trial["trial"]]
+        choice = preference.choose(compared["dataset"], compared["item_a"], compared["item_b"], rng)
+        vote(client, session["token"], trial, choice, rng)
+        yield choice
+
+
+def simulate_study(
+    settings: Settings,
+    base_url: str,
+    slug: str,
+    participants: int | Sequence[Person],
+    abilities: Mapping[str, float] | None,
+    tie_rate: float,
+    seed: int,
+    *,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """`simulate` on a study of this database, with its invitation and a token of our own.
+
+    Raises
+    ------
+    ValueError
+        If there is no such study; else as `simulate`.
+    """
+    invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
+    if slug not in invitations:
+        raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
+    token = add_own_token(settings, "simulate")
+    return simulate(
+        base_url, slug, invitations[slug][0], token, participants, abilities, tie_rate, seed, progress=progress
+    )
+
+
+def _take_screening(client: httpx.Client, token: str, observer: Observer, rng: np.random.Generator) -> None:
+    take_screening(lambda method, path, body: _ask(client, method, path, token, body), observer, rng)
+
+
+def begin(
+    client: httpx.Client,
+    slug: str,
+    invitation: str,
+    observer: Observer = Observer(),
+    rng: np.random.Generator | None = None,
+) -> dict[str, Any]:
+    """Begin a session and pass the stages before the trials; `observer` takes the screening."""
+    admission = {"invitation": invitation, "key": str(uuid.uuid4())}
+    session: dict[str, Any] = _ask(client, "POST", f"/api/v1/studies/{slug}/sessions", None, admission).json()
+    return pass_stages(client, session, observer, rng)
+
+
+def pass_stages(
+    client: httpx.Client,
+    session: dict[str, Any],
+    observer: Observer = Observer(),
+    rng: np.random.Generator | None = None,
+    *,
+    answers: Mapping[str, Any] = NO_ANSWERS,
+) -> dict[str, Any]:
+    """Complete the stages that end by hand, up to the trials or the end."""
+    rng = rng or np.random.default_rng()
+    while session["stage"] not in (TRIAL, FINISHED, SCREENED_OUT):
+        asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
+        if session["stage"] == SCREENING:
+            _take_screening(client, session["token"], observer, rng)
+        data = {"simulated": True, **stage_data(session["stage"], asked, answers)}
+        path = f"/api/v1/session/stages/{session['stage']}"
+        session = session | _ask(client, "PUT", path, session["token"], {"data": data}).json()
+    return session
+
+
+def stage_data(stage: str, asked: Mapping[str, Any], answers: Mapping[str, Any] = NO_ANSWERS) -> dict[str, Any]:
+    """What comes with a stage: consent as it is asked for, other answers only where they must be given."""
+    if stage == INTRODUCTION:
+        consent = {"consent": asked["consent"]} if asked["consent"] else {}
+        return consent | ({"comprehension": RIGHT_ANSWER} if asked["comprehension"] else {})
+    if stage == INTERVIEW:
+        needed = {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}
+        return {"answers": needed | dict(answers)}
+    if stage == PRACTICE:
+        return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in (1, 2)]}
+    return {}
+
+
+def _some_answer(question: Mapping[str, Any]) -> Any:
+    if question["kind"] == "choice":
+        return question["options"][0]
+    if question["kind"] == "text":
+        return "simulated"
+    return 1 if question["kind"] == "scale" else (question["minimum"] or question["maximum"] or 0)
+
+
+def trials_of(client: httpx.Client, slug: str, session: str, token: str) -> list[dict[str, Any]]:
+    """What each of a session's trials compares, as an analyst sees it."""
+    path = f"/api/v1/studies/{slug}/trials?session={session}"
+    rows: list[dict[str, Any]] = _ask(client, "GET", path, token).json()
+    return rows
+
+
+def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | None:
+    """The next trial; None when none is left."""
+    answer = _ask(client, "GET", "/api/v1/session/trials/next", session_token)
+    return None if answer.status_code == 204 else answer.json()
+
+
+def vote(
+    client: httpx.Client, session_token: str, trial: Mapping[str, Any], choice: str, rng: np.random.Generator
+) -> None:
+    """Vote, after looks and pauses such as people make."""
+    body = {"id": str(uuid.uuid4()), "choice": choice, "viewing": viewing(trial, rng)}
+    _ask(client, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", session_token, body)
+
+
+def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """A viewing record: some switches within the exposure, a log-normal pause before the answer."""
+    shown_ms = 1000.0 * trial["exposure_s"]
+    times = np.sort(rng.uniform(0, shown_ms, rng.integers(1, MOST_SWITCHES + 1))).round(1).tolist()
+    labels = ("b", "a") if trial["first_shown"] == "a" else ("a", "b")
+    length_s = trial["media"]["n_frames"] / trial["media"]["fps"]
+    return {
+        "first_shown": trial["first_shown"],
+        "shown_ms": shown_ms,
+        "response_ms": round(TYPICAL_RESPONSE_MS * float(rng.lognormal(0, 0.5)), 1),
+        "switches": [
+            {"to": labels[turn % 2], "at_ms": at_ms, "media_time_s": round(at_ms / 1000 % length_s, 4)}
+            for turn, at_ms in enumerate(times)
+        ],
+    }
+
+
+def _ask(
+    client: httpx.Client, method: str, path: str, token: str | None, body: Mapping[str, Any] | None = None
+) -> httpx.Response:
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    try:
+        answer = client.request(method, path, headers=headers, json=body)
+    except httpx.TransportError as error:
+        raise ValueError(f"{client.base_url}: the server does not answer: {error}") from error
+    if answer.is_error:
+        raise ValueError(f"{method} {path}: {answer.status_code}: {_detail(answer)}")
+    return answer
+
+
+def _detail(answer: httpx.Response) -> str:
+    try:
+        return str(answer.json()["detail"])
+    except (ValueError, KeyError, TypeError):
+        return answer.text[:200]

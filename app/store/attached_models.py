@@ -1,0 +1,47 @@
+"""Models attached to a study, to look at; attaching one again replaces it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, delete, insert, select
+
+from app.intake.models import Model
+from app.store.measurements import ids_by_name
+from app.store.tables import condition, dataset, model
+
+
+def replace_models(connection: Connection, study_id: int, models: Sequence[Model], now: datetime) -> None:
+    """Store models of what the study compares, in place of earlier ones of the same."""
+    datasets, conditions = (ids_by_name(connection, table, study_id) for table in (dataset, condition))
+    for one in models:
+        place = {
+            "dataset_id": datasets[one.dataset],
+            "condition_id": conditions[one.condition],
+            "kind": one.kind,
+        }
+        connection.execute(delete(model).where(*(model.c[name] == value for name, value in place.items())))
+        facts = {name: getattr(one, name) for name in ("sha256", "n_points", "n_faces", "error_limit_mm")}
+        connection.execute(insert(model).values(**place, **facts, attached_at=now))
+
+
+def model_digests(connection: Connection) -> list[str]:
+    """Of the files of every study's models."""
+    return sorted(set(connection.scalars(select(model.c.sha256))))
+
+
+def model_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """`dataset, condition, kind, sha256, n_points, n_faces, error_limit_mm, attached_at`, in the study's order."""
+    rows = connection.execute(
+        select(
+            dataset.c.name.label("dataset"),
+            condition.c.name.label("condition"),
+            *(model.c[name] for name in ("kind", "sha256", "n_points", "n_faces", "error_limit_mm", "attached_at")),
+        )
+        .select_from(model.join(dataset).join(condition, model.c.condition_id == condition.c.id))
+        .where(dataset.c.study_id == study_id)
+        .order_by(dataset.c.position, condition.c.position, model.c.kind.desc())
+    )
+    return [dict(row._mapping) for row in rows]

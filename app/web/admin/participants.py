@@ -1,0 +1,163 @@
+"""A study's participants: what each gave, exclusions with reasons, withdrawal and erasure."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Form, Path, Query, Request
+from fastapi.encoders import jsonable_encoder
+from fastapi.responses import JSONResponse, Response
+
+from app.errors import InvalidError
+from app.store.audit import Entry, record
+from app.store.experimenters import Experimenter
+from app.store.participants import (
+    SoughtPeople,
+    erase,
+    everything_of,
+    exclude,
+    exclusion_records,
+    n_participants,
+    participant_labelled,
+    participant_record,
+    participant_records,
+    participants_votes,
+    stage_records,
+    undo_exclusion,
+    withdraw_participant,
+)
+from app.store.sessions import new_resume_code
+from app.store.studies import Study
+from app.study.stages import ENDS
+from app.web.admin.flags import PATIENCE_S, Flags
+from app.web.admin.layout import see, study_page, turns
+from app.web.gates import Acting, AStudy, Looking, Now, Store, database, now
+
+PEOPLE_ON_A_PAGE = 100
+
+Label = Annotated[str, Path(max_length=40)]
+Reason = Annotated[str, Form(min_length=3, max_length=500)]
+
+router = APIRouter(prefix="/admin/studies/{slug}/participants", include_in_schema=False)
+
+
+@router.get("")
+def participants_page(
+    request: Request,
+    person: Looking,
+    study: AStudy,
+    database: Store,
+    search: Annotated[str, Query(max_length=40)] = "",
+    standing: Annotated[str, Query(max_length=20)] = "",
+    at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
+) -> Response:
+    sought = SoughtPeople(search.strip(), standing)
+    with database.reading() as connection:
+        people = participant_records(connection, study.id, sought, limit=PEOPLE_ON_A_PAGE, offset=at)
+        n_found = n_participants(connection, study.id, sought)
+    context = {
+        "people": people,
+        "n_found": n_found,
+        "chosen": {"search": search, "standing": standing},
+        **_unusual(request, study),
+        **turns(at, PEOPLE_ON_A_PAGE, has_more=n_found > at + PEOPLE_ON_A_PAGE),
+    }
+    return study_page(request, "participants", person, study, context)
+
+
+@router.get("/{label}")
+def participant_page(request: Request, person: Looking, study: AStudy, label: Label) -> Response:
+    return _participant_page(request, person, study, label)
+
+
+@router.post("/{label}/resume-code")
+def renew_resume_code(
+    request: Request, person: Looking, actor: Acting, study: AStudy, label: Label, database: Store
+) -> Response:
+    """A code for who lost theirs, shown this once."""
+    with database.writing() as connection:
+        code = new_resume_code(connection, participant_labelled(connection, study.id, label).id)
+        actor.note(connection, "new code to go on", study, label)
+    return _participant_page(request, person, study, label, code)
+
+
+@router.post("/{label}/exclude")
+def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reason, database: Store) -> Response:
+    with database.writing() as connection:
+        exclude(connection, participant_labelled(connection, study.id, label), reason.strip(), actor.name, actor.now)
+        actor.note(connection, "participant excluded", study, label, reason=reason.strip())
+    return see(_address(study, label))
+
+
+@router.post("/{label}/include")
+def include_again(actor: Acting, study: AStudy, label: Label, database: Store) -> Response:
+    with database.writing() as connection:
+        undo_exclusion(connection, participant_labelled(connection, study.id, label), actor.name, actor.now)
+        actor.note(connection, "exclusion undone", study, label)
+    return see(_address(study, label))
+
+
+@router.post("/{label}/withdraw")
+def withdraw_for_participant(actor: Acting, study: AStudy, label: Label, database: Store) -> Response:
+    with database.writing() as connection:
+        withdraw_participant(connection, participant_labelled(connection, study.id, label), actor.now)
+        actor.note(connection, "participant withdrawn", study, label)
+    return see(_address(study, label))
+
+
+@router.post("/{label}/erase")
+def erase_participant(
+    actor: Acting, study: AStudy, label: Label, again: Annotated[str, Form(max_length=40)], database: Store
+) -> Response:
+    """Delete what somebody gave; typing the label again keeps slips from being final."""
+    if again.strip() != label:
+        raise InvalidError(f"To erase {label}, type {label} into the field. Nothing was erased.")
+    with database.writing() as connection:
+        erase(connection, participant_labelled(connection, study.id, label), actor.now)
+        actor.note(connection, "participant erased", study, label)
+    return see(_address(study, label))
+
+
+def _participant_page(
+    request: Request, person: Experimenter, study: Study, label: str, resume_code: str | None = None
+) -> Response:
+    with database(request).reading() as connection:
+        found = participant_labelled(connection, study.id, label)
+        facts = participant_record(connection, found)
+        given = stage_records(connection, found.id)
+        history = exclusion_records(connection, found.id)
+    context = {
+        "facts": facts,
+        "given": given,
+        "history": history,
+        **_unusual(request, study),
+        "may_go_on": facts["stage"] not in ENDS,
+        "resume_code": resume_code,
+    }
+    return study_page(request, "participant", person, study, context)
+
+
+def _address(study: Study, label: str) -> str:
+    return f"/admin/studies/{study.slug}/participants/{label}"
+
+
+def _unusual(request: Request, study: Study) -> dict[str, Any]:
+    """What is known to be unusual about whom, and whether it is being looked for; nobody waits for it to the end."""
+    with database(request).reading() as connection:
+        votes = participants_votes(connection, study.id)
+    flags: Flags = request.app.state.flags
+    return {
+        "flags": flags.of(study.id, votes, now(request), PATIENCE_S),
+        "is_looking": flags.is_looking(study.id),
+    }
+
+
+@router.get("/{label}/export.json")
+def export_participant(person: Looking, study: AStudy, label: Label, database: Store, moment: Now) -> Response:
+    """All that is kept of one participant, for who asks for it."""
+    with database.writing() as connection:
+        found = participant_labelled(connection, study.id, label)
+        given = everything_of(connection, found)
+        record(connection, person.name, Entry("participant exported", study.id, label), moment)
+    headers = {"Content-Disposition": f'attachment; filename="{study.slug}-{label}.json"'}
+    return JSONResponse(jsonable_encoder({"study": study.slug, "participant": label, **given}), headers=headers)

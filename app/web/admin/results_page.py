@@ -1,0 +1,92 @@
+"""A study's results, live as votes come in, with every figure as a file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+
+from app.errors import NotFoundError
+from app.store.studies import Study
+from app.web.admin.layout import study_page
+from app.web.admin.results_view import groups_view, results_view
+from app.web.analyst.results import FIGURE_TYPES, Snapshot, figure, figures_of, grouped_snapshot_of, snapshot_of
+from app.web.gates import AStudy, Looking, Person, Store
+
+KEPT = "private, max-age=31536000, immutable"  # the address of a figure holds the digest of its votes
+
+router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+FigureName = Annotated[str, Path(max_length=200)]
+FigureKind = Annotated[str, Path(max_length=10)]
+Digest = Annotated[str, Query(max_length=64)]
+Everybody = Annotated[bool, Query(description="count those who are excluded, too")]
+
+
+@router.get("/results")
+def results_page(
+    request: Request,
+    person: Person,
+    study: AStudy,
+    database: Store,
+    everybody: Everybody = False,
+    seen: Annotated[str, Query(max_length=64)] = "",
+) -> Response:
+    """`seen` is the digest of what a page shows already: 204 if nothing is new."""
+    snapshot = snapshot_of(database, study.id, with_excluded=everybody)
+    if seen == snapshot.digest:
+        return Response(status_code=204)
+    analysis = snapshot.analysis
+    context = {
+        "everybody": everybody,
+        "digest": snapshot.digest,
+        "figures": [one for one in figures_of(snapshot) if not one[0].startswith("measure_")],
+        "results": results_view(analysis) if analysis else None,
+        "n_excluded": analysis["votes"]["excluded"] if analysis else 0,
+    }
+    return study_page(request, "results", person, study, context)
+
+
+@router.get("/results/groups")
+def groups_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
+    """Do groups of participants prefer different things? It tells what participants answered."""
+    snapshot = grouped_snapshot_of(database, study)
+    analysis = snapshot.analysis
+    context = {
+        "digest": snapshot.digest,
+        "groupings": groups_view(analysis) if analysis else [],
+        "figures": dict(figures_of(snapshot)),
+    }
+    return study_page(request, "groups", person, study, context)
+
+
+@router.get("/results/groups/{name}.{kind}")
+def group_figure_file(
+    _person: Looking, study: AStudy, name: FigureName, kind: FigureKind, database: Store, digest: Digest = ""
+) -> Response:
+    return _figure_answer(grouped_snapshot_of(database, study), study, name, kind, digest)
+
+
+@router.get("/figures/{name}.{kind}")
+def figure_file(
+    _person: Person,
+    study: AStudy,
+    name: FigureName,
+    kind: FigureKind,
+    database: Store,
+    everybody: Everybody = False,
+    digest: Digest = "",
+) -> Response:
+    snapshot = snapshot_of(database, study.id, with_excluded=everybody)
+    return _figure_answer(snapshot, study, name, kind, digest)
+
+
+def _figure_answer(snapshot: Snapshot, study: Study, name: str, kind: str, digest: str) -> Response:
+    content = figure(snapshot, name, kind) if kind in (*FIGURE_TYPES, "vega") else None
+    if content is None:
+        raise NotFoundError("There is no such figure of these votes yet.")
+    headers = {"Cache-Control": KEPT if digest == snapshot.digest else "no-store"}
+    if kind in ("png", "pdf", "csv"):
+        headers["Content-Disposition"] = f'attachment; filename="{study.slug}-{name}.{kind}"'
+    return Response(content, media_type=FIGURE_TYPES.get(kind, "application/json"), headers=headers)

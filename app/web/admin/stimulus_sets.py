@@ -1,0 +1,122 @@
+"""Stimulus sets on the server: those in its folder, and new ones as uploaded zip files.
+
+A name from outside never becomes a path: sets are chosen from what is there, and names in an upload must be plain.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, Response
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import InvalidError, NotFoundError, StimuliError
+from app.intake.stimuli import MANIFEST, read_stimulus_set
+from app.operations.create import slugify
+from app.settings import Settings
+from app.store.audit import Entry, record_alone
+from app.web.admin.jobs import Tell, start_job
+from app.web.admin.layout import page
+from app.web.admin.uploads import MB, UploadingActor, receive_zip, unpack
+from app.web.gates import Person, Store, settings
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class KnownSet:
+    """A stimulus set that a study can be made of."""
+
+    name: str
+    title: str
+    n_datasets: int
+    n_conditions: int
+    n_stimuli: int
+    size: str
+
+
+def known_sets(of: Settings) -> list[KnownSet]:
+    """The stimulus sets in the server's folder, by name; what is not readable is left out."""
+    folders = sorted(of.sets_dir.iterdir()) if of.sets_dir.is_dir() else []
+    return [found for folder in folders if (found := _known_set(folder)) is not None]
+
+
+def set_folder(of: Settings, name: str) -> Path:
+    """The folder of a known set.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no set of this name.
+    """
+    if name not in {known.name for known in known_sets(of)}:
+        raise NotFoundError("There is no stimulus set of this name on the server.")
+    return of.sets_dir / name
+
+
+@router.get("/sets")
+def sets_page(request: Request, person: Person) -> Response:
+    own = settings(request)
+    return page(request, "sets", person, {"sets": known_sets(own), "largest_mb": own.largest_upload_mb})
+
+
+@router.put("/stimuli/upload")
+async def upload(request: Request, actor: UploadingActor, database: Store) -> Response:
+    """Take a zipped stimulus set; it is unpacked and checked in the background."""
+    own = settings(request)
+    folder, packed = await receive_zip(request, actor, database, own.sets_dir, own.largest_upload_mb)
+
+    def work(tell: Tell) -> str:
+        with folder:
+            name = install_set(own, packed, Path(folder.name) / "unpacked", tell)
+        record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
+        return "/admin/sets"
+
+    job = await run_in_threadpool(start_job, request, database, actor, "Checking the uploaded stimulus set", work)
+    return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
+
+
+def install_set(of: Settings, packed: Path, unpacked: Path, tell: Tell) -> str:
+    """Unpack an upload, check it as any stimulus set, and give it its place; its name.
+
+    Raises
+    ------
+    ValueError, TooLargeError
+        If it is not a whole stimulus set, or there is one of its name.
+    """
+    unpack(packed, unpacked, of.largest_upload_mb * MB, _check_content)
+    inside = list(unpacked.iterdir())
+    folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # that all may lie in
+    found = read_stimulus_set(folder, tell)
+    name = slugify(found.name)
+    if (of.sets_dir / name).exists():
+        raise StimuliError(f"there is a stimulus set {name!r} already; give this one another name in its manifest")
+    folder.rename(of.sets_dir / name)
+    return name
+
+
+def _known_set(folder: Path) -> KnownSet | None:
+    if folder.name.startswith(".") or not folder.is_dir():
+        return None
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        stimuli = manifest["stimuli"]
+        datasets, conditions = ({str(one[key]) for one in stimuli} for key in ("dataset", "approach"))
+        first = stimuli[0]
+        size = f"{first['width']}×{first['height']}, {first['n_frames'] / first['fps']:g} s"
+        return KnownSet(folder.name, str(manifest["name"]), len(datasets), len(conditions), len(stimuli), size)
+    except (OSError, ValueError, KeyError, TypeError, IndexError, ZeroDivisionError):
+        return None
+
+
+def _check_content(path: Path, name: str) -> None:
+    """Believe a file's content, not its name."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    if path.suffix.lower() in (".mp4", ".mov") and head[4:8] != b"ftyp":
+        raise InvalidError(f"{name} is not an MP4 film, whatever its name says.")
+    if path.suffix.lower() not in (".mp4", ".mov", ".mkv", ".webm", ".json", ".csv", ".txt", ".md"):
+        raise InvalidError(f"{name} is no part of a stimulus set; expected films, manifest.json and texts.")

@@ -1,0 +1,91 @@
+"""A study's votes: a table with filters, and any trial again as it was looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+
+from app.errors import NotFoundError
+from app.store.designs import datasets_of
+from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
+from app.web.admin.layout import study_page, turns
+from app.web.gates import AStudy, Looking, Store
+
+VOTES_ON_A_PAGE = 60
+
+router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A stretch of time in which one of the two was on screen, in parts of the whole."""
+
+    label: str
+    from_ms: float
+    to_ms: float
+
+
+@router.get("")
+def votes_page(
+    request: Request,
+    person: Looking,
+    study: AStudy,
+    database: Store,
+    participant: Annotated[str, Query(max_length=40)] = "",
+    dataset: Annotated[str, Query(max_length=200)] = "",
+    what: Annotated[str, Query(max_length=20)] = "",
+    at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
+) -> Response:
+    sought = SoughtTrials(participant, dataset, what)
+    with database.reading() as connection:
+        rows = given_trials(connection, study.id, sought, limit=VOTES_ON_A_PAGE, offset=at)
+        n_found = n_given_trials(connection, study.id, sought)
+        people = given_labels(connection, study.id)
+        datasets = datasets_of(connection, study.id)
+    context = {
+        "rows": rows,
+        "n_found": n_found,
+        "people": people,
+        "datasets": datasets,
+        "chosen": {"participant": participant, "dataset": dataset, "what": what},
+        **turns(at, VOTES_ON_A_PAGE, has_more=n_found > at + VOTES_ON_A_PAGE),
+    }
+    return study_page(request, "votes", person, study, context)
+
+
+@router.get("/{trial}")
+def replay_page(
+    request: Request, person: Looking, study: AStudy, trial: Annotated[str, Path(max_length=32)], database: Store
+) -> Response:
+    """One trial: both films, and on a time line what was on screen when."""
+    with database.reading() as connection:
+        found = trial_record(connection, study.id, trial)
+        film = trial_film(connection, study.id, trial)
+    if found is None or film is None:
+        raise NotFoundError("This study has no such trial.")
+    viewing = found["viewing"] or {}
+    looks = looks_of(viewing, study.exposure_s * 1000)
+    dwell = {label: sum(look.to_ms - look.from_ms for look in looks if look.label == label) for label in ("a", "b")}
+    context = {"trial": found, "film": film, "viewing": viewing, "looks": looks, "dwell": dwell}
+    return study_page(request, "replay", person, study, context)
+
+
+def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:
+    """What was on screen when, from a viewing record; nothing from none.
+
+    Parameters
+    ----------
+    shown_ms : how long a pair is shown, where the record does not say
+    """
+    if "first_shown" not in viewing:
+        return ()
+    end_ms = float(viewing.get("shown_ms", shown_ms))
+    shown, since_ms, looks = viewing["first_shown"], 0.0, []
+    for switch in viewing.get("switches", ()):
+        looks.append(Look(shown, since_ms, min(switch["at_ms"], end_ms)))
+        shown, since_ms = switch["to"], min(switch["at_ms"], end_ms)
+    return (*looks, Look(shown, since_ms, end_ms))

@@ -1,0 +1,128 @@
+"""A study's archive: everything that analysts can fetch, in one zip file with a data dictionary and checksums."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import IO, Any
+
+from app.store.audit import audit_records
+from app.store.engine import Database, Transaction
+from app.store.measurements import measurement_records
+from app.store.participants import participant_records, questionnaire_records
+from app.store.screening import screening_records
+from app.store.studies import Study, study_by_id
+from app.store.trials import trial_records
+from app.store.vote_records import vote_records
+from app.study.options import parse_options
+from app.study.study_file import StudyFile, write_study_file
+from app.web.analyst.columns import TABLES
+from app.web.analyst.formats import PART, write_csv
+from app.web.analyst.results import given_of, snapshot_of_given
+
+OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in it, so that the same content is the same archive
+
+
+def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
+    """Write the archive, all of one moment: the same bytes as long as nothing changes.
+
+    Of a table, never more than a part is in memory.
+    """
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        with database.snapshot() as connection:
+            of = study_by_id(connection, study_id)
+            assert of is not None, "studies are never deleted"
+            files = _Files(archive, of.slug)
+            files.write("README.md", _dictionary(of))
+            files.write("study.toml", _study_file(of))
+            given = given_of(connection, of.id)
+            for name, rows in _tables(connection, of.id):
+                files.write_table(name, rows, list(TABLES[name]))
+        analysis = snapshot_of_given(given).analysis
+        for name in ("scores", "triads", "observers"):
+            rows = list((analysis or {}).get(name, ()))
+            columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
+            files.write_table(name, rows, list(columns))
+        if analysis is not None:
+            files.write("analysis.json", json.dumps(analysis, indent=2, allow_nan=False) + "\n")
+        files.write("SHA256SUMS", files.checksums)
+
+
+class _Files:
+    """The files of an archive, with the checksums of those that are in it so far."""
+
+    def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
+        self._archive, self._folder = archive, folder
+        self.checksums = ""
+
+    def write(self, name: str, text: str) -> None:
+        with self._file(name) as file:
+            file.write(text.encode())
+
+    def write_table(self, name: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+        with self._file(f"{name}.csv") as file:
+            write_csv(file, rows, columns)
+
+    @contextmanager
+    def _file(self, name: str) -> Iterator[IO[bytes]]:
+        entry = zipfile.ZipInfo(f"{self._folder}/{name}", OLDEST_DATE)
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        with self._archive.open(entry, "w") as file:
+            hashed = _Hashed(file)
+            with io.BufferedWriter(hashed, PART) as buffered:
+                yield buffered
+        self.checksums += f"{hashed.digest.hexdigest()}  {name}\n"
+
+
+class _Hashed(io.RawIOBase):
+    """A file that is hashed while it is written."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.digest = hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, part: Any) -> int:
+        self.digest.update(part)
+        return self._file.write(part)
+
+
+def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Iterable[Mapping[str, Any]]]]:
+    yield "votes", vote_records(connection, study_id)
+    yield "trials", trial_records(connection, study_id)
+    yield "participants", participant_records(connection, study_id)
+    yield "screening", screening_records(connection, study_id)
+    yield "questionnaire", questionnaire_records(connection, study_id)
+    yield "validation", measurement_records(connection, study_id)
+    yield "audit", audit_records(connection, study_id=study_id)
+
+
+def _dictionary(of: Study) -> str:
+    parts = [
+        f"# {of.name}\n\nAll data of the study `{of.slug}`. Times are UTC. A text that a spreadsheet would take for a "
+        "formula has an apostrophe before it. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the study "
+        "again from its stimulus set; `analysis.json` is described in the project's documentation.\n"
+    ]
+    for name, columns in TABLES.items():
+        rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
+        parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
+    return "".join(parts)
+
+
+def _study_file(of: Study) -> str:
+    options = parse_options(of.options)
+    return write_study_file(
+        StudyFile(
+            name=of.name,
+            manifest_sha256=of.manifest_sha256,
+            exposure_s=of.exposure_s,
+            seed=of.seed,
+            options=options,
+        )
+    )

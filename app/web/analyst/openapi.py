@@ -1,0 +1,89 @@
+"""How the REST interface describes itself: tables with their columns, problems, tokens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from app.web.analyst.columns import Columns
+from app.web.analyst.formats import PARQUET, csv_text
+from app.web.analyst.openapi_examples import EXAMPLES, ROW
+
+Answers = dict[int | str, dict[str, Any]]
+
+JSON = "application/json"
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+PROBLEM = {
+    "type": "object",
+    "properties": {
+        "type": {"type": "string"},
+        "title": {"type": "string"},
+        "status": {"type": "integer"},
+        "detail": {"type": "string"},
+    },
+    "required": ["type", "title", "status", "detail"],
+    "example": {"type": "about:blank", "title": "Not Found", "status": 404, "detail": "There is no such study."},
+}
+
+
+def table_answers(columns: Columns) -> Answers:
+    """The answers of a route that gives a table."""
+    properties = {name: {"description": meaning} for name, meaning in columns.items()}
+    row = {"type": "object", "properties": properties, "required": list(columns)}
+    example = {name: ROW.get(name) for name in columns}
+    json_table = {"schema": {"type": "array", "items": row}}
+    csv_table = {"schema": {"type": "string"}, "example": csv_text([example], list(columns))}
+    content = {"application/json": json_table, "text/csv": csv_table, PARQUET: BINARY}
+    return {200: {"description": "The table", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+
+
+def object_answers(example: Mapping[str, Any], *, tables_too: bool = False) -> Answers:
+    """The answers of a route that gives one object."""
+    content: dict[str, Any] = {"application/json": {"schema": {"type": "object"}, "example": dict(example)}}
+    if tables_too:
+        content |= {"text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
+    return {200: {"description": "The object", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+
+
+def describe(app: FastAPI) -> None:
+    """Let the app describe its problems and tokens as they are."""
+
+    def description() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _description(app)
+        return app.openapi_schema
+
+    app.openapi = description  # type: ignore[method-assign]  # FastAPI's own way to extend it
+
+
+def _description(app: FastAPI) -> dict[str, Any]:
+    found = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
+    schemas = found["components"]["schemas"]
+    for name in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(name, None)
+    schemas["Problem"] = PROBLEM
+    found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    problem = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for operations in found["paths"].values():
+        for operation in operations.values():
+            operation["responses"].pop("422", None)
+            operation["responses"]["4XX"] = {"description": "Refused: says why (RFC 9457)", "content": problem}
+            operation["responses"]["503"] = {"description": "Try again later (Retry-After)", "content": problem}
+            operation["security"] = [{"token": []}]
+            _add_examples(operation)
+    return dict(found)
+
+
+def _add_examples(operation: dict[str, Any]) -> None:
+    """Give each body and answer in JSON its example; FastAPI would leave out what is null in it."""
+    parts = [operation.get("requestBody", {}), *operation["responses"].values()]
+    for content in [part["content"][JSON] for part in parts if JSON in part.get("content", {})]:
+        schema = content["schema"]
+        row = schema.get("items", schema)
+        if "properties" in row:
+            content["example"] = [{name: ROW.get(name) for name in row["properties"]}]
+        elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
+            content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]

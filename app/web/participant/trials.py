@@ -1,0 +1,68 @@
+"""Trials over REST: which comes next is the server's decision."""
+
+from __future__ import annotations
+
+import logging
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Response
+
+from app.errors import ConflictError, GoneError
+from app.store.designs import practice_pairs
+from app.store.sessions import done_of
+from app.store.trials import mark_served, next_trials, void_trial
+from app.study.stages import SCREENED_OUT, TRIAL, is_past
+from app.web.gates import Now, Participant, Store
+from app.web.participant.bodies import OneTrialView, TrialView, TroubleBody, VoidBody, practice_view, trial_view
+
+log = logging.getLogger(__name__)
+
+router = APIRouter(prefix="/api/v1/session", tags=["participants"])
+
+
+@router.get("/trials/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})
+def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView | Response:
+    """The trial to show now; the same one until its vote is in. 409: the trials have not begun."""
+    session = signed_in.session
+    if session.has_withdrawn:
+        raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
+    if session.stage == SCREENED_OUT or is_past(TRIAL, session.stage, session.options.way):
+        return Response(status_code=204)
+    if session.stage != TRIAL:
+        raise ConflictError(f"The trials have not begun: the session is in the stage {session.stage}.")
+    with database.reading() as connection:
+        upcoming = next_trials(connection, session.id)
+        done = done_of(connection, session.id)
+    if not upcoming:  # the last vote came in between
+        return Response(status_code=204)
+    if any(trial.served_at is None for trial in upcoming):
+        mark_served(database, [trial.id for trial in upcoming], now)
+    views = [trial_view(session, one, done, ahead) for ahead, one in enumerate(upcoming)]
+    following = views[1] if len(views) > 1 else None
+    return TrialView(**dict(views[0]), next_media=following.media.url if following else None, following=following)
+
+
+@router.get("/practice")
+def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
+    """What to practise with; none where a study has no practice. What comes of it is told with the stage."""
+    session = signed_in.session
+    with database.reading() as connection:
+        pairs = practice_pairs(connection, session.study_id)
+    return [practice_view(session, one, len(pairs)) for one in pairs]
+
+
+@router.put("/trials/{trial}/void", status_code=204)
+def void(
+    trial: Annotated[str, Path(max_length=32)], body: VoidBody, signed_in: Participant, database: Store, now: Now
+) -> None:
+    """Say that a trial was interrupted: it comes once more at the end. 409: it has a vote, or came again already."""
+    if signed_in.session.has_withdrawn:
+        raise GoneError("You have withdrawn from the study.")
+    if void_trial(database, signed_in.session.id, trial, body.reason, body.viewing, now):
+        log.info("session %s: trial %s interrupted (%s)", signed_in.session.public_id, trial, body.reason)
+
+
+@router.put("/trials/{trial}/trouble", status_code=204)
+def note_trouble(trial: Annotated[str, Path(max_length=32)], body: TroubleBody, signed_in: Participant) -> None:
+    """Say that a trial's film could not be shown, for the log; nothing changes, and the trial comes again."""
+    log.warning("session %s: the film of trial %r was not shown: %r", signed_in.session.public_id, trial, body.why)

@@ -1,0 +1,135 @@
+"""Everything that is wrong with a capture, in one go, and what accuracy its geometry promises."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from recon.capture.checking.consistency import Comparison, compared, disagreements, shared_points
+from recon.capture.checking.continuity import (
+    Glance,
+    Glances,
+    continuity_warnings,
+    count_warnings,
+    frozen_cameras,
+    glance_at,
+)
+from recon.capture.checking.matches import Matches, match_pictures
+from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames
+from recon.capture.checking.sensor_report import SensorReport
+from recon.capture.checking.synchrony import synchrony_problems
+from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
+from recon.capture.recording import SensorStream
+from recon.capture.schema import Draft
+
+SCHEMA_VERSION = 1
+MAX_APART_PX = 0.4  # of disparity: what two sensors may differ on a point that both see; features reach half of it
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What `check_capture` found: the sound sensors' figures, and sentences on what is wrong.
+
+    Parameters
+    ----------
+    problems : each makes the capture unusable or its depths wrong
+    warnings : each costs accuracy or single frames; the capture can be used
+    glances : thumbnails of all frames of every camera that could be read
+    """
+
+    folder: str
+    n_frames: int | None
+    sensors: tuple[SensorReport, ...]
+    problems: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    glances: Glances = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """One sentence for every sensor."""
+        return tuple(sensor.verdict() for sensor in self.sensors)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as a JSON object."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "folder": self.folder,
+            "n_frames": self.n_frames,
+            "sensors": [{**asdict(sensor), "texture": sensor.texture} for sensor in self.sensors],
+            "verdicts": list(self.verdicts),
+            "problems": list(self.problems),
+            "warnings": list(self.warnings),
+        }
+
+    def as_text(self) -> str:
+        """Two lines for each sensor; problems and warnings are left to the caller."""
+        return "\n".join(f"{sensor.as_line()}\n{sensor.verdict()}" for sensor in self.sensors)
+
+
+def check_capture(capture_folder: Path) -> CheckReport:
+    """Read all of a capture and list everything that is wrong with it."""
+    draft = read_draft(capture_folder)
+    n_frames = draft.n_frames or 0
+    glances, unreadable = _look_through(capture_folder, draft)
+    checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
+    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
+    problems += [problem for check in checks for problem in check.problems]
+    if not problems:
+        problems += _disagreements(capture_folder, draft, checks)
+    warnings = [*count_warnings(capture_folder, draft.cameras, n_frames), *continuity_warnings(glances)]
+    warnings += [warning for check in checks for warning in check.warnings]
+    reports = tuple(check.report for check in checks)
+    return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
+
+
+def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[str]:
+    """One sentence for every two neighbouring sensors that see the same points in different places."""
+    return disagreements(list(_comparisons(folder, draft, checks)))
+
+
+def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:
+    for (first, its), (second, others) in pairwise(zip(draft.sensors, checks, strict=True)):
+        shared = [
+            shared_points(its.matches[frame], others.matches[frame], _matched_between(folder, first, second, frame))
+            for frame in measured_frames(draft.n_frames or 0)
+            if frame in its.matches and frame in others.matches
+        ]
+        per_pixel = [check.report.depth_per_disparity_mm for check in (its, others)]
+        if shared and None not in per_pixel:
+            tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
+            found = compared(first.sensor, second.sensor, shared, tolerance)
+            if found is not None:
+                yield found
+
+
+def _matched_between(folder: Path, first: SensorStream, second: SensorStream, frame: int) -> Matches:
+    right, left = frame_pictures(folder, first, frame)[1], frame_pictures(folder, second, frame)[0]
+    return match_pictures(read_picture(right), read_picture(left))
+
+
+def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:
+    """Read every picture once: glances at the sound sensors' frames, and what is wrong with the files."""
+    patterns = {
+        picture.path: side.image
+        for frame in range(draft.n_frames or 0)
+        for stream in draft.sensors
+        for side, picture in zip((stream.left, stream.right), frame_pictures(folder, stream, frame), strict=True)
+    }
+    broken: set[Path] = set()
+    problems: list[str] = []
+    glances: dict[str, dict[int, Glance]] = {}
+    for picture in expected_pictures(folder, draft):
+        if picture.path in broken:
+            continue  # a later frame of a video fails for the same reason
+        try:
+            pixels = read_picture(picture)
+        except CaptureError as error:
+            broken.add(picture.path)
+            problems.append(str(error))
+            continue
+        if picture.path in patterns:
+            glances.setdefault(patterns[picture.path], {})[picture.frame] = glance_at(pixels)
+    return glances, problems

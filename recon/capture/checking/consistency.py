@@ -1,0 +1,259 @@
+"""Whether sensors agree with each other on where things are: faults that no sensor shows by itself.
+
+Points that two sensors see are triangulated by each of them. If they are apart, it is found out which single fault
+brings most of them together: both focal lengths of a sensor wrong alike, its cameras turned towards each other, or a
+sensor that was moved as a whole. Which of two was moved, only a third can tell: the one with which it agrees was not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.rig import Camera, Sensor, rigid
+
+SAME_FEATURE_PX = 1.0  # a feature of one matching found again in another
+MAX_EPIPOLAR_PX = 2.0  # matches within a sensor that are farther from their line are wrong ones
+MIN_AGREEING = 8  # points; fewer say nothing
+MIN_KEPT = 0.5  # of the points that the best explanation brings together; below, the calibration is wrong
+FACTORS = np.geomspace(0.8, 1.25, 91)  # of focal lengths: half a per cent apart
+MIN_FOCAL_CHANGE = 0.01
+TOE_INS_DEG = np.concatenate([-np.arange(2.0, 0.0, -0.05), np.arange(0.05, 2.01, 0.05)])
+ROUNDS = 300  # of three random points: finds a move that a fifth of the points follow with 90 % probability
+POLISHING = 3
+SEED = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Features that two sensors have both matched: where each of them sees the same points."""
+
+    first: Matches
+    second: Matches
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A single fault that brings points together.
+
+    Parameters
+    ----------
+    n_agreeing : points, if it is undone
+    sentence : what it is; `{}` stands for the sensor where either of the two may have it
+    """
+
+    n_agreeing: int
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two sensors say about the points that both see.
+
+    Parameters
+    ----------
+    explanation : why they are apart, None if they are not
+    """
+
+    sensors: tuple[str, str]
+    n_points: int
+    n_agreeing: int
+    tolerance_mm: float
+    explanation: Explanation | None = None
+
+
+def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
+    """Points that both sensors have matched; `between` matches the first's right picture with the second's left."""
+    if min(len(first), len(second), len(between)) == 0:
+        none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+        return Shared(none, none)
+    in_first, in_second = _found(first.right, between.left), _found(second.left, between.right)
+    kept = (in_first >= 0) & (in_second >= 0)
+    a, b = in_first[kept], in_second[kept]
+    return Shared(Matches(first.left[a], first.right[a]), Matches(second.left[b], second.right[b]))
+
+
+def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
+    """Whether two sensors agree on the points that both see; None if too few points tell.
+
+    Parameters
+    ----------
+    tolerance_mm : how far apart two sensors may see the same point
+    """
+    a, b = (
+        Matches(*(np.concatenate([getattr(getattr(s, side), eye) for s in shared]) for eye in ("left", "right")))
+        for side in ("first", "second")
+    )
+    right = (np.abs(epipolar_errors(first, a)) < MAX_EPIPOLAR_PX) & (
+        np.abs(epipolar_errors(second, b)) < MAX_EPIPOLAR_PX
+    )
+    a, b = (Matches(matches.left[right], matches.right[right]) for matches in (a, b))
+    if len(a) < MIN_AGREEING:
+        return None
+    count = _counter(tolerance_mm)
+    seen = triangulated(first, a), triangulated(second, b)
+    n_agreeing = count(*seen)
+    best = max(
+        (
+            _focal(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
+            _focal(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
+            _toed_in(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
+            _toed_in(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
+            _moved(*seen, tolerance_mm),
+        ),
+        key=lambda explanation: explanation.n_agreeing,
+    )
+    is_apart = best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
+    if not is_apart and n_agreeing < MIN_AGREEING:
+        return None
+    return Comparison((first.id, second.id), len(a), n_agreeing, tolerance_mm, best if is_apart else None)
+
+
+def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """One sentence for every two sensors that do not agree, naming the sensor that was moved where that can be told."""
+    for comparison in comparisons:
+        if comparison.explanation is not None:
+            reason = comparison.explanation.sentence.format(_named(comparison, comparisons))
+            yield (
+                f"sensors {' and '.join(comparison.sensors)} disagree: {comparison.n_agreeing} of "
+                f"{comparison.n_points} points that both see are within {comparison.tolerance_mm:.0f} mm, "
+                f"{comparison.explanation.n_agreeing} if {reason}"
+            )
+
+
+def _named(comparison: Comparison, comparisons: Sequence[Comparison]) -> str:
+    """The one of two sensors that was moved as a whole, with what speaks for it; both where nothing does.
+
+    The one that others disagree with as well is the odd one out; one that agrees with a third is not.
+    """
+    first, second = comparison.sensors
+    for one, other in ((first, second), (second, first)):
+        against = _third_sensors(one, other, comparisons, agreeing=False)
+        if against and not _third_sensors(other, one, comparisons, agreeing=False):
+            return f"{one}, with which {' and '.join(against)} does not agree either,"
+    for one, other in ((first, second), (second, first)):
+        in_favour = _third_sensors(other, one, comparisons, agreeing=True)
+        if in_favour and not _third_sensors(one, other, comparisons, agreeing=True):
+            return f"{one}, and not {other}, which agrees with {' and '.join(in_favour)},"
+    return f"{first} or {second}"
+
+
+def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *, agreeing: bool) -> list[str]:
+    """The sensors beside a pair that agree with one of it, or do not."""
+    return [
+        other
+        for comparison in comparisons
+        if name in comparison.sensors and (comparison.explanation is None) is agreeing
+        for other in comparison.sensors
+        if other not in (name, beside)
+    ]
+
+
+def triangulated(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
+    """World points (N, 3) of matches, mm."""
+    slopes = [
+        cv2.undistortPoints(pixels[:, None], camera.K, camera.dist)[:, 0].T
+        for pixels, camera in ((matches.left, sensor.left), (matches.right, sensor.right))
+    ]
+    poses = [camera.cam_from_world[:3] for camera in (sensor.left, sensor.right)]
+    points = cv2.triangulatePoints(*poses, *slopes)
+    return np.asarray((points[:3] / points[3]).T, dtype=np.float64)
+
+
+def with_focal(camera: Camera, factor: float) -> Camera:
+    """A camera whose focal lengths are `factor` times as long."""
+    return replace(camera, K=camera.K * np.array([[factor, factor, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]))
+
+
+def _found(known: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The known feature at each place asked for, -1 where there is none."""
+    distance, index = cKDTree(known).query(asked)
+    return np.where(np.asarray(distance) < SAME_FEATURE_PX, np.asarray(index, dtype=np.int64), -1)
+
+
+def _counter(tolerance_mm: float) -> Callable[[NDArray[np.float64], NDArray[np.float64]], int]:
+    return lambda a, b: int((np.linalg.norm(a - b, axis=1) < tolerance_mm).sum())
+
+
+def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
+    counts: Mapping[float, int] = {
+        float(factor): count(
+            replace(sensor, left=with_focal(sensor.left, factor), right=with_focal(sensor.right, factor))
+        )
+        for factor in FACTORS
+        if abs(factor - 1.0) > MIN_FOCAL_CHANGE
+    }
+    best = max(counts.values())
+    factor = float(np.median([factor for factor, n in counts.items() if n == best]))
+    return Explanation(best, f"the focal lengths of both cameras of {sensor.id} are {factor:.2f} times as long")
+
+
+def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
+    """The turn of the right camera about the axis across baseline and view, which leaves all rows as they are."""
+    across = np.cross(sensor.right.rotation[2], sensor.right.centre - sensor.left.centre)
+    axis = sensor.right.rotation @ across / np.linalg.norm(across)
+    counts: Mapping[float, int] = {
+        float(angle): count(replace(sensor, right=_turned(sensor.right, axis * np.deg2rad(angle))))
+        for angle in TOE_INS_DEG
+    }
+    best = max(counts.values())
+    angle = float(np.median([angle for angle, n in counts.items() if n == best]))
+    return Explanation(
+        best, f"the cameras of {sensor.id} were turned towards or away from each other by {abs(angle):.2f} degrees"
+    )
+
+
+def _turned(camera: Camera, turn: NDArray[np.float64]) -> Camera:
+    return replace(camera, cam_from_world=rigid(cv2.Rodrigues(turn)[0], np.zeros(3)) @ camera.cam_from_world)
+
+
+def _moved(
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    tolerance_mm: float,
+) -> Explanation:
+    """The rigid move of the second sensor's points onto the first's that most of them follow, by random triples.
+
+    It is then made the best one for all that follow it.
+
+    Source
+    ------
+    Fischler, Bolles, "Random sample consensus", 1981; the move of a triple: Arun, Huang, Blostein, 1987.
+    """
+    rng = np.random.default_rng(SEED)
+    best, move = 0, np.eye(4)
+    for _ in range(ROUNDS):
+        chosen = rng.choice(len(first), 3, replace=False)
+        tried = _rigid_move(second[chosen], first[chosen])
+        n = int(np.count_nonzero(_apart(first, second, tried) < tolerance_mm))
+        if n > best:
+            best, move = n, tried
+    for _ in range(POLISHING):
+        follows = _apart(first, second, move) < tolerance_mm
+        move = _rigid_move(second[follows], first[follows]) if np.count_nonzero(follows) >= MIN_AGREEING else move
+    best = max(best, int(np.count_nonzero(_apart(first, second, move) < tolerance_mm)))
+    angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(move[:3, :3])[0])))
+    off = float(np.median(np.linalg.norm(second @ (move[:3, :3] - np.eye(3)).T + move[:3, 3], axis=1)))
+    what = f"turned by about {angle:.1f} degrees, and what it sees is {off:.0f} mm off"
+    return Explanation(best - 3, f"{{}} was moved as a whole: {what}")
+
+
+def _apart(first: NDArray[np.float64], second: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances (N,) of the first sensor's points from the second's moved ones, mm."""
+    return np.asarray(np.linalg.norm(first - second @ move[:3, :3].T - move[:3, 3], axis=1))
+
+
+def _rigid_move(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    centres = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((target - centres[1]).T @ (source - centres[0]))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return rigid(turn, centres[1] - turn @ centres[0])

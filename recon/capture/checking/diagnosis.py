@@ -1,0 +1,140 @@
+"""Which single fault explains why a sensor's calibration does not fit its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from recon.capture.checking.consistency import with_focal
+from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.rig import Sensor, rigid
+
+MIN_MATCHES = 20  # fewer say nothing about a calibration
+MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
+MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
+SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
+MIN_TURN_DEG = 0.1
+MIN_FOCAL_CHANGE = 0.01
+MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
+MAX_ASPECT = 0.02  # fx and fy of a camera with square pixels are equal
+INLIER_PX = 0.3  # scale of the robust cost in fits
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    error_px: float
+    n_unknowns: int
+    sentence: str
+
+
+def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
+    """What is wrong with a sensor's calibration, as sentences; none if it fits or too little is known.
+
+    Each fault is assumed in turn: left and right are swapped, a camera's focal length is wrong, that of both is, the
+    right camera was turned against the left. The one that removes most of the matches' distances from their epipolar
+    lines is named.
+    """
+    problems = tuple(_unequal_focal(sensor, side) for side in ("left", "right") if _aspect(sensor, side) > MAX_ASPECT)
+    if problems or len(matches) < MIN_MATCHES:
+        return problems
+    error = _median(epipolar_errors(sensor, matches))
+    if error < MIN_ERROR_PX:
+        return ()
+    explanations = [
+        explanation
+        for explain in (_swapped, _one_focal, _both_focals, _turned)
+        if (explanation := explain(sensor, matches)) is not None and explanation.error_px < MIN_GAIN * error
+    ]
+    if not explanations:
+        return ()
+    best = min(explanation.error_px for explanation in explanations)
+    likely = min(
+        (explanation for explanation in explanations if explanation.error_px <= SAME_GAIN * best),
+        key=lambda explanation: explanation.n_unknowns,
+    )
+    return (
+        f"sensor {sensor.id}: {likely.sentence} ({len(matches)} matched points are {error:.2f} px off their epipolar "
+        f"lines, {likely.error_px:.2f} px with that undone)",
+    )
+
+
+def _aspect(sensor: Sensor, side: str) -> float:
+    K = getattr(sensor, side).K
+    return abs(float(K[0, 0] / K[1, 1]) - 1.0)
+
+
+def _unequal_focal(sensor: Sensor, side: str) -> str:
+    K = getattr(sensor, side).K
+    return (
+        f"sensor {sensor.id}: the {side} camera's focal length is wrong: fx is {K[0, 0]:.1f} px, fy {K[1, 1]:.1f} px, "
+        "expected nearly equal ones"
+    )
+
+
+def _swapped(sensor: Sensor, matches: Matches) -> _Explanation:
+    error = _median(epipolar_errors(sensor, Matches(matches.right, matches.left)))
+    return _Explanation(error, 0, "left and right are swapped: the left pictures are the right camera's")
+
+
+def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
+    def changed(unknown: NDArray[np.float64]) -> Sensor:
+        return replace(sensor, right=with_focal(sensor.right, np.exp(unknown[0])))
+
+    unknown, error = _fit(changed, 1, matches)
+    change = float(np.exp(unknown[0]))
+    if abs(change - 1.0) < MIN_FOCAL_CHANGE:
+        return None
+    return _Explanation(
+        error,
+        1,
+        f"a focal length is wrong: either the right camera's should be {change:.3f} times as long, or the left "
+        f"camera's {1 / change:.3f} times",
+    )
+
+
+def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
+    def changed(unknown: NDArray[np.float64]) -> Sensor:
+        left, right = (with_focal(camera, np.exp(unknown[0])) for camera in (sensor.left, sensor.right))
+        return replace(sensor, left=left, right=right)
+
+    unknown, error = _fit(changed, 1, matches)
+    change = float(np.exp(unknown[0]))
+    if not MIN_COMMON_CHANGE < abs(change - 1.0) < 1.0:
+        return None
+    return _Explanation(error, 1, f"the focal length of both cameras is wrong, about {change:.2f} times is right")
+
+
+def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
+    def changed(unknown: NDArray[np.float64]) -> Sensor:
+        turn = rigid(cv2.Rodrigues(unknown)[0], np.zeros(3))
+        return replace(sensor, right=replace(sensor.right, cam_from_world=turn @ sensor.right.cam_from_world))
+
+    unknown, error = _fit(changed, 3, matches)
+    angle = float(np.rad2deg(np.linalg.norm(unknown)))
+    if angle < MIN_TURN_DEG:
+        return None
+    return _Explanation(
+        error, 3, f"the right camera is rotated by {angle:.2f} degrees against the left since the calibration"
+    )
+
+
+def _fit(
+    changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches
+) -> tuple[NDArray[np.float64], float]:
+    """The unknowns that bring the matches nearest to their epipolar lines, and the median distance left."""
+
+    def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        return epipolar_errors(changed(unknown), matches)
+
+    step = np.full(n_unknowns, 1e-4)
+    found = least_squares(errors, np.zeros(n_unknowns), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01)
+    return found.x, _median(epipolar_errors(changed(found.x), matches))
+
+
+def _median(errors: NDArray[np.float64]) -> float:
+    return float(np.median(np.abs(errors)))

@@ -1,0 +1,226 @@
+"""One sensor measured: does its calibration fit its pictures, is there texture, what accuracy can be expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
+from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
+from recon.capture.checking.sensor_report import Rows, SensorReport
+from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
+from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
+from recon.rig import Camera, Sensor, bounds_corners
+
+MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
+MEASURED_FRAMES = 3  # first, middle, last
+MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds; the rest is background
+MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
+TEXTURE_WINDOW = 9  # pixels, about a matcher's
+MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
+MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
+DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
+NOISE_KERNEL = np.array([[1.0, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6.0  # Immerkaer, 1996: keeps noise, drops edges
+NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What was measured on one frame.
+
+    Parameters
+    ----------
+    rows : (N, 2), row difference and disparity of the matches of the rectified pair, pixels
+    matches : of the pictures as recorded
+    left_to_right : (M,) ratios of brightness at the matches
+    textured : share of the area
+    """
+
+    rows: NDArray[np.float64]
+    matches: Matches
+    left_to_right: NDArray[np.float64]
+    textured: float
+
+
+@dataclass(frozen=True, eq=False)
+class SensorCheck:
+    """What was found out about one sensor.
+
+    Parameters
+    ----------
+    problems, warnings : one sentence for everything that spoils depth, and for everything that makes it worse
+    matches : by the measured frame, points of the pictures as recorded
+    """
+
+    report: SensorReport
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    matches: dict[int, Matches] = field(default_factory=dict)
+
+
+def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
+    """Measure one sensor."""
+    report = SensorReport(stream.id, stream.sensor.baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
+    problems = []
+    if report.mask_coverage is not None and min(report.mask_coverage) == 0:
+        problems.append(f"sensor {stream.id}: the masks of a camera are empty in all frames")
+    if bounds is None:
+        return SensorCheck(report, tuple(problems))
+    try:
+        rectification = rectify(stream.sensor, bounds)
+    except ValueError as error:
+        return SensorCheck(report, (*problems, str(error)))
+    by_frame = {}
+    for frame in measured_frames(n_frames):
+        with suppress(CaptureError):  # its pictures are listed already
+            by_frame[frame] = _look(folder, stream, frame, rectification, bounds)
+    looks = list(by_frame.values())
+    rows = _rows(looks, rectification)
+    matches = joined([look.matches for look in looks])
+    faults = diagnose(stream.sensor, matches)
+    misfit = _misfit(stream.sensor, matches, rows)
+    problems += faults or _row_problems(rectification, rows, misfit)
+    depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
+    per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
+    report = replace(
+        report,
+        rectified_size=rectification.left.size,
+        n_disparities=rectification.n_disparities,
+        depth_per_disparity_mm=per_pixel,
+        expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, misfit)),
+        textured=float(np.mean([look.textured for look in looks])) if looks else None,
+        rows=rows,
+    )
+    warnings = (*_exposure_warnings(stream.id, looks), *_texture_warnings(report))
+    return SensorCheck(report, tuple(problems), warnings, {frame: look.matches for frame, look in by_frame.items()})
+
+
+def noise_level(grey: NDArray[np.floating]) -> float:
+    """Standard deviation of a picture's noise, (H, W), grey levels; edges hardly count.
+
+    Source
+    ------
+    Immerkaer, "Fast noise variance estimation", 1996, with a median in place of the mean.
+    """
+    residue = cv2.filter2D(np.asarray(grey, dtype=np.float32), -1, NOISE_KERNEL)
+    return float(np.median(np.abs(residue))) / NORMAL_MEDIAN
+
+
+def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[float, float] | None:
+    shares = []
+    for frame in range(n_frames):
+        with suppress(CaptureError):  # listed already
+            shares.append([float(read_mask(picture).mean()) for picture in mask_pictures(folder, stream, frame)])
+    if stream.mask is None or not shares:
+        return None
+    left, right = np.mean(shares, axis=0)
+    return float(left), float(right)
+
+
+def measured_frames(n_frames: int) -> list[int]:
+    """The frames that are looked at closely."""
+    return sorted({round(frame) for frame in np.linspace(0, n_frames - 1, min(n_frames, MEASURED_FRAMES))})
+
+
+def _look(
+    folder: Path, stream: SensorStream, frame: int, rectification: Rectification, bounds: NDArray[np.float64]
+) -> _Look:
+    left, right = map(read_picture, frame_pictures(folder, stream, frame))
+    masks = tuple(map(read_mask, mask_pictures(folder, stream, frame)))
+    pair = rectify_images(rectification, left, right)
+    if masks:
+        areas = rectify_masks(rectification, *masks)
+    else:
+        areas = (_bounds_area(rectification.left, bounds), _bounds_area(rectification.right, bounds))
+    found = match_pictures(*pair, areas)
+    matches = match_pictures(left, right)
+    return _Look(
+        (found.left - found.right)[:, ::-1], matches, _ratios(left, right, matches), _textured(pair[0], areas[0])
+    )
+
+
+def _bounds_area(camera: Camera, bounds: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where a point of the bounds can lie in a picture, bool (H, W)."""
+    outline = cv2.convexHull(np.round(camera.project(bounds_corners(bounds))).astype(np.int32))
+    area = np.zeros((camera.size[1], camera.size[0]), dtype=np.uint8)
+    return np.asarray(cv2.fillConvexPoly(area, outline, 1) > 0)
+
+
+def _ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
+    levels = []
+    for image, points in ((left, matches.left), (right, matches.right)):
+        grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (5, 5)).astype(np.float64)
+        columns, rows = np.round(points).astype(int).T
+        levels.append(grey[rows, columns])
+    bright = np.minimum(*levels) > DARK_LEVELS
+    return np.asarray(levels[0][bright] / levels[1][bright])
+
+
+def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float:
+    """Share of an area whose structure stands out of the noise."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    window = (TEXTURE_WINDOW, TEXTURE_WINDOW)
+    variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
+    if not area.any():
+        return 0.0
+    return float((variance[area] - noise_level(grey) ** 2 > MIN_TEXTURE**2).mean())
+
+
+def _rows(looks: list[_Look], rectification: Rectification) -> Rows:
+    found = np.concatenate([look.rows for look in looks]) if looks else np.zeros((0, 2))
+    if len(found) == 0:
+        return Rows(0, None, None)
+    inside = (found[:, 1] >= 0) & (found[:, 1] < rectification.n_disparities)
+    return Rows(
+        len(found), float(np.median(np.abs(found[:, 0]))), float(np.median(found[:, 1])), float(np.mean(inside))
+    )
+
+
+def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
+    """How far the calibration is off, pixels: on the object, or on all of the picture where that tells more.
+
+    A glossy or plain object gives few and wrong matches; the room behind it then shows that the calibration fits.
+    """
+    on_object = rows.vertical_error_px or 0.0
+    if len(matches) < max(MIN_MATCHES, rows.n_matches):
+        return on_object
+    return min(on_object, float(np.median(np.abs(epipolar_errors(sensor, matches)))))
+
+
+def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> Iterator[str]:
+    if rows.n_matches < MIN_MATCHES or rows.vertical_error_px is None or rows.inside is None:
+        return
+    place = f"sensor {rectification.sensor_id}: {rows.n_matches} matched points"
+    if misfit > MAX_VERTICAL_ERROR_PX:
+        yield (
+            f"{place} differ vertically by {rows.vertical_error_px:.2f} px after rectification (median), expected at "
+            f"most {MAX_VERTICAL_ERROR_PX:g}; the calibration does not fit the pictures"
+        )
+    if rows.inside < MIN_INSIDE:
+        yield (
+            f"{place} have a disparity of {rows.disparity_px:.1f} px (median), the bounds span 0 to "
+            f"{rectification.n_disparities - 1}; the bounds, the baseline or the order of left and right are wrong"
+        )
+
+
+def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
+    ratios = np.concatenate([look.left_to_right for look in looks]) if looks else np.zeros(0)
+    if len(ratios) < MIN_MATCHES:
+        return
+    ratio = float(np.median(ratios))
+    if not 1 / MAX_LEFT_TO_RIGHT < ratio < MAX_LEFT_TO_RIGHT:
+        yield (
+            f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
+            "points; use the same exposure and gain"
+        )
+
+
+def _texture_warnings(report: SensorReport) -> Iterator[str]:
+    if report.texture == "poor":
+        yield f"sensor {report.id}: only {report.textured:.0%} of the object has enough texture to be matched"

@@ -1,0 +1,228 @@
+"""Recordings that a JSON file describes: the way in for everything that no other importer reads.
+
+The full form lists `sensors`, each with `id`, `left` and `right`; a camera has `K` (3x3), `dist` (OpenCV's, optional),
+`image` (a pattern with {frame}, a list of files, a folder or a video, relative to the JSON), `plate` (optional) and
+one pose out of POSES, a 4x4 transform or {"R": 3x3, "t": [x, y, z]}. The short form is for one sensor: `K_left`,
+`K_right`, `dist_left`, `dist_right`, a pose as `R_left_from_right` with `t_left_from_right` (or `_right_from_left`),
+and `left_file`, `right_file`: lists of files, or objects from the shot's name to its file. Both may have `units`,
+`name`, `kind`, `fps`, `bounds`, `radius`, `size` and `up`; keys of lengths may end in _mm or _m instead of following
+`units`.
+
+Convention: X_a = R_a_from_b X_b + t_a_from_b; pixel centres at integers; camera frames as OpenCV. Without a pose the
+world is the first left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import Capture, image_path
+from recon.capture.images import CaptureError, is_video
+from recon.capture.importing.opencv import CAMERA_FROM_WORLD
+from recon.capture.importing.sources import (
+    UNITS_MM,
+    ImportOptions,
+    Recording,
+    SensorSource,
+    parse_unit,
+    write_recording,
+)
+from recon.capture.pictures import Pictures, find_pictures
+from recon.capture.recording import FRAME_FIELD
+from recon.rig import Camera, rigid
+from recon.storage.files import read_json
+
+POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
+
+
+@dataclass(frozen=True)
+class _Description:
+    """The JSON's content, its place, and the length of its unit."""
+
+    path: Path
+    content: Mapping[str, Any]
+    unit_mm: float
+
+    def length(self, name: str) -> NDArray[np.float64] | None:
+        """The numbers at a key of lengths, mm, or None."""
+        for key, unit in ((name, self.unit_mm), *((f"{name}_{unit}", length) for unit, length in UNITS_MM.items())):
+            if key in self.content:
+                return _numbers(self.content, key) * unit
+        return None
+
+
+def import_json(
+    source: Path, out: Path, options: ImportOptions | None = None, *, shots: Sequence[str] | None = None
+) -> Capture:
+    """Turn a recording that a JSON file describes into a capture.
+
+    Parameters
+    ----------
+    source : the JSON file; its file names are relative to its folder
+    options : where given, they come before what the file says
+    shots : of a short form, names of the shots to take as frames, in this order; None for all
+
+    Raises
+    ------
+    CaptureError
+        Naming the file and what is wrong in it. Nothing is left behind.
+    """
+    options = options or ImportOptions()
+    content = read_json(source)
+    unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
+    described = _Description(source, content, unit)
+    if options.up == "y":
+        options = replace(options, up=str(content.get("up", "y")))
+    try:
+        sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
+        recording = Recording(
+            str(content.get("name", source.resolve().parent.name)),
+            sensors,
+            kind=_kind(described),
+            object=_object(described),
+            fps=content.get("fps"),
+            bounds=described.length("bounds"),
+        )
+    except ValueError as error:
+        raise CaptureError(f"{source}: {error}") from error
+    return write_recording(out, recording, options)
+
+
+def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorSource:
+    content, folder = described.content, described.path.parent
+    left_files, right_files = (_files(content, f"{side}_file") for side in ("left", "right"))
+    names = list(left_files) if shots is None else list(shots)
+    missing = [name for name in names if name not in left_files or name not in right_files]
+    if missing or set(left_files) != set(right_files):
+        raise CaptureError(
+            f"left_file has the shots {list(left_files)}, right_file {list(right_files)}, asked: {names}"
+        )
+    left, right = (Pictures(tuple(folder / files[name] for name in names)) for files in (left_files, right_files))
+    key = next((key for key in POSES[2:] if f"R_{key}" in content), "left_from_right")
+    translation = described.length(f"t_{key}")
+    if translation is None:
+        raise CaptureError(f"t_{key} is missing")
+    pose = rigid(_numbers(content, f"R_{key}"), translation)
+    right_from_left = np.linalg.inv(pose) if key == "left_from_right" else pose
+    left_camera, right_camera = (
+        Camera(_numbers(content, f"K_{side}"), pictures.size, cam_from_world, _dist(content, f"dist_{side}"))
+        for side, pictures, cam_from_world in (
+            ("left", left, CAMERA_FROM_WORLD),
+            ("right", right, right_from_left @ CAMERA_FROM_WORLD),
+        )
+    )
+    return SensorSource("S1", left_camera, right_camera, (left, right))
+
+
+def _sensors(described: _Description) -> tuple[SensorSource, ...]:
+    return tuple(_sensor(described, entry, number) for number, entry in enumerate(described.content["sensors"]))
+
+
+def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
+    name = str(entry.get("id", f"S{number + 1}"))
+    try:
+        pictures = tuple(_pictures(described.path.parent, entry[side]) for side in ("left", "right"))
+        left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
+        poses = (left_pose, _pose(described, entry["right"], left_pose))
+        left, right = (
+            Camera(_numbers(entry[side], "K"), picture.size, pose, _dist(entry[side], "dist"))
+            for side, picture, pose in zip(("left", "right"), pictures, poses, strict=True)
+        )
+    except KeyError as error:
+        raise CaptureError(f"sensor {name}: {error.args[0]} is missing") from error
+    except ValueError as error:
+        raise CaptureError(f"sensor {name}: {error}") from error
+    return SensorSource(name, left, right, (pictures[0], pictures[1]))
+
+
+def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """`cam_from_world` in mm; `other` is the left camera's, or the pose of a left camera that has none."""
+    told = [key for key in POSES if key in entry]
+    if not told and other is CAMERA_FROM_WORLD:
+        return CAMERA_FROM_WORLD
+    if len(told) != 1:
+        raise CaptureError(f"a camera has the poses {told}, expected one of {', '.join(POSES)}")
+    pose = _transform(entry[told[0]], described.unit_mm)
+    if told[0] in POSES[2:]:
+        if other is None:
+            raise CaptureError(f"{told[0]} is for a right camera")
+        return np.asarray((pose if told[0] == "right_from_left" else np.linalg.inv(pose)) @ other)
+    return np.asarray(pose if told[0] == "cam_from_world" else np.linalg.inv(pose))
+
+
+def _transform(value: Any, unit_mm: float) -> NDArray[np.float64]:
+    if isinstance(value, Mapping):
+        return rigid(_numbers(value, "R"), _numbers(value, "t").ravel() * unit_mm)
+    pose = np.array(value, dtype=np.float64)
+    if pose.shape not in ((3, 4), (4, 4)):
+        raise CaptureError(f"a pose has shape {pose.shape}, expected 4x4 or R and t")
+    return rigid(pose[:3, :3], pose[:3, 3] * unit_mm)
+
+
+def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
+    image = entry["image"]
+    plate = folder / entry["plate"] if "plate" in entry else None
+    if isinstance(image, list):
+        return Pictures(tuple(folder / name for name in image), plate)
+    if FRAME_FIELD.search(image):
+        return Pictures(_matching(folder, image), plate)
+    if is_video(image) or (folder / image).is_file():
+        return Pictures((folder / image,), plate)
+    found = find_pictures(folder / image)
+    return found if plate is None else replace(found, plate=plate)
+
+
+def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
+    """The files of a pattern, counted from 0 or from 1."""
+    first = next((first for first in (0, 1) if image_path(folder, pattern, first).is_file()), None)
+    if first is None:
+        raise CaptureError(f"{image_path(folder, pattern, 0)}: there is no such image, nor a number 1")
+    files: list[Path] = []
+    while (path := image_path(folder, pattern, first + len(files))).is_file():
+        files.append(path)
+    return tuple(files)
+
+
+def _files(content: Mapping[str, Any], key: str) -> dict[str, str]:
+    files = content.get(key)
+    if isinstance(files, str):
+        files = [files]
+    if isinstance(files, list):
+        files = {str(number): name for number, name in enumerate(files, start=1)}
+    if not isinstance(files, dict) or not files:
+        raise CaptureError(f"{key} is {files!r}, expected files, or an object from the shot's name to its file")
+    return {str(shot): str(name) for shot, name in files.items()}
+
+
+def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    if key not in content:
+        raise CaptureError(f"{key} is missing")
+    try:
+        return np.array(content[key], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise CaptureError(f"{key} is {content[key]!r}, expected numbers") from error
+
+
+def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    return _numbers({key: [], **content}, key)
+
+
+def _kind(described: _Description) -> str:
+    guess = "sphere" if described.length("radius") is not None else "scene"
+    return str(described.content.get("kind", "cuboid" if described.length("size") is not None else guess))
+
+
+def _object(described: _Description) -> dict[str, Any]:
+    radius, size = described.length("radius"), described.length("size")
+    facts = dict(described.content.get("object", {}))
+    if radius is not None:
+        facts["radius_mm"] = float(radius)
+    if size is not None:
+        facts["size_mm"] = size.tolist()
+    return facts

@@ -1,0 +1,224 @@
+"""The Middlebury multi-view benchmark's recordings as captures: neighbouring views of its rings are stereo sensors.
+
+Convention: the calibration file lists `name K(9) R(9) t(3)` a line, row by row, world to camera, without distortion;
+lengths are metres. A view's number is the one its name ends with ("templeR0013.png" is view 13).
+
+Source: Seitz, Curless, Diebel, Scharstein, Szeliski, "A comparison and evaluation of multi-view stereo
+reconstruction algorithms", CVPR 2006; README of the data sets.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
+from recon.capture.images import read_image
+from recon.capture.importing.folder import new_folder
+from recon.capture.pictures import copy_file
+from recon.capture.recording import check_bounds
+from recon.rig import Camera, bounds_corners, rigid
+
+TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
+MM_PER_METRE = 1000.0
+VALUES_PER_VIEW = 21  # K, R and t
+MAX_MOTION_ERROR_PX = 0.05  # well below what matching resolves
+BOUNDS_MARGIN = 0.03  # of the longest edge: the published boxes are tight
+FPS = 3.0  # a slow turntable: the recordings are stills
+CORNER = re.compile(r"^\s*\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)\s*$", re.MULTILINE)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    path: Path
+    camera: Camera
+
+
+def import_middlebury(
+    source: Path,
+    out: Path,
+    *,
+    pairs: Sequence[tuple[int, int]] = TEMPLE_PAIRS,
+    n_frames: int = 3,
+    bounds: ArrayLike | None = None,
+    name: str | None = None,
+    fps: float = FPS,
+) -> Capture:
+    """Turn a ring of photographs into a capture of a turning object in front of fixed stereo sensors.
+
+    Frame k of the sensor (l, r) is the pair of views (l + k, r + k), with the calibration of (l, r). That is exact if
+    the relative poses of all cameras are the same in every frame, which is checked. The views that frame 0 does not
+    use are held out: they show frame 0 with their own calibration.
+
+    Parameters
+    ----------
+    source : the folder of a data set, with its `*_par.txt`, or that file
+    out : the capture's folder, absent or empty
+    pairs : numbers of the views (left, right) of each sensor at frame 0
+    bounds : float64 (2, 3), mm, or None: the box in the README beside the images, turned through all frames and
+        slightly enlarged
+    name : the scene's name, None for the calibration file's name without `_par.txt`
+
+    Raises
+    ------
+    CaptureError
+        If a file is missing or unreadable, a view is not listed, or the poses of a later frame do not fit the rig.
+        Nothing is left behind.
+    """
+    listing = _listing(source)
+    views = _read_views(listing)
+    if n_frames < 1:
+        raise CaptureError(f"n_frames is {n_frames}, expected at least 1")
+    _check_listed(listing, views, pairs, n_frames)
+    motions = [_motion(views, pairs[0][0], frame) for frame in range(n_frames)]
+    tight = _published_bounds(listing) if bounds is None else check_bounds(bounds)
+    for frame, motion in enumerate(motions):
+        _check_motion(views, pairs, frame, motion, tight)
+    sensors = tuple(_sensor(f"S{number}", views, pair) for number, pair in enumerate(pairs, start=1))
+    held_out = tuple(_held_out(views, {view for pair in pairs for view in pair}))
+    with new_folder(out) as folder:
+        capture = Capture(
+            folder=folder,
+            name=name or listing.name.removesuffix("_par.txt"),
+            kind="scene",
+            fps=fps,
+            n_frames=n_frames,
+            bounds=tight if bounds is not None else _swept(tight, motions),
+            object={},
+            sensors=sensors,
+            held_out=held_out,
+        )
+        _copy_images(capture, views, pairs)
+        write_capture(capture)
+    return replace(capture, folder=out)
+
+
+def _listing(source: Path) -> Path:
+    if source.is_file():
+        return source
+    if not source.is_dir():
+        raise CaptureError(f"{source}: there is no such folder")
+    found = sorted(source.glob("*_par.txt"))
+    if len(found) != 1:
+        raise CaptureError(f"{source}: holds {len(found)} files *_par.txt, expected one calibration file")
+    return found[0]
+
+
+def _read_views(listing: Path) -> dict[int, _View]:
+    try:
+        lines = listing.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaptureError(f"{listing}: cannot be read: {error}") from error
+    rows = [(number, line.split()) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    if lines[0].strip() != str(len(rows)) or not rows:
+        raise CaptureError(f"{listing}, line 1: announces {lines[0].strip()!r} views, {len(rows)} lines follow")
+    views: dict[int, _View] = {}
+    for line, row in rows:
+        number, view = _read_view(listing, line, row)
+        if number in views:
+            raise CaptureError(f"{listing}, line {line}: view {number} is listed twice")
+        views[number] = view
+    return views
+
+
+def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View]:
+    ending = re.search(r"(\d+)\.\w+$", row[0])
+    if ending is None:
+        raise CaptureError(f"{listing}, line {line}: the name {row[0]!r} does not end with the view's number")
+    if len(row) != 1 + VALUES_PER_VIEW:
+        raise CaptureError(
+            f"{listing}, line {line}: {len(row) - 1} numbers after the name, expected {VALUES_PER_VIEW}: K, R and t"
+        )
+    path = listing.parent / row[0]
+    height, width = read_image(path).shape[:2]
+    try:
+        values = np.array(row[1:], dtype=np.float64)
+        pose = rigid(values[9:18].reshape(3, 3), values[18:21] * MM_PER_METRE)
+        return int(ending[1]), _View(path, Camera(values[:9].reshape(3, 3), (width, height), pose))
+    except ValueError as error:
+        raise CaptureError(f"{listing}, line {line}: {error}") from error
+
+
+def _check_listed(listing: Path, views: Mapping[int, _View], pairs: Sequence[tuple[int, int]], n_frames: int) -> None:
+    if not pairs:
+        raise CaptureError("pairs is empty, expected at least one pair of views")
+    missing = sorted({view + k for pair in pairs for view in pair for k in range(n_frames)} - views.keys())
+    if missing:
+        raise CaptureError(
+            f"{listing}: {n_frames} frames of the pairs {list(pairs)} need views {missing}, which it does not list"
+        )
+
+
+def _motion(views: Mapping[int, _View], view: int, frame: int) -> NDArray[np.float64]:
+    """How the object has moved at a frame in front of the fixed rig: world from world, 4x4."""
+    fixed, moved = views[view].camera.cam_from_world, views[view + frame].camera.cam_from_world
+    return np.asarray(np.linalg.inv(fixed) @ moved)
+
+
+def _check_motion(
+    views: Mapping[int, _View],
+    pairs: Sequence[tuple[int, int]],
+    frame: int,
+    motion: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+) -> None:
+    corners = bounds_corners(bounds)
+    moved = corners @ motion[:3, :3].T + motion[:3, 3]
+    for view in (view for pair in pairs for view in pair):
+        fixed, own = views[view], views[view + frame]
+        error = float(np.linalg.norm(fixed.camera.project(moved) - own.camera.project(corners), axis=1).max())
+        if not error < MAX_MOTION_ERROR_PX:
+            raise CaptureError(
+                f"{own.path}: as frame {frame} of view {view} it is off by {error:.2f} px (tolerance "
+                f"{MAX_MOTION_ERROR_PX} px), because the cameras' relative poses are not those of frame 0; take fewer "
+                "frames or other pairs"
+            )
+        if fixed.camera.size != own.camera.size:
+            raise CaptureError(f"{own.path}: is {own.camera.size} pixels, {fixed.path.name} is {fixed.camera.size}")
+
+
+def _published_bounds(listing: Path) -> NDArray[np.float64]:
+    for path in sorted(listing.parent.glob("*.txt")):
+        corners = CORNER.findall(path.read_text(encoding="utf-8", errors="replace"))
+        if path != listing and len(corners) == 2:
+            try:
+                return check_bounds(np.array(corners, dtype=np.float64) * MM_PER_METRE)
+            except ValueError as error:
+                raise CaptureError(f"{path}: {error}") from error
+    raise CaptureError(f"{listing.parent}: no text file holds a bounding box, two lines of (x y z); give the bounds")
+
+
+def _swept(bounds: NDArray[np.float64], motions: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    corners = bounds_corners(bounds)
+    swept = np.concatenate([corners @ motion[:3, :3].T + motion[:3, 3] for motion in motions])
+    margin = BOUNDS_MARGIN * float((bounds[1] - bounds[0]).max())
+    return np.stack([swept.min(axis=0) - margin, swept.max(axis=0) + margin])
+
+
+def _sensor(sensor_id: str, views: Mapping[int, _View], pair: tuple[int, int]) -> SensorStream:
+    left, right = (
+        CameraStream(views[view].camera, f"{sensor_id}/{side}/{{frame:04d}}{views[view].path.suffix}")
+        for side, view in zip(("left", "right"), pair, strict=True)
+    )
+    return SensorStream(sensor_id, left, right)
+
+
+def _held_out(views: Mapping[int, _View], used: set[int]) -> Iterable[HeldOut]:
+    for number in sorted(views.keys() - used):
+        yield HeldOut(views[number].camera, f"held_out/{views[number].path.name}", frame=0)
+
+
+def _copy_images(capture: Capture, views: Mapping[int, _View], pairs: Sequence[tuple[int, int]]) -> None:
+    for stream, pair in zip(capture.sensors, pairs, strict=True):
+        for camera, view in zip((stream.left, stream.right), pair, strict=True):
+            for frame in range(capture.n_frames):
+                copy_file(views[view + frame].path, image_path(capture.folder, camera.image, frame))
+    paths = {view.path.name: view.path for view in views.values()}
+    for photograph in capture.held_out:
+        target = capture.folder / photograph.image
+        copy_file(paths[target.name], target)

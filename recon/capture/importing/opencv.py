@@ -1,0 +1,187 @@
+"""OpenCV stereo calibrations (YAML or XML), read and written, and recordings that come with one.
+
+Convention: as `cv2.stereoCalibrate`: X_right = R X_left + T, pixel centres at integers, distortion k1, k2, p1, p2,
+k3, ... A file of one sensor has the keys of KEYS at its top; a file of several has `sensors`, a list of maps with
+`id`, the same keys and `cam_from_world` (4x4, of the left camera), lengths in the unit of T. Without a pose the world
+is the left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import Capture
+from recon.capture.images import CaptureError
+from recon.capture.importing.sources import UPWARDS, ImportOptions, Recording, SensorSource, write_recording
+from recon.capture.pictures import find_pictures
+from recon.rig import Camera, Rig, Sensor, rigid
+from recon.storage.files import whole_file
+
+SUFFIXES = (".yml", ".yaml", ".xml")
+KEYS: dict[str, tuple[str, ...]] = {
+    "K1": ("K1", "M1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix"),
+    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion_coefficients"),
+    "K2": ("K2", "M2", "cameraMatrix2", "camera_matrix_2", "right_camera_matrix"),
+    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "right_distortion_coefficients"),
+    "R": ("R", "rotation"),
+    "T": ("T", "t", "translation"),
+}
+SIZE_KEYS = ("image_size", "imageSize", "size")
+OPTIONAL = ("D1", "D2")
+CAMERA_FROM_WORLD = rigid(UPWARDS["-y"], np.zeros(3))  # of a left camera whose pose nobody tells
+
+
+def import_opencv(source: Path, out: Path, options: ImportOptions | None = None) -> Capture:
+    """Turn a stereo calibration and its pictures into a capture.
+
+    Parameters
+    ----------
+    source : the calibration file, or a folder with one or several (`intrinsics.yml` and `extrinsics.yml`); beside
+        it, for one sensor, `left` and `right`, for several `ID/left` and `ID/right`: folders of images, with a clean
+        plate `plate.png` or without, or videos (`left.mp4`)
+    options : the unit's default is mm
+
+    Raises
+    ------
+    CaptureError
+        Naming the file and what is wrong in it. Nothing is left behind.
+    """
+    options = options or ImportOptions()
+    folder, files = _files(source)
+    entries = _merged(files)
+    sensors = tuple(
+        _source(folder if len(entries) == 1 and not (folder / name).is_dir() else folder / name, name, entry, options)
+        for name, entry in entries.items()
+    )
+    return write_recording(out, Recording(folder.name, sensors), options)
+
+
+def write_calibration(path: Path, rig: Rig) -> None:
+    """Write a rig as an OpenCV file, flat for one sensor, lengths in mm; `import_opencv` reads it.
+
+    Raises
+    ------
+    CaptureError
+        If the name does not end in one of SUFFIXES.
+    """
+    if path.suffix not in SUFFIXES:
+        raise CaptureError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    with whole_file(path) as temporary:
+        storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
+        if len(rig.sensors) == 1:
+            _write_sensor(storage, rig.sensors[0])
+        else:
+            storage.startWriteStruct("sensors", cv2.FILE_NODE_SEQ)
+            for sensor in rig.sensors:
+                storage.startWriteStruct("", cv2.FILE_NODE_MAP)
+                _write_sensor(storage, sensor)
+                storage.endWriteStruct()
+            storage.endWriteStruct()
+        storage.release()
+
+
+def _write_sensor(storage: Any, sensor: Sensor) -> None:
+    right_from_left = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
+    storage.write("id", sensor.id)
+    storage.write("image_size", np.array([sensor.left.size], dtype=np.int32))
+    for number, camera in ((1, sensor.left), (2, sensor.right)):
+        storage.write(f"K{number}", camera.K)
+        storage.write(f"D{number}", camera.dist[None] if camera.dist.size else np.zeros((1, 5)))
+    storage.write("R", right_from_left[:3, :3])
+    storage.write("T", right_from_left[:3, 3:])
+    storage.write("cam_from_world", sensor.left.cam_from_world)
+
+
+def _files(source: Path) -> tuple[Path, list[Path]]:
+    if source.is_file():
+        return source.parent, [source]
+    if not source.is_dir():
+        raise CaptureError(f"{source}: there is no such file or folder")
+    files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not files:
+        raise CaptureError(f"{source}: holds no calibration file ({', '.join(SUFFIXES)})")
+    return source, files
+
+
+def _merged(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
+    """The entries of every sensor by its id; several files are one sensor's, each with some of the keys."""
+    contents = [_read(path) for path in files]
+    place = ", ".join(map(str, files))
+    if len(files) == 1 and isinstance(contents[0].get("sensors"), list):
+        entries = contents[0]["sensors"]
+        return {str(entry.get("id", f"S{number}")): {**entry, "": place} for number, entry in enumerate(entries, 1)}
+    merged: dict[str, Any] = {}
+    for path, content in zip(files, contents, strict=True):
+        twice = [key for key in content if key in merged and not np.array_equal(content[key], merged[key])]
+        if twice:
+            raise CaptureError(f"{path}: {twice[0]} differs from another file's; name one file as the source")
+        merged |= content
+    return {str(merged.get("id", "S1")): {**merged, "": place}}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        content = _value(storage.root())
+    except (cv2.error, SystemError) as error:
+        raise CaptureError(f"{path}: is not an OpenCV YAML or XML file") from error
+    if not isinstance(content, dict):
+        raise CaptureError(f"{path}: is not an OpenCV YAML or XML file")
+    return content
+
+
+def _value(node: Any) -> Any:
+    if node.isMap():
+        matrix = node.mat() if "data" in node.keys() and "rows" in node.keys() else None  # noqa: SIM118
+        return {key: _value(node.getNode(key)) for key in node.keys()} if matrix is None else matrix  # noqa: SIM118
+    if node.isSeq():
+        return [_value(node.at(number)) for number in range(node.size())]
+    return node.string() if node.isString() else node.real()
+
+
+def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOptions) -> SensorSource:
+    pictures = find_pictures(base / "left"), find_pictures(base / "right")
+    sensor = _sensor(name, entry, pictures[0].size, options.unit_mm or 1.0)
+    return SensorSource(name, sensor.left, sensor.right, pictures)
+
+
+def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
+    found = {key: _matrix(entry, key) for key in KEYS}
+    told = _size(entry) or size
+    try:
+        rotation = found["R"] if found["R"].shape == (3, 3) else cv2.Rodrigues(found["R"])[0]
+        right_from_left = rigid(rotation, found["T"].ravel() * unit_mm)
+        pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()
+        pose[:3, 3] *= unit_mm
+        left = Camera(found["K1"], told, pose, found["D1"])
+        return Sensor(name, left, Camera(found["K2"], told, right_from_left @ pose, found["D2"]))
+    except (ValueError, cv2.error) as error:
+        raise CaptureError(f"{entry['']}: sensor {name}: {error}") from error
+
+
+def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    for name in KEYS[key]:
+        if name in entry:
+            try:
+                return np.asarray(entry[name], dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise CaptureError(f"{entry['']}: {name} is {entry[name]!r}, expected a matrix") from error
+    if key in OPTIONAL:
+        return np.zeros(0)
+    raise CaptureError(f"{entry['']}: {key} is missing (or {', '.join(KEYS[key][1:])})")
+
+
+def _size(entry: Mapping[str, Any]) -> tuple[int, int] | None:
+    if "image_width" in entry and "image_height" in entry:
+        return int(entry["image_width"]), int(entry["image_height"])
+    for name in SIZE_KEYS:
+        if name in entry:
+            width, height = np.ravel(entry[name])
+            return int(width), int(height)
+    return None

@@ -1,0 +1,226 @@
+"""What every importer shares: a foreign recording becomes a new capture folder.
+
+An importer only finds cameras and names of pictures; here pictures are counted and copied, lengths become millimetres,
+and the world is turned so that y is up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
+from recon.capture.images import video_times
+from recon.capture.importing.folder import new_folder
+from recon.capture.pictures import DEFAULT_FPS, Pictures, copy_file, steady_rate
+from recon.capture.recording import check_bounds
+from recon.rig import Camera, rigid
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+UPWARDS = {
+    "y": np.eye(3),
+    "-y": np.diag([1.0, -1.0, -1.0]),
+    "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "-z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    "-x": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+}  # rotations that turn this axis of the source's world to +y
+
+
+@dataclass(frozen=True, eq=False)
+class ImportOptions:
+    """What the person who imports knows better than the files, None where the files shall tell.
+
+    Parameters
+    ----------
+    name : the scene's name, None for that of the source's folder
+    n_frames : frames to take, None for all
+    bounds : float64 (2, 3), in the capture's world and mm
+    unit_mm : length of the source's unit, mm, None for the importer's default
+    fps : frames per second
+    up : axis of the source's world that points upwards, a key of UPWARDS
+    """
+
+    name: str | None = None
+    n_frames: int | None = None
+    bounds: ArrayLike | None = None
+    unit_mm: float | None = None
+    fps: float | None = None
+    up: str = "y"
+
+    def __post_init__(self) -> None:
+        if self.up not in UPWARDS:
+            raise CaptureError(f"up is {self.up!r}, expected one of {', '.join(UPWARDS)}")
+        if self.n_frames is not None and self.n_frames < 1:
+            raise CaptureError(f"n_frames is {self.n_frames}, expected at least 1")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSource:
+    """A stereo sensor of the source; its cameras' poses are in mm, in the source's world."""
+
+    id: str
+    left: Camera
+    right: Camera
+    pictures: tuple[Pictures, Pictures]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """All that an importer found; None and empty where the source does not say.
+
+    Parameters
+    ----------
+    bounds : float64 (2, 3), mm, in the source's world
+    held_out : cameras with their photographs of frame 0
+    """
+
+    name: str
+    sensors: tuple[SensorSource, ...]
+    kind: str = "scene"
+    object: dict[str, Any] = field(default_factory=dict)
+    fps: float | None = None
+    bounds: NDArray[np.float64] | None = None
+    held_out: tuple[tuple[Camera, Path], ...] = ()
+
+
+def parse_unit(text: str) -> float:
+    """Millimetres of a unit: its name, or the number itself.
+
+    Raises
+    ------
+    CaptureError
+        If it is neither one of UNITS_MM nor a positive number.
+    """
+    try:
+        length = UNITS_MM[text] if text in UNITS_MM else float(text)
+    except ValueError:
+        length = float("nan")
+    if not (np.isfinite(length) and length > 0):
+        raise CaptureError(f"unit {text!r}: expected {', '.join(UNITS_MM)} or the unit's length in mm")
+    return length
+
+
+def write_recording(out: Path, recording: Recording, options: ImportOptions) -> Capture:
+    """Copy a recording into a new capture folder, in mm and y up.
+
+    Raises
+    ------
+    CaptureError
+        If pictures are missing, counts differ, a video's frame rate is variable or not the others', or nothing tells
+        the bounds. Nothing is left behind.
+    """
+    turn = rigid(UPWARDS[options.up], np.zeros(3))
+    fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
+    sensors = tuple(_stream(source, turn) for source in recording.sensors)
+    held_out = tuple(
+        HeldOut(_turned(camera, turn), f"held_out/{path.name}", frame=0) for camera, path in recording.held_out
+    )
+    with new_folder(out) as folder:
+        capture = Capture(
+            folder=folder,
+            name=options.name or recording.name,
+            kind=recording.kind,
+            fps=fps,
+            n_frames=_n_frames(recording, options.n_frames),
+            bounds=_bounds(recording, options, sensors, turn),
+            object=recording.object,
+            sensors=sensors,
+            held_out=held_out,
+        )
+        for source, stream in zip(recording.sensors, sensors, strict=True):
+            _copy_sensor(capture, source, stream)
+        for (_, path), photograph in zip(recording.held_out, held_out, strict=True):
+            copy_file(path, folder / photograph.image)
+        write_capture(capture)
+    return replace(capture, folder=out)
+
+
+def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
+    left, right = (
+        CameraStream(_turned(camera, turn), _pattern(source.id, side, pictures))
+        for side, camera, pictures in zip(("left", "right"), (source.left, source.right), source.pictures, strict=True)
+    )
+    plates = [pictures.plate for pictures in source.pictures]
+    if any(plates) and not all(plates):
+        raise CaptureError(f"sensor {source.id}: only one of its cameras has a clean plate")
+    sides = zip(("left", "right"), plates, strict=True)
+    names = [f"{source.id}/{side}/plate{plate.suffix}" for side, plate in sides if plate]
+    return SensorStream(source.id, left, right, (names[0], names[1]) if names else None)
+
+
+def _pattern(sensor_id: str, side: str, pictures: Pictures) -> str:
+    suffix = pictures.files[0].suffix.lower()
+    return f"{sensor_id}/{side}{suffix}" if pictures.is_video else f"{sensor_id}/{side}/{{frame:04d}}{suffix}"
+
+
+def _turned(camera: Camera, turn: NDArray[np.float64]) -> Camera:
+    return replace(camera, cam_from_world=camera.cam_from_world @ turn.T)  # a rotation: its inverse is its transpose
+
+
+def _all_pictures(recording: Recording) -> list[tuple[str, Pictures]]:
+    return [
+        (f"sensor {source.id}, {side}", pictures)
+        for source in recording.sensors
+        for side, pictures in zip(("left", "right"), source.pictures, strict=True)
+    ]
+
+
+def _n_frames(recording: Recording, wanted: int | None) -> int:
+    counts = {
+        place: len(video_times(pictures.files[0])) if pictures.is_video else len(pictures.files)
+        for place, pictures in _all_pictures(recording)
+    }
+    short = {place: count for place, count in counts.items() if count < (wanted or max(counts.values()))}
+    if short:
+        place, count = next(iter(short.items()))
+        raise CaptureError(
+            f"{place} has {count} frames, expected {wanted or max(counts.values())}; take fewer frames if the cameras "
+            "were started together, else find out which frames are missing"
+        )
+    return wanted or max(counts.values())
+
+
+def _video_fps(recording: Recording) -> float | None:
+    rates = {}
+    for place, pictures in _all_pictures(recording):
+        if pictures.is_video:
+            rates[place] = steady_rate(pictures.files[0])
+    if not rates:
+        return None
+    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    if rates[fast] > 1.001 * rates[slow]:
+        raise CaptureError(f"{slow} has {rates[slow]:.3f} frames a second, {fast} {rates[fast]:.3f}; expected one rate")
+    return rates[slow]
+
+
+def _bounds(
+    recording: Recording, options: ImportOptions, sensors: Sequence[SensorStream], turn: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    if options.bounds is not None:
+        return check_bounds(options.bounds)
+    if recording.bounds is not None:
+        turned = check_bounds(recording.bounds) @ turn[:3, :3].T
+        return np.stack([turned.min(axis=0), turned.max(axis=0)])
+    centre = sensors[0].left.camera.centre
+    ahead = sensors[0].left.camera.rotation[2]
+    middle = centre + 2500.0 * ahead
+    example = ",".join(f"{value:.0f}" for value in (*(middle - 1000.0), *(middle + 1000.0)))
+    raise CaptureError(
+        "nothing tells the bounds of the space to reconstruct; give them by --bounds x0,y0,z0,x1,y1,z1 in mm (2 m "
+        f"around what is 2.5 m before the first camera: --bounds={example})"
+    )
+
+
+def _copy_sensor(capture: Capture, source: SensorSource, stream: SensorStream) -> None:
+    for side, pictures in zip((stream.left, stream.right), source.pictures, strict=True):
+        for frame, path in enumerate(pictures.files[: capture.n_frames]):
+            copy_file(path, image_path(capture.folder, side.image, frame))
+    for name, pictures in zip(stream.plate or (), source.pictures, strict=bool(stream.plate)):
+        assert pictures.plate is not None, "both cameras have a plate, or none"
+        copy_file(pictures.plate, capture.folder / name)

@@ -1,0 +1,206 @@
+"""Foreground masks: what differs from the clean plate, is brighter than a dark background, or follows from scribbles.
+
+Masks are PNG files (255 foreground, 0 background) beside the images, and `capture.json` names them.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import (
+    Capture,
+    CaptureError,
+    SensorStream,
+    frame_pictures,
+    image_path,
+    read_capture,
+    read_picture,
+    read_plates,
+    write_capture,
+)
+from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
+from recon.capture.masks.outline import grown, repatterned, tightened
+from recon.capture.masks.scribbles import SIDES, Strokes, propagated, read_scribbles
+from recon.workers import Progress, silent
+
+
+@dataclass(frozen=True)
+class CleanUp:
+    """What is made of the raw decision per pixel.
+
+    Parameters
+    ----------
+    max_hole : share of the picture; background enclosed by the object is a crevice below it, a true gap above
+    opening_px : diameter of the specks and threads that are dropped
+    closing_px : diameter of the gaps that are closed
+    min_part : share of the picture; smaller parts of the foreground are dropped
+    """
+
+    max_hole: float
+    opening_px: int = 3
+    closing_px: int = 5
+    min_part: float = 1e-3
+
+
+SCRIBBLES = CleanUp(max_hole=2e-4)
+_Mask = tuple[SensorStream, int, int, NDArray[np.bool_]]  # stream, side, frame, mask
+METHODS = {"plate": CleanUp(max_hole=2e-4), "threshold": CleanUp(max_hole=3e-3)}  # dark crevices look like background
+
+
+def segment_capture(
+    folder: Path,
+    *,
+    method: str | None = None,
+    threshold: float | None = None,
+    clean_up: CleanUp | None = None,
+    scribbles: Path | None = None,
+    progress: Progress = silent,
+) -> Capture:
+    """Write the foreground masks of all sensors and frames, then name them in `capture.json`.
+
+    Parameters
+    ----------
+    folder : the capture's folder
+    method : "plate" (difference from the clean plate and its shadows), "threshold" (brighter than a dark
+        background), or None: "plate" if every sensor has one, else "threshold"
+    threshold : grey levels of difference or brightness above which a pixel is foreground, None to find one for
+        each sensor
+    scribbles : folder or JSON file of strokes on key frames; then they make the masks, without a method
+    progress : called with ("masks", done, total)
+
+    Raises
+    ------
+    CaptureError
+        If the method is unknown, a plate or image is missing or unreadable, scribbles are wrong, or a mask is empty;
+        `capture.json` is as it was, then.
+    """
+    capture = read_capture(folder)
+    if scribbles is not None:
+        masks = _by_scribbles(capture, read_scribbles(scribbles, capture))
+    else:
+        masks = _by_evidence(capture, _method(capture, method), threshold, clean_up)
+    n_pictures = len(SIDES) * len(capture.sensors) * capture.n_frames
+    with _staged(folder) as staging:
+        for n_done, (stream, side, frame, mask) in enumerate(masks, start=1):
+            name = image_path(Path(), _mask_patterns(stream)[side], frame)
+            if not mask.any():
+                raise CaptureError(f"{folder / name}: no foreground is found")
+            _write_mask(staging / name, mask)
+            if n_done % len(SIDES) == 0:
+                progress("masks", n_done // len(SIDES), n_pictures // len(SIDES))
+    segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
+    write_capture(segmented)
+    return segmented
+
+
+def _by_evidence(capture: Capture, method: str, threshold: float | None, clean_up: CleanUp | None) -> Iterator[_Mask]:
+    clean_up = clean_up or METHODS[method]
+    for stream in capture.sensors:
+        limit = found_threshold(capture, stream, method) if threshold is None else threshold
+        for frame in range(capture.n_frames):
+            for side, evidence in enumerate(evidence_of(capture, stream, frame, method)):
+                mask = clean_mask(evidence > limit, clean_up)
+                if method == "plate" and mask.any():
+                    mask = _refined(capture, stream, (frame, side), tightened(mask, evidence), limit, clean_up)
+                yield stream, side, frame, mask
+
+
+def _refined(
+    capture: Capture,
+    stream: SensorStream,
+    place: tuple[int, int],
+    mask: NDArray[np.bool_],
+    limit: float,
+    clean_up: CleanUp,
+) -> NDArray[np.bool_]:
+    """The mask with what may be a shadow or a dark part of the object: GrabCut decides by the colours."""
+    frame, side = place
+    picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
+    plates = read_plates(capture, stream.id)
+    assert plates is not None, "the method was chosen with plates"
+    smooth, plate = smoothed(picture), smoothed(plates[side])
+    changed = np.abs(smooth - plate).max(axis=2) > limit
+    with_dark = clean_mask(mask | repatterned(smooth, plate, changed), clean_up)
+    return clean_mask(grown(picture, with_dark, changed), clean_up)
+
+
+def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:
+    for stream in capture.sensors:
+        for side, name in enumerate(SIDES):
+
+            def read(frame: int, stream: SensorStream = stream, side: int = side) -> NDArray[np.uint8]:
+                return read_picture(frame_pictures(capture.folder, stream, frame)[side])
+
+            for frame, mask in propagated(read, strokes[stream.id, name], capture.n_frames):
+                yield stream, side, frame, clean_mask(mask, SCRIBBLES)
+
+
+def clean_mask(raw: NDArray[np.bool_], clean_up: CleanUp) -> NDArray[np.bool_]:
+    """Drop specks, close narrow gaps, drop small parts and fill small holes of a mask, bool (H, W)."""
+    mask = cv2.morphologyEx(raw.astype(np.uint8), cv2.MORPH_OPEN, _disc(clean_up.opening_px))
+    mask = _closed(mask, clean_up.closing_px)
+    mask = _without_small_parts(mask, round(clean_up.min_part * mask.size), connectivity=8)
+    background = _without_small_parts(1 - mask, round(clean_up.max_hole * mask.size), connectivity=4)
+    return np.asarray(background == 0)
+
+
+def _method(capture: Capture, method: str | None) -> str:
+    without = [stream.id for stream in capture.sensors if stream.plate is None]
+    if method is None:
+        return "threshold" if without else "plate"
+    if method not in METHODS:
+        raise CaptureError(f"method is {method!r}, expected one of {', '.join(METHODS)}")
+    if method == "plate" and without:
+        raise CaptureError(f"{capture.folder}: {', '.join(without)} has no clean plate; use the method threshold")
+    return method
+
+
+def _disc(diameter: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter)))
+
+
+def _closed(mask: NDArray[np.uint8], diameter: int) -> NDArray[np.uint8]:
+    # an object may leave the picture
+    padded = cv2.copyMakeBorder(mask, diameter, diameter, diameter, diameter, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(diameter))
+    return np.asarray(closed[diameter:-diameter, diameter:-diameter])
+
+
+def _without_small_parts(mask: NDArray[np.uint8], min_area: int, *, connectivity: int) -> NDArray[np.uint8]:
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(mask, connectivity=connectivity)
+    kept = facts[:, cv2.CC_STAT_AREA] >= min_area
+    kept[0] = False  # what is not in the mask
+    return np.asarray(kept[labels], dtype=np.uint8)
+
+
+def _mask_patterns(stream: SensorStream) -> tuple[str, str]:
+    return f"{stream.id}/mask/left/{{frame:04d}}.png", f"{stream.id}/mask/right/{{frame:04d}}.png"
+
+
+def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), mask.astype(np.uint8) * 255):
+        raise CaptureError(f"{path}: cannot be written")
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder whose files move to `folder` if the block ends without an error."""
+    staging = folder / f".masks.{os.getpid()}.part"
+    try:
+        yield staging
+        for path in sorted(path for path in staging.rglob("*") if path.is_file()):
+            target = folder / path.relative_to(staging)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(target)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)

@@ -1,0 +1,194 @@
+"""The commands of recordings, mounted as `capture`: make, import, calibrate, segment, check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.options import parse_bounds, parse_pairs, parse_position, parse_size
+
+if TYPE_CHECKING:
+    from recon.capture.checking.check import CheckReport
+
+app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, calibrate, segment, check.")
+
+TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
+
+
+@app.command("synth")
+def capture_synth(
+    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
+    scene: Annotated[str, typer.Option(help="ball, box, people, standing, face, sphere or cuboid.")] = "ball",
+    sensors: Annotated[int, typer.Option(min=1, help="How many stereo sensors.")] = 3,
+    frames: Annotated[int, typer.Option(min=1, help="How many frames; one period of the motion.")] = 25,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of every camera, pixels.")] = "1280x720",
+    noise: Annotated[float, typer.Option(min=0, help="Sensor noise, grey levels (standard deviation).")] = 1.5,
+    fps: Annotated[float, typer.Option(help="Frames a second.")] = 25.0,
+    position: Annotated[str, typer.Option(help="x,y,z in mm from the centre, for sphere and cuboid.")] = "0,0,0",
+    exposure_spread: Annotated[float, typer.Option(min=0, help="Spread of the cameras' exposures, a share.")] = 0.02,
+    calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
+    distortion: Annotated[float, typer.Option(help="k1 of the lenses, about, as OpenCV's: -0.1 is usual.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Record a synthetic scene with known depth, masks and mesh."""
+    from recon.studio import SynthParameters, synthesise
+
+    progress = ProgressLine()
+    parameters = SynthParameters(
+        scene=scene,
+        n_sensors=sensors,
+        n_frames=frames,
+        size=parse_size(size),
+        noise=noise,
+        seed=seed,
+        fps=fps,
+        position=parse_position(position),
+        exposure_spread=exposure_spread,
+        calibration_error_px=calibration_error,
+        distortion=distortion,
+    )
+    capture = synthesise(out, parameters, progress=progress)
+    progress.close()
+    result = {"capture": str(out), "name": capture.name, "sensors": len(capture.sensors), "frames": capture.n_frames}
+    print_result(
+        result, f"Recorded {capture.n_frames} frames by {len(capture.sensors)} sensors: {out}", as_json=as_json
+    )
+
+
+@app.command("import")
+def capture_import(
+    kind: Annotated[str, typer.Argument(help="Format of the source: middlebury, opencv, colmap or json.")],
+    source: Annotated[Path, typer.Argument(help="Folder of the recording, or its calibration or JSON file.")],
+    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
+    pairs: Annotated[
+        str | None,
+        typer.Option(
+            help=f"LEFT-RIGHT view numbers of every sensor, comma between; middlebury's default: {TEMPLE_PAIRS}."
+        ),
+    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Frames to take; default: all (middlebury: 3).")] = None,
+    bounds: Annotated[
+        str | None, typer.Option(help="x0,y0,z0,x1,y1,z1 in mm; default: the source's own bounding box.")
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or its length in mm.")
+    ] = None,
+    up: Annotated[
+        str, typer.Option(help="Axis of the source's world that points upwards: x, -x, y, -y, z or -z.")
+    ] = "y",
+    fps: Annotated[float | None, typer.Option(min=0.01, help="Frames a second; default: the videos', else 25.")] = None,
+    name: Annotated[str | None, typer.Option(help="The scene's name; default: the source's.")] = None,
+    shots: Annotated[
+        str | None, typer.Option(help="json: names of the shots to take as frames, comma between.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Bring a real recording into the capture format."""
+    from recon.capture.checking.check import check_capture
+    from recon.capture.importing.colmap import import_colmap
+    from recon.capture.importing.json_file import import_json
+    from recon.capture.importing.middlebury import FPS, import_middlebury
+    from recon.capture.importing.opencv import import_opencv
+    from recon.capture.importing.sources import ImportOptions, parse_unit
+
+    box, unit = parse_bounds(bounds), parse_unit(units) if units else None
+    options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)
+    if kind == "middlebury":
+        views = parse_pairs(pairs or TEMPLE_PAIRS)
+        import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
+    elif kind == "opencv":
+        import_opencv(source, out, options)
+    elif kind == "colmap":
+        import_colmap(source, out, parse_pairs(pairs) if pairs else None, options)
+    elif kind == "json":
+        names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
+        import_json(source, out, options, shots=names)
+    else:
+        expected = "middlebury, opencv, colmap or json"
+        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
+    report = check_capture(out)
+    print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
+
+
+@app.command("calibrate")
+def capture_calibrate(
+    images: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folder with left and right (folders or videos), or one per sensor; or every camera's own."
+        ),
+    ],
+    board: Annotated[str, typer.Option(help="chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="calibration.yml; its report lies beside it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Cameras, stereo pairs and all sensors in one world, from pictures of a board."""
+    from recon.capture.calibration.board import parse_board
+    from recon.capture.calibration.run import calibrate_folders
+
+    progress = ProgressLine()
+    report = calibrate_folders(images, parse_board(board), out, progress=progress)
+    progress.close()
+    result = {"calibration": str(out), **report.as_json()}
+    print_result(result, f"{report.as_text()}\nCalibrated {len(report.pairs)} sensors: {out}", as_json=as_json)
+
+
+@app.command("segment")
+def capture_segment(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    method: Annotated[
+        str | None, typer.Option(help="plate or threshold; default: plate where there is one, else threshold.")
+    ] = None,
+    threshold: Annotated[int | None, typer.Option(min=1, max=254, help="Grey levels above the background.")] = None,
+    scribbles: Annotated[
+        Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; instead of a method.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write foreground masks by clean plate, by threshold against a dark background, or by scribbles."""
+    from recon.capture.masks.segment import segment_capture
+
+    progress = ProgressLine()
+    made = segment_capture(capture, method=method, threshold=threshold, scribbles=scribbles, progress=progress)
+    progress.close()
+    result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
+    print_result(
+        result, f"Wrote masks of {made.n_frames} frames by {len(made.sensors)} sensors: {capture}", as_json=as_json
+    )
+
+
+@app.command("check")
+def capture_check(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    report_folder: Annotated[
+        Path | None, typer.Option("--report", help="Folder for report.html (with thumbnails) and report.json.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Everything that is wrong with a capture, in one go; exit 1 if it cannot be used as it is."""
+    from recon.capture.checking.check import check_capture
+    from recon.capture.checking.page import write_check
+
+    report = check_capture(capture)
+    if report_folder is not None:
+        write_check(report, report_folder)
+    print_result(report.as_json(), _check_sentences(capture, report), as_json=as_json)
+    if report.problems:
+        raise typer.Exit(1)
+
+
+def _check_sentences(folder: Path, report: CheckReport) -> str:
+    found = [f"problem: {problem}" for problem in report.problems]
+    found += [f"warning: {warning}" for warning in report.warnings]
+    verdict = "\n".join([*found, _verdict(report)])
+    return f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors\n{report.as_text()}\n{verdict}"
+
+
+def _verdict(report: CheckReport) -> str:
+    if report.problems:
+        return "The capture cannot be used as it is."
+    return "The capture can be used; mind the warnings." if report.warnings else "Nothing is wrong."

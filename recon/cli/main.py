@@ -1,0 +1,222 @@
+"""The reconstruction backend's commands, mounted by the product's one command line.
+
+What a command needs is imported when it runs: `--help` and the server never load numba or OpenCV.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from recon.cli.capture import app as capture_app
+from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.options import parse_frames, parse_names, parse_place, parse_size
+from recon.cli.validate import app as validate_app
+from recon.storage.remote import address_of
+
+WorkersOption = Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(help="A Dask scheduler, tcp://HOST:8786, whose workers, which see the same folders or URLs, work."),
+]
+OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
+
+app = typer.Typer(no_args_is_help=True)
+app.add_typer(capture_app, name="capture")
+app.add_typer(validate_app, name="validate")
+
+
+@app.command()
+def match(
+    left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bit.")],
+    right: Annotated[Path, typer.Argument(help="Right image, of the same size.")],
+    disparities: Annotated[int, typer.Option(help="How many disparities to search.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.pfm, .npy, .tiff or .png (a coloured preview).")],
+    method: Annotated[str, typer.Option(help="Depth method.")] = "id",
+    min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Disparity of one rectified pair; unmatched is NaN (npy, tiff) or inf (pfm)."""
+    from recon.pipeline.reconstruct import match_files
+
+    result = match_files(left, right, out, method=method, n_disparities=disparities, min_disparity=min_disparity)
+    for warning in result["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    sentence = f"{method}: {result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s: {out}"
+    print_result(result, sentence, as_json=as_json)
+
+
+@app.command()
+def reconstruct(
+    capture: Annotated[Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Its folder, {OR_URL}.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the run, {OR_URL}; resumed if begun."
+        ),
+    ],
+    depth: Annotated[str | None, typer.Option(help="Depth methods, comma between; default: all there are.")] = None,
+    fusion: Annotated[str, typer.Option(help="Fusions, comma between.")] = "fa,fb",
+    frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
+    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
+    temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time, against flicker.")] = True,
+    balance: Annotated[bool, typer.Option("--balance-colours", help="Make the sensors' colours agree.")] = False,
+    close_holes: Annotated[
+        float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm; default: leave them open.")
+    ] = 0.0,
+    erode: Annotated[
+        int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, where they reach past the object.")
+    ] = 0,
+    workers: WorkersOption = 1,
+    cluster: ClusterOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """From a capture to depth maps, clouds and meshes, for every approach."""
+    from recon.cloud import CloudParameters
+    from recon.depth import MATCHERS
+    from recon.depth.temporal import TemporalParameters
+    from recon.pipeline.reconstruct import ReconstructOptions
+    from recon.pipeline.reconstruct import reconstruct as run_reconstruction
+    from recon.surface import SurfaceParameters
+
+    options = ReconstructOptions(
+        depths=parse_names(depth) if depth else tuple(MATCHERS),
+        fusions=parse_names(fusion),
+        frames=parse_frames(frames),
+        temporal=TemporalParameters() if temporal else None,
+        surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
+        cloud=CloudParameters(erode_px=erode),
+        balance_colours=balance,
+        workers=workers,
+        cluster=cluster,
+    )
+    progress = ProgressLine()
+    result = run_reconstruction(capture, out, options, progress)
+    for warning in result["warnings"]:
+        progress.say(f"warning: {warning}")
+    progress.close()
+    made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
+    print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(out)}", as_json=as_json)
+
+
+@app.command()
+def fuse(
+    clouds: Annotated[list[Path], typer.Argument(help="PLY of coloured, oriented points, one a sensor, mm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.ply or OUT.glb.")],
+    fusion: Annotated[str, typer.Option(help="fb: one surface of all clouds; fa: a surface each, then merged.")] = "fb",
+    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the points' spacing.")] = None,
+    close_holes: Annotated[float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm.")] = 0.0,
+    as_json: JsonOption = False,
+) -> None:
+    """The surface of any clouds, for example RUN/clouds/pm/S1/0000.ply."""
+    from recon.fusion import fused
+    from recon.geometry.mesh import read_cloud, write_mesh
+    from recon.surface import SurfaceParameters
+
+    parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
+    mesh, warnings = fused(fusion, [read_cloud(cloud) for cloud in clouds], parameters)
+    write_mesh(out, mesh)
+    result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
+    sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]
+    print_result(result, "\n".join(sentences), as_json=as_json)
+
+
+@app.command()
+def export(
+    mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
+    out: Annotated[Path, typer.Argument(help="OUT.glb for viewers and the web, or OUT.ply.")],
+    truth: Annotated[
+        Path | None, typer.Option(help="PLY of the true mesh: colours show the error, red outside, blue inside.")
+    ] = None,
+    limit: Annotated[
+        float | None, typer.Option(help="Error with the full colour, mm; default: 95 % of the vertices are below.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a mesh in another format: GLB opens in any 3D viewer, turned by hand."""
+    from recon.geometry.mesh import read_mesh, write_mesh
+    from recon.validation.truth.vertex_errors import coloured_by_error, signed_errors
+
+    if limit is not None and truth is None:
+        raise typer.BadParameter("--limit is about errors: it needs --truth")
+    model = read_mesh(mesh)
+    result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
+    sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
+    if truth is not None:
+        errors = signed_errors(model, read_mesh(truth))
+        model, limit = coloured_by_error(model, errors, limit)
+        result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
+        sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
+    write_mesh(out, model)
+    print_result(result, sentence, as_json=as_json)
+
+
+@app.command()
+def models(
+    runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the models.")],
+    frame: Annotated[int | None, typer.Option(help="Which frame; default: the middle one.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Meshes and clouds of one frame of every approach, with their errors where the truth is known, to look at.
+
+    `reconstudy study attach OUT` shows them in the dashboard, side by side.
+    """
+    from recon.export_models import write_models
+
+    progress = ProgressLine()
+    written = write_models(runs, out, frame, progress)
+    progress.close()
+    result = {"out": str(out), "models": [path.relative_to(out).as_posix() for path in written]}
+    print_result(result, f"Wrote {len(written)} models: {out}", as_json=as_json)
+
+
+@app.command()
+def render(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(parser=parse_place, metavar="RUN", help=f"Runs, one per scene, each a folder {OR_URL}."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the stimulus set, {OR_URL}."),
+    ],
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT, pixels.")] = "1920x1080",
+    fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
+    seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
+    background: Annotated[str, typer.Option(help="Name of the artificial background.")] = "studio",
+    loop: Annotated[
+        str, typer.Option(help="Recordings shorter than the video: repeat, bounce (back and forth) or static.")
+    ] = "bounce",
+    renderer: Annotated[str, typer.Option(help="auto, or the name of a renderer.")] = "auto",
+    master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
+    workers: WorkersOption = 1,
+    cluster: ClusterOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
+    from recon.pipeline.film import RenderOptions
+    from recon.pipeline.reconstruct import render as render_runs
+    from recon.storage.files import read_json
+
+    options = RenderOptions(
+        size=parse_size(size),
+        fps=fps,
+        seconds=seconds,
+        background=background,
+        loop=loop,
+        renderer=renderer,
+        master=master,
+        workers=workers,
+        cluster=cluster,
+    )
+    progress = ProgressLine()
+    manifest = render_runs(runs, out, options, progress)
+    progress.close()
+    stimuli = read_json(manifest)["stimuli"]
+    faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
+    below = [f"below the bar for encoding: {fault}" for fault in faults]
+    sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
+    print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

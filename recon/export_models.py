@@ -1,0 +1,85 @@
+"""Models of one frame of each approach, as a folder that the study server takes: to be turned by hand, side by side.
+
+`meshes/DATASET/APPROACH.ply` and `clouds/DATASET/APPROACH.ply`, in the world's frame, mm. Where the recording is a
+synthetic one, their points carry the signed distance to the true surface as the property `error`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from recon.approaches import parse_approach
+from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh
+from recon.pipeline.run import Run, cloud_name, mesh_name, read_clouds, read_run, recorded_in
+from recon.studio.truth import MESH
+from recon.validation.truth.evaluation import Shape, read_shape, signed_vertex_errors
+
+MESHES, CLOUDS = "meshes", "clouds"
+
+Progress = Callable[[str, int, int], None]
+
+
+def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: Progress) -> list[Path]:
+    """Write the models of every approach of some runs.
+
+    Parameters
+    ----------
+    frame : of the recording; None: the middle one of each run
+
+    Raises
+    ------
+    ValueError
+        If a folder is not a finished run, has no such frame, or two runs are of the same dataset.
+    """
+    found = [read_run(folder) for folder in runs]
+    if len({run.dataset for run in found}) < len(found):
+        raise ValueError(f"two of {', '.join(map(str, runs))} are of the same dataset; give one run for each scene")
+    tasks = [(run, approach) for run in found for approach in run.approaches]
+    written = []
+    for number, (run, approach) in enumerate(tasks, 1):
+        written += _write_approach(run, approach, _frame(run, frame), out)
+        progress("models", number, len(tasks))
+    return written
+
+
+def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path]:
+    truth = _truth(run, frame)
+    depth = parse_approach(approach).depth
+    names = [cloud_name(depth, stream.id, frame) for stream in run.capture.sensors]
+    cloud = _together(read_clouds(run.folder, names))
+    mesh = read_mesh(run.folder / mesh_name(approach, frame))
+    return [
+        _write(out / MESHES / run.dataset / f"{approach}.ply", mesh, truth),
+        _write(out / CLOUDS / run.dataset / f"{approach}.ply", cloud, truth),
+    ]
+
+
+def _write(path: Path, model: Mesh | Cloud, truth: Shape | None) -> Path:
+    if truth is not None:
+        points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, np.empty((0, 3)))
+        errors = signed_vertex_errors(Shape(points.astype(np.float64), faces.astype(np.int32)), truth)
+        return write_measured(path, model, errors)
+    return write_mesh(path, model) if isinstance(model, Mesh) else write_cloud(path, model)
+
+
+def _together(clouds: Sequence[Cloud]) -> Cloud:
+    """All sensors' points as one cloud, without their sigmas, which nobody looks at."""
+    parts = ([getattr(cloud, name) for cloud in clouds] for name in ("points", "normals", "colours"))
+    return Cloud(*(np.concatenate(part) for part in parts))
+
+
+def _truth(run: Run, frame: int) -> Shape | None:
+    """The true surface, where the recording is a synthetic one and still there."""
+    path = recorded_in(run) / MESH.format(frame=frame)
+    return read_shape(path) if path.is_file() else None
+
+
+def _frame(run: Run, frame: int | None) -> int:
+    if frame is None:
+        return run.frames[len(run.frames) // 2]
+    if frame not in run.frames:
+        raise ValueError(f"{run.folder}: has no frame {frame}; it has {run.frames[0]} to {run.frames[-1]}")
+    return frame

@@ -1,0 +1,220 @@
+"""The fly-through: one model's video, from the same cameras and under the same light as every other approach's."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from recon.approaches import parse_approach
+from recon.geometry.mesh import Mesh, read_mesh
+from recon.pipeline.manifest import Stimulus
+from recon.pipeline.run import Run, mesh_name
+from recon.pipeline.stages import camera_key
+from recon.render.camera_path import camera_path
+from recon.render.checked import holds_checked_frames, write_checked_video
+from recon.render.frames import describe_renderer, render_frames
+from recon.render.quality import VideoCheck
+from recon.render.scene import scene_around
+from recon.render.video import VideoError, join_videos, probe_video
+from recon.rig import Camera
+from recon.storage.artefacts import Artefacts, code_version
+from recon.storage.files import read_json, write_json
+from recon.storage.remote import fetched
+
+PART_FRAMES = 50  # two groups of pictures: nothing is predicted across, so a join costs no quality
+PARTS = ".parts"
+WHERE = ("workers", "cluster")  # options that do not change what is made
+LOOPS = ("repeat", "bounce", "static")
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How every model of a stimulus set is shown.
+
+    Parameters
+    ----------
+    size : (width, height), pixels, both even
+    fps, seconds : of the videos
+    background : the name of an artificial background
+    loop : "repeat" starts a recording again where it ends, "bounce" plays it back and forth, "static" shows its
+        first frame
+    renderer : "auto" or the name of a renderer
+    master : whether to keep a near-lossless master beside each video
+    workers : local processes, each on one thread; 1 works in this process with all threads
+    cluster : address of a Dask scheduler whose workers render instead; None for none
+    """
+
+    size: tuple[int, int] = (1920, 1080)
+    fps: float = 25.0
+    seconds: float = 15.0
+    background: str = "studio"
+    loop: str = "bounce"
+    renderer: str = "auto"
+    master: bool = True
+    workers: int = 1
+    cluster: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.loop not in LOOPS:
+            raise ValueError(f"loop is {self.loop!r}, expected one of {', '.join(LOOPS)}")
+        if self.n_frames < 1:
+            raise ValueError(f"{self.seconds:g} s at {self.fps:g} frames/s is no video; ask for one frame at least")
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames a video has."""
+        return round(self.seconds * self.fps)
+
+
+def shown_frames(n_recorded: int, n_shown: int, step: float, loop: str) -> list[int]:
+    """Which of the recorded frames each frame of a video shows.
+
+    `step` is how many recorded frames pass from one shown frame to the next.
+    """
+    at = np.floor(np.arange(n_shown) * step + 1e-6).astype(int)
+    if loop == "static" or n_recorded == 1:
+        at[:] = 0
+    elif loop == "repeat":
+        at %= n_recorded
+    else:
+        period = 2 * n_recorded - 2
+        at = np.minimum(at % period, period - at % period)
+    return [int(index) for index in at]
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """One model's fly-through: what each frame of its video shows.
+
+    It is made in parts of fixed length, so that several processes can share one video, the bytes do not depend on how
+    many do, and a run that was stopped loses a part at most.
+    """
+
+    run: Run
+    approach: str
+    options: RenderOptions
+
+    @property
+    def meshes(self) -> list[str]:
+        """The models it shows, in the order in which they were recorded; names in the run."""
+        return [mesh_name(self.approach, frame) for frame in self.run.frames]
+
+    @property
+    def loop(self) -> str:
+        """How the models fill the video."""
+        return self.options.loop if len(self.run.frames) > 1 else "static"
+
+    @property
+    def shown(self) -> list[int]:
+        """Which of the models each frame shows."""
+        step = self.run.capture.fps / self.options.fps
+        return shown_frames(len(self.run.frames), self.options.n_frames, step, self.loop)
+
+    @property
+    def parts(self) -> list[range]:
+        """The frames of each part."""
+        n_frames = self.options.n_frames
+        return [range(first, min(first + PART_FRAMES, n_frames)) for first in range(0, n_frames, PART_FRAMES)]
+
+    def cameras(self) -> tuple[Camera, ...]:
+        """One a frame; the same for every approach of the run."""
+        return camera_path(self.run.capture.rig, self.run.capture.bounds, self.options.n_frames, self.options.size)
+
+    def names(self, part: range | None = None) -> list[str]:
+        """Where video, quality and master lie in the stimulus set, or those of a part until the parts are joined."""
+        stem = f"{self.run.dataset}/{self.approach}"
+        if part is not None:
+            stem = f"{PARTS}/{stem}/{part.start:04d}"
+        return [f"{stem}.mp4", f"{stem}.quality.json", *([f"{stem}.master.mp4"] if self.options.master else [])]
+
+    def key(self) -> dict[str, Any]:
+        """What the video is made from."""
+        return {
+            "meshes": Artefacts(self.run.folder).digests(self.meshes),
+            "rig": [camera_key(camera) for camera in self.cameras()],
+            "options": {name: value for name, value in asdict(self.options).items() if name not in WHERE},
+            "code": code_version("render", "pipeline/film.py"),
+        }
+
+
+def is_finished(film: Film, out: Path) -> bool:
+    """Whether a film's video is there already."""
+    key = film.key()
+    return all(Artefacts(out).has(name, key) for name in film.names())
+
+
+def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
+    """Render, encode and check some frames of a film, unless that is done already; returns how many they are."""
+
+    def write(paths: list[Path]) -> None:
+        cameras = film.cameras()
+        scene = scene_around(film.run.capture.bounds, cameras, film.options.background)
+        models = (_mesh_once(fetched(film.run.folder / film.meshes[film.shown[frame]])) for frame in part)
+        frames = render_frames(
+            models, cameras[part.start : part.stop], scene, renderer=film.options.renderer, threads=threads
+        )
+        master = paths[2] if film.options.master else None
+        _, check = write_checked_video(paths[0], frames, size=film.options.size, fps=film.options.fps, master=master)
+        write_json(paths[1], asdict(check))
+
+    Artefacts(out).make_together(film.names(part), {**film.key(), "part": [part.start, part.stop]}, write)
+    return len(part)
+
+
+def make_film(film: Film, out: Path) -> Stimulus:
+    """Join the parts of a film, unless its video is there already, and describe it."""
+    artefacts = Artefacts(out)
+    artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, out))
+    artefacts.remove(name for part in film.parts for name in film.names(part))
+    video, quality, *master = film.names()
+    facts = probe_video(fetched(out / video))
+    return Stimulus(
+        dataset=film.run.dataset,
+        approach=film.approach,
+        levels=parse_approach(film.approach).levels,
+        video=video,
+        master=master[0] if master else None,
+        width=facts.width,
+        height=facts.height,
+        fps=facts.fps,
+        n_frames=facts.n_frames,
+        codec=facts.codec,
+        renderer=describe_renderer(film.options.renderer),
+        model_frames=len(film.meshes),
+        loop=film.loop,
+        quality=read_json(fetched(out / quality)),
+    )
+
+
+def _join_parts(film: Film, out: Path, paths: list[Path]) -> None:
+    names = [film.names(part) for part in film.parts]
+    for number in range(0, len(paths), 2):  # the video and its master, not the quality between them
+        join_videos(paths[number], [fetched(out / part[number]) for part in names])
+    checks = [read_json(fetched(out / part[1])) for part in names]
+    check = VideoCheck(
+        *(tuple(value for one in checks for value in one[name]) for name in ("psnr_db", "ssim", "crc32"))
+    )
+    if not holds_checked_frames(paths[0], check):
+        raise VideoError(f"{paths[0]}: its frames are not those of its parts; remove {out / PARTS} and render again")
+    write_json(paths[1], _quality(check))
+
+
+def _quality(check: VideoCheck) -> dict[str, Any]:
+    """How near the encoded frames are to the rendered ones, in luma, for the manifest."""
+    return {
+        "psnr_y_mean_db": round(fmean(check.psnr_db), 2),
+        "psnr_y_worst_db": round(min(check.psnr_db), 2),
+        "ssim_y_mean": round(fmean(check.ssim), 5),
+        "faults": list(check.faults),
+    }
+
+
+@lru_cache(maxsize=1)
+def _mesh_once(path: Path) -> Mesh:
+    """A mesh that is shown for several frames in a row is read once, and the renderer sees the same object."""
+    return read_mesh(path)

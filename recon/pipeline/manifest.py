@@ -1,0 +1,84 @@
+"""The stimulus set's manifest: the one file that the study server reads of all that was made here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from recon.storage.artefacts import file_digest
+from recon.storage.files import write_json
+from recon.storage.remote import fetched, stored
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """One video of one scene made by one approach; paths relative to the manifest.
+
+    `model_frames` is how many models it shows and `loop` how they fill its length; `quality` is how near the encoded
+    frames are to the rendered ones.
+    """
+
+    dataset: str
+    approach: str
+    levels: dict[str, str]
+    video: str
+    master: str | None
+    width: int
+    height: int
+    fps: float
+    n_frames: int
+    codec: str
+    renderer: str
+    model_frames: int
+    loop: str
+    quality: dict[str, Any]
+
+
+def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:
+    """Write ``manifest.json`` with the digest of every video.
+
+    Raises
+    ------
+    ValueError
+        If there is no stimulus, or two are of the same dataset and approach.
+    """
+    keys = [(stimulus.dataset, stimulus.approach) for stimulus in stimuli]
+    if not keys:
+        raise ValueError(f"{folder}: a stimulus set needs at least one video, found none")
+    if len(set(keys)) != len(keys):
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        raise ValueError(f"{folder}: more than one video for {twice}; give every capture a name of its own")
+    path = folder / "manifest.json"
+    write_json(
+        path,
+        {
+            "schema_version": SCHEMA_VERSION,
+            "name": name,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "stimuli": [_entry(folder, stimulus) for stimulus in stimuli],
+            "factors": _factors(stimuli),
+            "practice": [],
+            "provenance": provenance,
+        },
+    )
+    return stored(path)
+
+
+def _entry(folder: Path, stimulus: Stimulus) -> dict[str, Any]:
+    fields = {name: value for name, value in vars(stimulus).items() if value is not None}
+    return {**fields, "sha256": file_digest(fetched(folder / stimulus.video))}
+
+
+def _factors(stimuli: Sequence[Stimulus]) -> dict[str, list[str]]:
+    factors: dict[str, list[str]] = {}
+    for stimulus in stimuli:
+        for factor, level in stimulus.levels.items():
+            levels = factors.setdefault(factor, [])
+            if level not in levels:
+                levels.append(level)
+    return factors

@@ -1,0 +1,185 @@
+"""Folders behind an fsspec URL, such as ``s3://bucket/run``: worked on through copies on each machine.
+
+The copy of ``s3://bucket/run/run.json`` is ``TMP/reconstudy-copies-UID/s3:/bucket/run/run.json``: where a file comes
+from is told by its path alone, in every process of every machine. All other code works with paths; what it reads it
+has `fetched`, and what it wrote it has `stored`. Copies may be removed whenever nothing runs.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path, PurePath
+from typing import Any
+
+from recon.storage.files import whole_file
+
+COPIES = "reconstudy-copies-"
+LOCAL = ("file", "local")
+
+
+def place(address: str) -> Path:
+    """The folder or file that a path or an fsspec URL names; for a URL, where its copy lies on this machine.
+
+    Raises
+    ------
+    ValueError
+        If no file system answers to the URL, or the folder of copies is somebody else's.
+    """
+    scheme, mark, rest = address.partition("://")
+    if not mark:
+        return Path(address)
+    if scheme in LOCAL:
+        return Path(rest)
+    _files(address)
+    return _copies() / f"{scheme}:" / rest
+
+
+def address_of(path: Path) -> str:
+    """The URL of a copy; other paths as they are."""
+    return _url(path) or str(path)
+
+
+def fetched(path: Path) -> Path:
+    """The same path, after a copy was brought up to date.
+
+    Raises
+    ------
+    ValueError
+        If it is the copy of a file that is not there.
+    OSError
+        If the file system behind the URL fails.
+    """
+    url = _url(path)
+    if url is None:
+        return path
+    with _naming(url):
+        files, name = _files(url)
+        version = files.ukey(name)
+        if not _is_copy_of(path, version):
+            with whole_file(path) as temporary:
+                files.get_file(name, str(temporary))
+            _note_copy(path, version)
+    return path
+
+
+def stored(path: Path) -> Path:
+    """The same path, after what was written to a copy was put where it belongs; raises `OSError` where that fails."""
+    url = _url(path)
+    if url is not None:
+        with _naming(url):
+            files, name = _files(url)
+            files.makedirs(files._parent(name), exist_ok=True)
+            files.put_file(str(path), name)
+            _note_copy(path, files.ukey(name))
+    return path
+
+
+def is_copy(path: Path) -> bool:
+    """Whether a path is the copy of a file or folder behind a URL."""
+    return _url(path) is not None
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is such a file, for a copy: behind its URL."""
+    url = _url(path)
+    if url is None:
+        return path.is_file()
+    with _naming(url):
+        files, name = _files(url)
+        return bool(files.isfile(name))
+
+
+def missing(paths: Iterable[Path]) -> list[Path]:
+    """Those of the files that are not there; behind a URL each folder is listed once."""
+    listed = cache(_listed)
+    return [path for path in paths if not (path.name in listed(path.parent) if is_copy(path) else path.is_file())]
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there, behind its URL too."""
+    url = _url(path)
+    if url is not None:
+        with _naming(url):
+            files, name = _files(url)
+            if files.exists(name):
+                files.rm(name, recursive=True)
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _url(path: Path) -> str | None:
+    parts = path.parts
+    for number, part in enumerate(parts[:-1]):
+        if part.startswith(COPIES):
+            return f"{parts[number + 1]}//{PurePath(*parts[number + 2 :]).as_posix()}"
+    return None
+
+
+def _copies() -> Path:
+    folder = Path(tempfile.gettempdir()) / f"{COPIES}{os.getuid()}"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if folder.is_symlink() or folder.stat().st_uid != os.getuid():
+        raise ValueError(f"{folder}: is not ours; remove it, or set TMPDIR to a folder that nobody else writes to")
+    return folder
+
+
+def _files(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the name in it."""
+    import fsspec  # late: most runs have no URL
+
+    try:
+        files, name = fsspec.core.url_to_fs(url, use_listings_cache=False)
+    except (ImportError, ValueError) as error:
+        raise ValueError(f"{url}: {error}; for s3:// pip install 'reconstudy[s3]'") from error
+    return files, name
+
+
+def _listed(folder: Path) -> set[str]:
+    url = address_of(folder)
+    with _naming(url):
+        files, name = _files(url)
+        try:
+            found = files.ls(name, detail=True)
+        except FileNotFoundError:
+            return set()
+        return {PurePath(entry["name"]).name for entry in found if entry["type"] == "file"}
+
+
+@contextmanager
+def _naming(url: str) -> Iterator[None]:
+    """Say with which address something is wrong; a file system's packages raise errors of many kinds."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise ValueError(f"{url}: there is no such file") from error
+    except ValueError:
+        raise
+    except Exception as error:
+        raise OSError(f"{url}: {error}; look at the address, the keys, and whether the store answers") from error
+
+
+def _is_copy_of(path: Path, version: str) -> bool:
+    note = _note_of(path)
+    return path.is_file() and note.is_file() and note.read_text(encoding="utf-8") == _state(path, version)
+
+
+def _note_copy(path: Path, version: str) -> None:
+    with whole_file(_note_of(path)) as temporary:
+        temporary.write_text(_state(path, version), encoding="utf-8")
+
+
+def _note_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.copied")
+
+
+def _state(path: Path, version: str) -> str:
+    """What was copied, and that the copy has not been written to since."""
+    facts = path.stat()
+    return f"{version} {facts.st_mtime_ns} {facts.st_size}"

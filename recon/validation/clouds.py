@@ -1,0 +1,108 @@
+"""Clouds to be measured, from this backend or from anything else: PLY, or text with x, y, z in the first columns."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.mesh import read_points
+from recon.validation.sphere.kernels import extent
+
+MIN_POINTS = 50
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
+TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
+
+
+class FitError(ValueError):
+    """The shape that was looked for is not in the cloud, or is there more than once."""
+
+
+@dataclass(frozen=True)
+class MeasuredCloud:
+    """A file with one sensor's reconstruction of one placed object."""
+
+    path: Path
+    sample: int
+    sensor: str
+
+    @property
+    def name(self) -> str:
+        """How reports and options call it, for example "3/S1"."""
+        return f"{self.sample}/{self.sensor}"
+
+
+def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[MeasuredCloud, ...]:
+    """Which sample and sensor each file is of.
+
+    The names of the sensors belong to the files in order and repeat if they are fewer; the n-th file of each sensor
+    is of sample n. Without names every file is a sample of its own.
+
+    Raises
+    ------
+    ValueError
+        If the files are no whole number of times as many as the names.
+    """
+    if not paths:
+        raise ValueError("there is no cloud to measure")
+    if sensors and len(paths) % len(sensors):
+        raise ValueError(f"{len(paths)} clouds cannot be shared among {len(sensors)} sensors: {', '.join(sensors)}")
+    names = [sensors[index % len(sensors)] if sensors else "S1" for index in range(len(paths))]
+    seen: Counter[str] = Counter()
+    clouds = []
+    for path, name in zip(paths, names, strict=True):
+        seen[name] += 1
+        clouds.append(MeasuredCloud(path, seen[name], name))
+    return tuple(clouds)
+
+
+def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
+    """The points (N, 3) of a cloud, mm.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or unreadable, holds no points, or the unit is unknown.
+    """
+    if unit not in UNITS_MM:
+        raise ValueError(f"there is no unit {unit!r}; expected one of {', '.join(UNITS_MM)}")
+    points = _read_text(path) if path.suffix.lower() in TEXT_SUFFIXES else read_points(path)
+    return np.asarray(points * UNITS_MM[unit], dtype=np.float32)
+
+
+def checked_points(points: NDArray[np.floating], length: float, name: str) -> NDArray[np.float32]:
+    """The points as float32, if a shape of this length, such as a radius, can be fitted to them at all."""
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"the {name} is {length:g} mm, expected a positive number")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points have shape {points.shape}, expected (N, 3)")
+    if len(points) < MIN_POINTS:
+        raise ValueError(f"the cloud has {len(points)} points, expected at least {MIN_POINTS}")
+    low, high, row = extent(points)
+    if row >= 0:
+        raise ValueError(f"point {row} is {points[row].tolist()}: not a finite number; remove such points first")
+    largest = max(-low, high)
+    if largest > 1e5 * length:
+        raise ValueError(
+            f"a coordinate is {largest:.3g} mm where the {name} is {length:g} mm: too far away to be measured in "
+            "single precision; move the cloud to its origin, or look for a wrong unit"
+        )
+    return np.ascontiguousarray(points, dtype=np.float32)
+
+
+def _read_text(path: Path) -> NDArray[np.float64]:
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    lines = path.read_text(encoding="utf-8", errors="replace").replace(",", " ").splitlines()
+    rows = [line.split()[:3] for line in lines if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    try:
+        points = np.array([[float(value) for value in row] for row in rows])
+    except ValueError as error:
+        raise ValueError(f"{path}: is not text with numbers x y z on each line: {error}") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{path}: expected numbers x y z on each line, found {points.shape[0]} lines that differ")
+    return points

@@ -1,0 +1,121 @@
+"""The evaluation on an object of any known shape: where its mesh lies in a cloud, and how far the cloud is off it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.clouds import UNITS_MM, read_measured
+from recon.validation.curves import COMBINED, TABLE_THRESHOLD, group_rows, inlier_curve, table_measures
+from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
+from recon.validation.measures import LESS, Subject, joined, measure_rows
+from recon.validation.triangles import TriangleTree
+from recon.validation.truth.evaluation import read_shape
+
+PERCENTILES = (5, 25, 50, 75, 95)
+
+
+@dataclass(frozen=True)
+class ObjectSettings:
+    """What is measured, and how.
+
+    Parameters
+    ----------
+    thresholds : mm, of the inlier curve
+    registration : how the model is looked for
+    unit, model_unit : of the cloud's and of the model's coordinates
+    subject : what the cloud is of, in a study's words
+    """
+
+    thresholds: tuple[float, ...]
+    registration: RegistrationParameters = field(default_factory=RegistrationParameters)
+    unit: str = "mm"
+    model_unit: str = "mm"
+    subject: Subject = field(default_factory=Subject)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredObject:
+    """A cloud in the model's frame with its signed errors, for the report's pictures."""
+
+    points: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+
+def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[dict[str, Any], MeasuredObject]:
+    """Register a mesh to a cloud and measure it; the content of report.json, and what the pictures show.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, or the model is not found in the cloud.
+    """
+    if not settings.thresholds or min(settings.thresholds) <= 0:
+        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    if settings.model_unit not in UNITS_MM:
+        raise ValueError(f"there is no unit {settings.model_unit!r}; expected one of {', '.join(UNITS_MM)}")
+    shape = read_shape(model)
+    if not len(shape.faces):
+        raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
+    vertices = shape.points * UNITS_MM[settings.model_unit]
+    points = read_measured(cloud, settings.unit)
+    try:
+        placement = place_model(vertices, shape.faces, points, settings.registration)
+    except ValueError as error:
+        raise type(error)(f"{cloud}: {error}") from error
+    model_from_cloud = np.linalg.inv(placement.cloud_from_model)
+    moved = points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]
+    errors = TriangleTree(vertices, shape.faces).nearest(moved).signed
+    return _report(model, cloud, placement, errors, settings), MeasuredObject(moved, errors)
+
+
+def _report(
+    model: Path, cloud: Path, placement: Placement, errors: NDArray[np.float64], settings: ObjectSettings
+) -> dict[str, Any]:
+    table, curve = (
+        group_rows("all", COMBINED, [inlier_curve(errors, thresholds)], thresholds, settings.registration.seed)
+        for thresholds in ([TABLE_THRESHOLD], settings.thresholds)
+    )
+    near = np.abs(errors[np.abs(errors) <= TABLE_THRESHOLD])
+    rms = float(np.sqrt(np.mean(near**2))) if len(near) else None
+    return {
+        "schema_version": 1,
+        "kind": "object",
+        "settings": {
+            "model": str(model),
+            "cloud": str(cloud),
+            "thresholds_mm": list(settings.thresholds),
+            "table_threshold_mm": TABLE_THRESHOLD,
+            "unit": settings.unit,
+            "model_unit": settings.model_unit,
+            "trim": settings.registration.trim,
+            "seed": settings.registration.seed,
+        },
+        "registration": {
+            "cloud_from_model": placement.cloud_from_model.tolist(),
+            "overlap": placement.overlap,
+            "delta_mm": placement.delta,
+            "rms_mm": placement.rms,
+            "steps": placement.steps,
+            "is_ambiguous": bool(placement.rivals),
+            "rivals": [rival.tolist() for rival in placement.rivals],
+        },
+        "n_points": len(errors),
+        "errors": {
+            "mean_mm": float(errors.mean()),
+            "rms_inliers_mm": rms,
+            **{f"p{share}_mm": float(np.percentile(errors, share)) for share in PERCENTILES},
+        },
+        "table": table,
+        "curve": curve,
+        "measures": joined(
+            [
+                table_measures("object", table, settings.subject),
+                measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
+            ]
+        ),
+    }

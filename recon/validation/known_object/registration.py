@@ -1,0 +1,238 @@
+"""A known mesh looked for in a cloud: Super4PCS finds where it may be, point-to-plane ICP says where exactly.
+
+Source: Chen, Medioni, "Object modelling by registration of multiple range images" (1992), for the distance to the
+tangent plane; Chetverikov et al., "The Trimmed Iterative Closest Point algorithm" (2002), for leaving out the worst.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.rig import bounds_corners
+from recon.validation.clouds import UNITS_MM, FitError, checked_points
+from recon.validation.sampling import subsample
+from recon.validation.super4pcs import Super4PCSParameters, super4pcs
+from recon.validation.triangles import TriangleTree
+
+DELTA_SHARE = 0.02  # of the model's diagonal, how far a point may lie from it in the search
+COARSE_POINTS = 1_500
+FINE_POINTS = 30_000
+MODEL_POINTS = 60_000
+COARSE_STEPS, MAX_STEPS = 12, 60
+STEP_SHARE = 1e-6  # of the model's diagonal; a smaller step ends
+RIVAL = 0.97  # share of the best place's points on the model from which another place is as good
+SAME_START = 0.1  # difference of rotation matrices, and of places as a share of the diagonal
+SAME_SHARE = 0.03  # of the model's diagonal; places whose corners are nearer to each other count as one
+SMALLEST_EXTENT = 0.05  # of the model's diagonal; a smaller cloud is in another unit, or shows nothing
+N_SEEDS = 2  # searches with other samples and bases
+
+
+@dataclass(frozen=True)
+class RegistrationParameters:
+    """How a model is looked for.
+
+    Parameters
+    ----------
+    delta : mm, how far a point may lie from the model and still be of it; None for a fiftieth of the model's diagonal
+    trim : share of the points that each step of the refinement uses, the nearest ones
+    min_overlap : share of the cloud that must lie on the model
+    seed : of the samples and the search
+    """
+
+    delta: float | None = None
+    trim: float = 0.8
+    min_overlap: float = 0.5
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if self.delta is not None and not self.delta > 0:
+            raise ValueError(f"delta is {self.delta} mm, expected more than zero")
+        if not 0 < self.trim <= 1 or not 0 < self.min_overlap <= 1:
+            raise ValueError(f"trim {self.trim} and min_overlap {self.min_overlap} must lie above 0 and up to 1")
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a model is in a cloud.
+
+    Parameters
+    ----------
+    cloud_from_model : float64 (4, 4)
+    delta : mm
+    overlap : share of the cloud within delta of the model
+    rms : mm, of the distances of the points used in the last step
+    steps : of the refinement
+    rivals : other places that suit the cloud as well, float64 (4, 4) each: the model looks the same there, or the cloud
+        shows too little of it
+    """
+
+    cloud_from_model: NDArray[np.float64]
+    delta: float
+    overlap: float
+    rms: float
+    steps: int
+    rivals: tuple[NDArray[np.float64], ...] = ()
+
+
+def place_model(
+    vertices: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    points: NDArray[np.floating],
+    parameters: RegistrationParameters | None = None,
+) -> Placement:
+    """Register a mesh to a cloud of all or a part of its surface.
+
+    Parameters
+    ----------
+    vertices, faces : (N, 3) mm and (M, 3)
+    points : floating (P, 3), mm
+
+    Raises
+    ------
+    ValueError
+        If either is not usable.
+    FitError
+        If the model is not there; the message says how much of the cloud it would explain.
+    """
+    parameters = parameters or RegistrationParameters()
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    checked = checked_points(points, diagonal, "model's diagonal")
+    unit = _fitting_unit(diagonal, checked)
+    if unit is not None:
+        extent = float(np.linalg.norm(np.ptp(checked, axis=0)))
+        raise FitError(
+            f"the cloud is {extent:.3g} mm across, the model {diagonal:.4g} mm; it would suit the model in {unit}:"
+            f" say so with --unit {unit}"
+        )
+    return _placed(vertices, faces, checked, diagonal, parameters)
+
+
+def _placed(
+    vertices: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    points: NDArray[np.float32],
+    diagonal: float,
+    parameters: RegistrationParameters,
+) -> Placement:
+    delta = parameters.delta or DELTA_SHARE * diagonal
+    tree = TriangleTree(vertices, faces)
+    model = surface_points(vertices, faces, MODEL_POINTS, np.random.default_rng(parameters.seed))
+    coarse, fine = (
+        subsample(points, parameters.seed, most).astype(np.float64) for most in (COARSE_POINTS, FINE_POINTS)
+    )
+    candidates = _candidates(model, coarse, delta, diagonal, parameters.seed)
+    roughly = [refine(tree, coarse, start, delta, parameters.trim, COARSE_STEPS) for start in candidates]
+    roughly.sort(key=lambda placement: -placement.overlap)
+    good = _distinct([p for p in roughly if p.overlap >= RIVAL * roughly[0].overlap], vertices, diagonal)
+    refined = [refine(tree, fine, p.cloud_from_model, delta, parameters.trim, MAX_STEPS) for p in good]
+    refined.sort(key=lambda p: (-round(p.overlap / (1 - RIVAL)), p.rms))
+    chosen = refined[0]
+    if chosen.overlap < parameters.min_overlap:
+        raise FitError(
+            f"only {chosen.overlap:.0%} of the cloud lies within {delta:.3g} mm of the model at its best place, "
+            f"expected {parameters.min_overlap:.0%}: the model is not in the cloud, or too little of it"
+        )
+    largest_rms = chosen.rms / RIVAL + 1e-3 * delta
+    alike = [p for p in refined[1:] if p.overlap >= RIVAL * chosen.overlap and p.rms <= largest_rms]
+    rivals = _distinct([chosen, *alike], vertices, diagonal)[1:]
+    return Placement(
+        chosen.cloud_from_model, delta, chosen.overlap, chosen.rms, chosen.steps,
+        tuple(rival.cloud_from_model for rival in rivals),
+    )  # fmt: skip
+
+
+def refine(
+    tree: TriangleTree, points: NDArray[np.float64], start: NDArray[np.float64], delta: float, trim: float, most: int
+) -> Placement:
+    """Trimmed point-to-plane ICP of points (P, 3) to a mesh from `start` = cloud_from_model (4, 4).
+
+    The result's overlap and rms are those at the place that it reached; it ends at `most` steps.
+    """
+    model_from_cloud = np.linalg.inv(start)
+    n_used = max(6, int(trim * len(points)))
+    rms, n_steps = float("inf"), 0
+    while n_steps < most:
+        n_steps += 1
+        moved = points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]
+        nearest = tree.nearest(moved)
+        used = np.argpartition(nearest.distances, n_used - 1)[:n_used]
+        middle = moved[used].mean(axis=0)
+        normals = nearest.normals[used]
+        system = np.concatenate([np.cross(moved[used] - middle, normals), normals], axis=1)
+        gaps = np.einsum("ij,ij->i", nearest.points[used] - moved[used], normals)
+        solution = np.linalg.lstsq(system.T @ system, system.T @ gaps, rcond=1e-9)[0]
+        model_from_cloud = _motion(solution, middle) @ model_from_cloud
+        rms = float(np.sqrt(np.mean(nearest.distances[used] ** 2)))
+        if np.abs(solution[3:]).max() + np.abs(solution[:3]).max() * delta < STEP_SHARE * delta / DELTA_SHARE:
+            break
+    distances = tree.nearest(points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]).distances
+    return Placement(np.linalg.inv(model_from_cloud), delta, float(np.mean(distances < delta)), rms, n_steps)
+
+
+def surface_points(
+    vertices: NDArray[np.floating], faces: NDArray[np.integer], n: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Points (n, 3) spread evenly over a mesh."""
+    from recon.validation.truth.evaluation import Shape, sample_evenly
+
+    return sample_evenly(Shape(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32)), n, rng)
+
+
+def _candidates(
+    model: NDArray[np.float64], cloud: NDArray[np.float64], delta: float, diagonal: float, seed: int
+) -> list[NDArray[np.float64]]:
+    """Starting places cloud_from_model (4, 4) of several searches."""
+    found = []
+    for trial in range(N_SEEDS):
+        parameters = Super4PCSParameters(delta=delta, overlap=0.8, n_samples=600, seed=seed + trial)
+        try:
+            found += list(super4pcs(model, cloud, parameters).candidates)
+        except ValueError as error:
+            reason = error
+    found = [place for k, place in enumerate(found) if not _is_near(place, found[:k], diagonal)]
+    if not found:
+        raise FitError(str(reason)) from reason
+    return found
+
+
+def _is_near(place: NDArray[np.float64], others: list[NDArray[np.float64]], diagonal: float) -> bool:
+    """Whether a starting place (4, 4) is nearly one of the others, so that the refinement ends where theirs does."""
+    return any(
+        np.abs(place[:3, :3] - other[:3, :3]).max() < SAME_START
+        and np.linalg.norm(place[:3, 3] - other[:3, 3]) < SAME_START * diagonal
+        for other in others
+    )
+
+
+def _distinct(placements: list[Placement], vertices: NDArray[np.floating], diagonal: float) -> list[Placement]:
+    """Those that put the model's corners elsewhere than the ones before them."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    corners = np.column_stack([bounds_corners(np.stack([low, high])), np.ones(8)])
+    kept: list[Placement] = []
+    for one in placements:
+        places = corners @ one.cloud_from_model[:3].T
+        apart = (np.abs(places - corners @ other.cloud_from_model[:3].T).max() for other in kept)
+        if all(gap > SAME_SHARE * diagonal for gap in apart):
+            kept.append(one)
+    return kept
+
+
+def _motion(solution: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rigid motion (4, 4) of a small turn about `middle` and a shift."""
+    from scipy.spatial.transform import Rotation
+
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(solution[:3]).as_matrix()
+    motion[:3, 3] = middle + solution[3:] - motion[:3, :3] @ middle
+    return motion
+
+
+def _fitting_unit(diagonal: float, points: NDArray[np.float32]) -> str | None:
+    """A unit in which cloud and model would be of like size, or None where they are."""
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if SMALLEST_EXTENT * diagonal < extent:
+        return None
+    return next((unit for unit, length in UNITS_MM.items() if 0.3 * diagonal < extent * length < 1.5 * diagonal), None)

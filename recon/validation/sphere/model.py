@@ -1,0 +1,76 @@
+"""What is asked of the fit of a sphere of known radius, and the sphere that it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.sphere.kernels import signed_errors
+
+BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's table 4, for its 150 mm
+
+
+@dataclass(frozen=True)
+class SphereParameters:
+    """How a sphere is looked for.
+
+    Parameters
+    ----------
+    band : mm, distance from the surface within which a point speaks for a sphere; None for a twelfth of the radius
+    cutoff : Tukey's constant in standard deviations of the inliers; a million points need no efficiency, so it is
+        tighter than the usual 4.685 and clusters near the surface pull less
+    n_trials : spheres tried through every seed point
+    seed : of the sample and the trials
+    """
+
+    band: float | None = None
+    cutoff: float = 2.5
+    n_trials: int = 16
+    seed: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """A sphere that was found.
+
+    Parameters
+    ----------
+    centre : float64 (3,), mm
+    radius : mm, the known one
+    free_radius : mm, the radius that suits the points best, a check of scale and curvature
+    scale : mm, standard deviation of the points on the surface, robust
+    coverage : share of the sphere's directions in which it has points
+    surface_share : share of the points around the sphere that lie on it
+    n_points : of the cloud
+    steps : Gauss-Newton steps
+    """
+
+    centre: NDArray[np.float64]
+    radius: float
+    free_radius: float
+    scale: float
+    coverage: float
+    surface_share: float
+    n_points: int
+    steps: int
+
+    def errors(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Signed errors (N,) of points (N, 3) to the known radius, mm; positive outside."""
+        errors: NDArray[np.float32] = signed_errors(
+            np.ascontiguousarray(points, dtype=np.float32), self.centre, self.radius
+        )
+        return errors
+
+
+def surface_share(points: NDArray[np.floating], fit: SphereFit, parameters: SphereParameters | None = None) -> float:
+    """Share of points (N, 3) that lie on a sphere that was found, where all of them ought to."""
+    parameters = parameters or SphereParameters()
+    on_surface = np.abs(fit.errors(points)) < max(band_of(fit.radius, parameters), parameters.cutoff * fit.scale)
+    return float(np.mean(on_surface)) if len(points) else 0.0
+
+
+def band_of(radius: float, parameters: SphereParameters) -> float:
+    """How far from a sphere's surface a point may lie and still speak for it, mm."""
+    return parameters.band or BAND_SHARE * radius

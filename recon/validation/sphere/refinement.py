@@ -1,0 +1,143 @@
+"""The refinement of a sphere of known radius: Gauss-Newton steps with Tukey's weights from a centre that is near."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.clouds import MIN_POINTS, FitError
+from recon.validation.sampling import subsample
+from recon.validation.sphere.kernels import signed_errors, tukey_sums
+from recon.validation.sphere.model import SphereFit, SphereParameters, band_of
+from recon.validation.sphere.plausibility import check_bending, check_fit, coverage
+
+FINAL_STEPS = 1  # over all points
+MAX_STEPS = 60
+STEP_MM = 1e-3
+SMALLEST_SCALE = 1e-6  # of the radius: a perfect cloud still gets a cutoff
+NEAR = 1.5  # times the radius: what lies around a sphere
+
+
+def refine_sphere(
+    points: NDArray[np.float32],
+    centre: NDArray[np.float64],
+    radius: float,
+    parameters: SphereParameters,
+    sample: NDArray[np.float32] | None = None,
+) -> SphereFit:
+    """The sphere near `centre` that suits the points best, checked.
+
+    Most steps are taken with a sample of the points, drawn unless it is given.
+
+    Raises
+    ------
+    FitError
+        If the steps do not converge or what they reach is not a sphere of this radius.
+    """
+    sample = subsample(points, parameters.seed) if sample is None else sample
+    band = band_of(radius, parameters)
+    centre, scale, steps = _converged(sample, centre, radius, parameters)
+    if len(points) > len(sample):
+        for _ in range(FINAL_STEPS):
+            centre = _step(points, centre, radius, parameters.cutoff * scale)
+    errors = signed_errors(sample, centre, radius)
+    on_surface = np.abs(errors) < max(band, parameters.cutoff * scale)
+    near = errors < (NEAR - 1) * radius
+    if np.count_nonzero(on_surface) < MIN_POINTS:
+        raise FitError(f"only {np.count_nonzero(on_surface)} points lie on it, expected at least {MIN_POINTS}")
+    fit = SphereFit(
+        centre=centre,
+        radius=radius,
+        free_radius=_free_radius(sample, centre, radius, scale, parameters),
+        scale=scale,
+        coverage=coverage(sample[on_surface] - centre),
+        surface_share=float(np.count_nonzero(on_surface) / np.count_nonzero(near)),
+        n_points=len(points),
+        steps=steps,
+    )
+    check_fit(fit)
+    check_bending(sample[np.abs(errors) < 2 * band] - centre, fit)
+    return fit
+
+
+def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
+    """The centre to which other points (N, 3) move a fit that keeps its cutoff.
+
+    Raises
+    ------
+    FitError
+        If the points do not determine it.
+    """
+    centre = fit.centre
+    for _ in range(MAX_STEPS):
+        moved = _step(points, centre, fit.radius, parameters.cutoff * fit.scale)
+        change, centre = float(np.linalg.norm(moved - centre)), moved
+        if change < STEP_MM:
+            break
+    return centre
+
+
+def _converged(
+    sample: NDArray[np.float32], centre: NDArray[np.float64], radius: float, parameters: SphereParameters
+) -> tuple[NDArray[np.float64], float, int]:
+    """Centre, scale of the inliers and number of steps, with the scale estimated anew at every step."""
+    band = band_of(radius, parameters)
+    for step in range(1, MAX_STEPS + 1):
+        errors = np.abs(signed_errors(sample, centre, radius))
+        inliers = errors[errors < 2 * band]
+        if len(inliers) < MIN_POINTS:
+            raise FitError(f"only {len(inliers)} points lie near it, expected at least {MIN_POINTS}")
+        scale = max(1.4826 * float(np.median(inliers)), SMALLEST_SCALE * radius)
+        cutoff = max(parameters.cutoff * scale, band if step <= 3 else 0.0)
+        moved = _step(sample, centre, radius, cutoff)
+        change = float(np.linalg.norm(moved - centre))
+        centre = moved
+        if change < STEP_MM and step > 3:
+            return centre, scale, step
+    raise FitError(f"the fit did not converge in {MAX_STEPS} steps; the last moved it by {change:.3g} mm")
+
+
+def _step(
+    points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
+) -> NDArray[np.float64]:
+    """One Gauss-Newton step of the centre."""
+    matrix, right, n = _system(points, centre, radius, cutoff)
+    return centre + _solved(matrix[:3, :3], right[:3], n)
+
+
+def _free_radius(
+    points: NDArray[np.float32],
+    centre: NDArray[np.float64],
+    radius: float,
+    scale: float,
+    parameters: SphereParameters,
+) -> float:
+    """The radius at which centre and radius together suit the points best; NaN where there is none."""
+    free, cutoff = radius, max(parameters.cutoff * scale, 0.25 * band_of(radius, parameters))
+    for _ in range(MAX_STEPS):
+        matrix, right, n = _system(points, centre, free, cutoff)
+        try:
+            change = _solved(matrix, right, n)
+        except FitError:
+            return float("nan")
+        centre, free = centre + change[:3], free + float(change[3])
+        if not 0.2 * radius < free < 5 * radius:
+            return free
+        if np.abs(change).max() < 1e-3:
+            break
+    return free
+
+
+def _system(
+    points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    sums = tukey_sums(points, centre, radius, cutoff)
+    matrix = np.zeros((4, 4))
+    matrix[np.triu_indices(4)] = sums[:10]
+    return matrix + np.triu(matrix, 1).T, sums[10:14], int(sums[14])
+
+
+def _solved(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    if n < MIN_POINTS // 2 or np.linalg.cond(matrix) > 1e9:
+        raise FitError(f"the {n} points near its surface do not determine where it is")
+    return np.asarray(np.linalg.solve(matrix, right))

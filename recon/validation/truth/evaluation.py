@@ -1,0 +1,237 @@
+"""A mesh or cloud against the truth: accuracy, completeness and F-score, as Tanks and Temples and ETH3D define them.
+
+Source: Knapitsch et al., "Tanks and Temples" (2017), section 3.3; Schöps et al., ETH3D (2017), section 4. Precision
+(accuracy) is the share of the reconstruction's points within a threshold of the truth, recall (completeness) the share
+of the truth's within the threshold of the reconstruction, the F-score their harmonic mean. Both take the other side as
+points; where it is a mesh, distances to its triangles are exact, which is what ever denser samples come to. The shares
+are of points; `eth3d` holds them as that benchmark's program averages them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.mesh import read_surface
+from recon.validation.clouds import TEXT_SUFFIXES, read_measured
+from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.sampling import cell_means, order_by_cells
+from recon.validation.triangles import TriangleTree
+from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
+
+N_SAMPLES = 250_000
+PERCENTILES = (50, 90, 95)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A surface as points, with its triangles where it has any.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm; vertices, or a cloud's points
+    faces : int32 (M, 3); empty for a cloud
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+
+def read_shape(path: Path) -> Shape:
+    """A mesh, or a cloud where the file has no faces.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read as either.
+    """
+    if path.suffix.lower() in TEXT_SUFFIXES:
+        return Shape(read_measured(path).astype(np.float64), np.zeros((0, 3), np.int32))
+    points, faces = read_surface(path)
+    return Shape(points.astype(np.float64), faces)
+
+
+def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """n points (n, 3) spread over the triangles by their area; of a cloud all of its own, as the benchmarks do.
+
+    Raises
+    ------
+    ValueError
+        If the triangles have no area.
+    """
+    if not len(shape.faces):
+        return shape.points
+    a, b, c = (shape.points[shape.faces[:, corner]] for corner in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not areas.sum() > 0:
+        raise ValueError(f"the mesh's {len(areas)} triangles have no area")
+    chosen = np.searchsorted(np.cumsum(areas), rng.random(n) * areas.sum(), side="right").clip(max=len(areas) - 1)
+    root, second = np.sqrt(rng.random((n, 1))), rng.random((n, 1))  # Turk (1990): uniform in a triangle
+    return np.asarray((1 - root) * a[chosen] + root * (1 - second) * b[chosen] + root * second * c[chosen])
+
+
+def compare_points(
+    measured: NDArray[np.floating], truth: NDArray[np.floating], thresholds: Sequence[float]
+) -> dict[str, Any]:
+    """Distances both ways from point to point, and precision, recall and F-score at each threshold.
+
+    Parameters
+    ----------
+    measured, truth : floating (N, 3) and (M, 3), mm
+    thresholds : mm
+    """
+    return compared(nearest_distances(measured, truth), nearest_distances(truth, measured), thresholds)
+
+
+def compared(
+    to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], thresholds: Sequence[float]
+) -> dict[str, Any]:
+    """What distances (N,) of the measured points and (M,) of the truth's say."""
+    return {
+        "accuracy": _summary(to_truth),
+        "completeness": _summary(to_measured),
+        "scores": [_score(to_truth, to_measured, threshold) for threshold in thresholds],
+    }
+
+
+def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Distance (N,) of each point to the nearest of the others, exact, mm."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # half the time on points of a surface
+    order = order_by_cells(points)
+    distances = np.empty(len(points))
+    distances[order] = tree.query(points[order], workers=-1)[0]  # neighbours find the tree's leaves in the cache
+    return distances
+
+
+@dataclass(frozen=True)
+class MeshSettings:
+    """What is compared, and how.
+
+    Parameters
+    ----------
+    thresholds : mm, of the scores
+    table_threshold : mm, that of the F-score in `measures`; None for the middle one
+    subject : what the mesh is of
+    seed : of the samples on the surfaces
+    cell : mm; then `sampled` compares the means of the points in cells of this size, as the evaluation of Tanks and
+        Temples does with half its threshold; None for the points themselves
+    voxel : mm, over which ETH3D averages
+    scanner : mm, where the truth was scanned from: ETH3D counts only what that scanner observed; None where unknown
+    """
+
+    thresholds: tuple[float, ...]
+    table_threshold: float | None = None
+    subject: Subject = field(default_factory=Subject)
+    seed: int = 1
+    cell: float | None = None
+    voxel: float = VOXEL_MM
+    scanner: tuple[float, float, float] | None = None
+
+    @property
+    def chosen(self) -> float:
+        """The threshold of the F-score in `measures`, mm."""
+        return self.table_threshold or self.thresholds[len(self.thresholds) // 2]
+
+
+def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, Any]:
+    """Compare two files; the content of report.json.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read or a threshold is not positive.
+    """
+    thresholds = settings.thresholds
+    if not thresholds or not min(thresholds) > 0:
+        raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
+    if settings.chosen not in thresholds:
+        raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
+    for name, width in (("cells", settings.cell), ("voxels", settings.voxel)):
+        if width is not None and not width > 0:
+            raise ValueError(f"the {name} are {width:g} mm wide, expected a positive length")
+    rng = np.random.default_rng(settings.seed)
+    shapes = read_shape(mesh), read_shape(truth)
+    measured, real = (sample_evenly(shape, N_SAMPLES, rng) for shape in shapes)
+    exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
+    between = nearest_distances(measured, real), nearest_distances(real, measured)
+    report: dict[str, Any] = {
+        "schema_version": 1,
+        "kind": "mesh",
+        "settings": {
+            "mesh": str(mesh),
+            "truth": str(truth),
+            "thresholds_mm": list(thresholds),
+            "table_threshold_mm": settings.chosen,
+            "samples": [len(measured), len(real)],
+            "accuracy_to": "triangles" if len(shapes[1].faces) else "points",
+            "completeness_to": "triangles" if len(shapes[0].faces) else "points",
+            "spacing_mm": _spacing(real),
+            "seed": settings.seed,
+            "cell_mm": settings.cell,
+            "voxel_mm": settings.voxel,
+            "scanner_mm": settings.scanner,
+        },
+        **exact,
+        "sampled": compared(*between, thresholds)
+        if settings.cell is None
+        else compare_points(cell_means(measured, settings.cell), cell_means(real, settings.cell), thresholds),
+        "eth3d": eth3d_scores(measured, real, *between, thresholds, settings.scanner, voxel=settings.voxel),
+    }
+    return report | {"measures": _measures(report, settings)}
+
+
+def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (N,) of points (N, 3) to a shape: to its triangles where it has any, else to its points, mm."""
+    if not len(shape.faces):
+        return nearest_distances(points, shape.points)
+    return TriangleTree(shape.points, shape.faces).nearest(points).distances
+
+
+def signed_vertex_errors(measured: Shape, truth: Shape) -> NDArray[np.float64]:
+    """Signed distance (N,) of a shape's points to the truth, mm, positive outside; unsigned where that is a cloud."""
+    if not len(truth.faces):
+        return nearest_distances(measured.points, truth.points)
+    return TriangleTree(truth.points, truth.faces).nearest(measured.points).signed
+
+
+def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, Any]]:
+    subject = settings.subject
+    score = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
+    at = f"at {settings.chosen:g} mm"
+    return joined(
+        [
+            measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
+            measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
+            measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
+        ]
+    )
+
+
+def _score(to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], threshold: float) -> dict[str, float]:
+    precision, recall = float(np.mean(to_truth < threshold)), float(np.mean(to_measured < threshold))
+    both = precision + recall
+    f_score = 2 * precision * recall / both if both else 0.0
+    return {"threshold_mm": float(threshold), "precision": precision, "recall": recall, "f_score": f_score}
+
+
+def _summary(distances: NDArray[np.float64]) -> dict[str, float]:
+    return {
+        "mean_mm": float(distances.mean()),
+        "rms_mm": float(np.sqrt(np.mean(distances**2))),
+        **{f"p{share}_mm": float(np.percentile(distances, share)) for share in PERCENTILES},
+    }
+
+
+def _spacing(points: NDArray[np.float64]) -> float:
+    """Median distance of a point to its neighbour: what two samples of the same surface are apart at best, mm."""
+    from scipy.spatial import cKDTree
+
+    some = points[:: max(1, len(points) // 5000)]
+    return float(np.median(np.asarray(cKDTree(points).query(some, k=2)[0])[:, 1]))

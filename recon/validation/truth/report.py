@@ -1,0 +1,134 @@
+"""The report of a comparison with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.geometry.mesh import error_colours, write_coloured
+from recon.validation.page import (
+    PALETTE,
+    Section,
+    percent,
+    write_bytes,
+    write_figure,
+    write_page,
+    write_report_json,
+    write_table,
+)
+from recon.validation.pictures import error_picture, png
+from recon.validation.truth.evaluation import Shape, read_shape, sample_evenly, signed_vertex_errors
+
+MEASURES = ("precision", "recall", "f_score")
+COLOURED = "errors.ply"
+NO_FACES = np.zeros((0, 3), np.int32)
+PICTURED = 150_000  # points; more than the pictures have pixels for
+COLOUR_SHARE = 95  # percentile of the errors at which the colours end
+
+
+def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
+    """Write report.json, tables, the figure, the mesh coloured by error and report.html; returns the HTML's path."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_report_json(out, report)
+    write_table(out / "scores.csv", report["scores"])
+    write_table(out / "eth3d.csv", report["eth3d"])
+    write_table(out / "measures.csv", report["measures"])
+    svg = write_figure(out / "scores", _chart(report))
+    figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
+    scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
+    sections = [
+        Section("Distances", _settings_text(report["settings"]), _distances(report)),
+        Section("Scores", scores, _percents(report["scores"]), [figure]),
+        Section("Scores as ETH3D counts them", _eth3d_text(report), _eth3d_rows(report)),
+        _errors(report, out),
+    ]
+    return write_page(out / "report.html", "Comparison with the truth", sections)
+
+
+def _settings_text(settings: Mapping[str, Any]) -> str:
+    return (
+        f"{settings['samples'][0]} points of {Path(settings['mesh']).name} against {settings['samples'][1]} of "
+        f"{Path(settings['truth']).name}; meshes are sampled uniformly by area (seed {settings['seed']}). Accuracy is "
+        f"the distance to the truth's {settings['accuracy_to']}, completeness that to the mesh's "
+        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which know "
+        f"points only: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and distances of that size are "
+        "not resolved there."
+    )
+
+
+def _eth3d_text(report: Mapping[str, Any]) -> str:
+    settings = report["settings"]
+    seen = (
+        "Where the truth was scanned from is not known: all points count as observed."
+        if settings["scanner_mm"] is None
+        else f"Points that no beam from {list(settings['scanner_mm'])} mm passes on its way do not count."
+    )
+    return (
+        f"Between samples, averaged over voxels of {settings['voxel_mm']:g} mm, so that densely sampled parts weigh no "
+        f"more than others. {seen}"
+    )
+
+
+def _eth3d_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Without the share of unobserved points where nobody knows it."""
+    is_known = report["settings"]["scanner_mm"] is not None
+    return _percents([{key: row[key] for key in row if is_known or key != "unobserved"} for row in report["eth3d"]])
+
+
+def _percents(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Scores in the words and percents of a report."""
+    return [
+        {
+            "threshold mm": row["threshold_mm"],
+            **{f"{name.replace('_', '-')} %": percent(share) for name, share in row.items() if name != "threshold_mm"},
+        }
+        for row in rows
+    ]
+
+
+def _distances(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    parts = (("", report), (", between samples", report["sampled"]))
+    return [
+        {"distance": name + suffix, **part[name]} for suffix, part in parts for name in ("accuracy", "completeness")
+    ]
+
+
+def _errors(report: Mapping[str, Any], out: Path) -> Section:
+    """The measured shape with its errors as colours, as a file and as pictures."""
+    settings = report["settings"]
+    measured, truth = (read_shape(Path(settings[name])) for name in ("mesh", "truth"))
+    errors = signed_vertex_errors(measured, truth)
+    limit = max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3)
+    write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
+    shown = Shape(sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"])), NO_FACES)
+    picture = png(error_picture(shown.points, signed_vertex_errors(shown, truth), limit))
+    write_bytes(out / "errors.png", picture)
+    text = (
+        f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "
+        f"{COLOUR_SHARE}th percentile. {COLOURED} holds the same for any viewer."
+    )
+    return Section("Where the errors are", text, figures=[("Along each of the three axes of the world.", picture)])
+
+
+def _chart(report: Mapping[str, Any]) -> Any:
+    import altair as alt
+
+    values = [
+        {"threshold_mm": row["threshold_mm"], "measure": measure, "share": row[measure]}
+        for row in report["scores"]
+        for measure in MEASURES
+    ]
+    colour = alt.Color("measure:N", title=None, sort=None, scale=alt.Scale(range=list(PALETTE)))
+    return (
+        alt.Chart(alt.Data(values=values))
+        .mark_line(point=True)
+        .encode(
+            x=alt.X("threshold_mm:Q", title="threshold, mm"),
+            y=alt.Y("share:Q", title=None, scale=alt.Scale(domain=[0, 1]), axis=alt.Axis(format="%")),
+            color=colour,
+        )
+        .properties(width=460, height=280)
+    )

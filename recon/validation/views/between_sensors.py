@@ -1,0 +1,96 @@
+"""Sensors against each other: where two of them see the same place, do their depth maps say the same?
+
+A point of one sensor's depth map is seen by another in front of, on, or behind the surface that the other measured.
+Far behind it is hidden from the other, and says nothing; in front of it, it floats where the other looks through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.approaches import parse_approach
+from recon.capture.rectify import Rectification, rectify
+from recon.depth.disparity_io import read_disparity
+from recon.pipeline.run import Run, depth_name
+
+HIDDEN_STEPS = 8.0  # thresholds behind another sensor's surface from which a point counts as hidden from it
+JUMP_PX = 1.0  # of disparity between neighbours that lie on different surfaces
+
+
+def depth_step(run: Run) -> float:
+    """Depth of one pixel of disparity in the middle of the bounds, the mean of the sensors, mm."""
+    steps = []
+    middle = run.capture.bounds.mean(axis=0)
+    for sensor in run.capture.rig.sensors:
+        view = rectify(sensor, run.capture.bounds)
+        z = float(view.left.points_in_camera(middle[None])[0, 2])
+        steps.append(z * z / (view.focal * view.baseline))
+    return float(np.mean(steps))
+
+
+def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list[dict[str, Any]]:
+    """One row for each depth method, frame and ordered pair of sensors; none for a rig of one sensor.
+
+    Parameters
+    ----------
+    threshold : mm, within which two depths agree
+    """
+    views = {s.id: rectify(s, run.capture.bounds) for s in run.capture.rig.sensors}
+    rows = []
+    for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
+        for frame in frames:
+            maps = {name: read_disparity(run.folder / depth_name(method, name, frame)) for name in views}
+            points = {name: depth_points(maps[name], views[name], run.capture.bounds) for name in views}
+            for of, by in permutations(views, 2):
+                gaps = depth_gaps(points[of], maps[by], views[by])
+                pair = {"depth": method, "frame": frame, "of": of, "by": by, "n_points": len(points[of])}
+                rows.append(pair | _described(gaps, threshold))
+    return rows
+
+
+def depth_points(
+    disparity: NDArray[np.float32], view: Rectification, bounds: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The points (N, 3) of a depth map within the bounds, in the world, mm."""
+    z = view.depth(disparity)
+    rows, columns = np.nonzero(np.isfinite(z))
+    z, K = z[rows, columns], view.left.K
+    in_camera = np.stack([(columns - K[0, 2]) * z / K[0, 0], (rows - K[1, 2]) * z / K[1, 1], z], axis=1)
+    points = in_camera @ view.left.rotation + view.left.centre
+    return np.asarray(points[((points >= bounds[0]) & (points <= bounds[1])).all(axis=1)])
+
+
+def depth_gaps(points: NDArray[np.float64], disparity: NDArray[np.float32], view: Rectification) -> NDArray[np.float64]:
+    """How far points (N, 3) lie behind the surface in another sensor's depth map (M,), mm, negative in front of it.
+
+    Only of the points that the other sensor has depth at, away from jumps of its depth.
+    """
+    in_camera = view.left.points_in_camera(points)
+    pixels = view.left.project(points)
+    height, width = disparity.shape
+    inside = (in_camera[:, 2] > 0) & (pixels >= 0).all(axis=1) & (pixels < (width - 1, height - 1)).all(axis=1)
+    columns, rows = np.floor(pixels[inside]).astype(int).T
+    u, v = (pixels[inside] - np.floor(pixels[inside])).T
+    corners = np.stack([disparity[rows + i, columns + j] for i in (0, 1) for j in (0, 1)])  # (4, M)
+    weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
+    depth = view.depth((weights * corners).sum(axis=0))
+    usable = np.isfinite(depth) & (corners.max(axis=0) - corners.min(axis=0) <= JUMP_PX)
+    return np.asarray(in_camera[inside, 2][usable] - depth[usable])
+
+
+def _described(gaps: NDArray[np.float64], threshold: float) -> dict[str, Any]:
+    compared = gaps[gaps <= HIDDEN_STEPS * threshold]
+    n = len(compared)
+    return {
+        "n_compared": n,
+        "hidden": len(gaps) - n,
+        "agree": float(np.mean(np.abs(compared) <= threshold)) if n else None,
+        "in_front": float(np.mean(compared < -threshold)) if n else None,
+        "median_abs_mm": float(np.median(np.abs(compared))) if n else None,
+        "median_mm": float(np.median(compared)) if n else None,
+    }

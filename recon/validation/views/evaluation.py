@@ -1,0 +1,198 @@
+"""The evaluation of a run by its own sensors and by photographs: agreement of depth, and novel views of every model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.approaches import parse_approach
+from recon.capture.format import Capture, read_capture
+from recon.cloud import CloudParameters
+from recon.geometry.mesh import Mesh, read_mesh
+from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
+from recon.storage.files import read_json
+from recon.surface import SurfaceParameters
+from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.views.between_sensors import cross_sensor_rows, depth_step
+from recon.validation.views.novel_view import (
+    HELD_OUT,
+    Photograph,
+    has_truth,
+    photographs,
+    rendered,
+    true_mesh,
+    view_rows,
+)
+from recon.workers import Progress, silent
+
+FLOOR = "true depth"
+MEASURES = {  # column: name, direction, unit
+    "psnr_db": ("novel view PSNR", MORE, "dB"),
+    "ssim": ("novel view SSIM", MORE, "share"),
+    "gradient": ("novel view gradient similarity", MORE, "share"),
+    "coverage": ("novel view coverage", MORE, "share"),
+    "spill": ("novel view spill", LESS, "share"),
+}
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """What is compared.
+
+    Parameters
+    ----------
+    capture : folder of the recording; None: where the run says that it was
+    frames : of the run; None for all
+    threshold : mm, within which two sensors' depths agree; None for the depth of one pixel of disparity
+    """
+
+    capture: Path | None = None
+    frames: range | None = None
+    threshold: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A photograph and what every approach shows from its place, for the report's pictures."""
+
+    photograph: Photograph
+    pictures: Mapping[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]
+
+
+def measure_views(
+    folder: Path, settings: ViewSettings, progress: Progress = silent
+) -> tuple[dict[str, Any], list[Comparison]]:
+    """Compare a run with its sensors and photographs; the content of report.json, and pictures of the first frame.
+
+    Raises
+    ------
+    ValueError
+        If the folder is no run, its recording cannot be read, or it has none of the frames.
+    """
+    run = read_run(folder)
+    capture = _capture(run, settings)
+    frames = [frame for frame in run.frames if settings.frames is None or frame in settings.frames]
+    if not frames:
+        raise ValueError(f"{folder}: has frames {run.frames[0]} to {run.frames[-1]}, none of them in {settings.frames}")
+    threshold = settings.threshold or depth_step(run)
+    sensors = cross_sensor_rows(run, frames, threshold)
+    rows, shown = [], []
+    wanted = list(photographs(capture, frames))
+    for done, photograph in enumerate(wanted):
+        progress("views", done, len(wanted))
+        pictures = dict(_renderings(run, capture, photograph))
+        for approach, (picture, covered) in pictures.items():
+            place = {"approach": approach, "view": photograph.name, "kind": photograph.kind, "frame": photograph.frame}
+            rows += [place | row for row in view_rows(picture, covered, photograph)]
+        if photograph.frame == frames[0]:
+            shown.append(Comparison(photograph, pictures))
+    progress("views", len(wanted), len(wanted))
+    means = mean_rows(rows)
+    agreement = _agreement(sensors)
+    report = {
+        "schema_version": 1,
+        "kind": "views",
+        "settings": {
+            "run": str(folder),
+            "dataset": run.dataset,
+            "frames": frames,
+            "threshold_mm": threshold,
+            "has_floor": any(row["approach"] == FLOOR for row in rows),
+        },
+        "sensors": sensors,
+        "agreement": agreement,
+        "views": rows,
+        "means": means,
+    }
+    return report | {"measures": _measures(run, means, agreement)}, shown
+
+
+def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Means over views and frames for each approach, kind of view and region; values that are None are left out."""
+    groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["kind"], row["region"], row["approach"]), []).append(row)
+    return [
+        {"kind": kind, "region": region, "approach": approach, "n_views": len(group)}
+        | {column: _mean([row[column] for row in group]) for column in MEASURES}
+        for (kind, region, approach), group in sorted(groups.items(), key=lambda item: item[0][:2])
+    ]
+
+
+def _capture(run: Run, settings: ViewSettings) -> Capture:
+    folder = settings.capture or recorded_in(run)
+    try:
+        return read_capture(folder)
+    except ValueError as error:
+        raise ValueError(f"{error}; say where the recording of {run.dataset} is with --capture FOLDER") from error
+
+
+def _renderings(
+    run: Run, capture: Capture, photograph: Photograph
+) -> Iterator[tuple[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]]:
+    for approach in run.approaches:
+        yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
+    if has_truth(capture, photograph.frame):
+        yield FLOOR, rendered(_floor(run.folder, capture, photograph.frame), photograph.camera)
+
+
+@lru_cache(maxsize=16)
+def _mesh(path: Path) -> Mesh:
+    return read_mesh(path)
+
+
+@lru_cache(maxsize=2)
+def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
+    """The mesh from true depth, by the run's own parameters and the fusion of its last approach."""
+    run, options = read_run(folder), read_json(folder / RUN_FILE)["options"]
+    fusion = parse_approach(run.approaches[-1]).fusion
+    return true_mesh(
+        capture, frame, fusion, CloudParameters(**options["cloud"]), SurfaceParameters(**options["surface"])
+    )
+
+
+def _agreement(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Means over frames and pairs of sensors for each depth method, each pair by the number of points it shares."""
+    columns = ("agree", "in_front", "median_abs_mm")
+    found = []
+    for method in dict.fromkeys(row["depth"] for row in rows):
+        own = [row for row in rows if row["depth"] == method and row["n_compared"]]
+        weights = [row["n_compared"] for row in own]
+        means = {
+            name: float(np.average([row[name] for row in own], weights=weights)) if own else None for name in columns
+        }
+        found.append({"depth": method, "n_compared": sum(weights)} | means)
+    return found
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _measures(
+    run: Run, means: Sequence[Mapping[str, Any]], agreement: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Of held-out photographs where there are any, else of the sensors' own; over the whole object."""
+    kinds = {row["kind"] for row in means}
+    kind = HELD_OUT if HELD_OUT in kinds else next(iter(kinds))
+    parts = []
+    for row in means:
+        if (row["kind"], row["region"]) == (kind, "all") and row["approach"] != FLOOR:
+            subject = Subject(run.dataset, (row["approach"],))
+            parts += [
+                measure_rows(subject, name, row[column], direction=direction, unit=unit)
+                for column, (name, direction, unit) in MEASURES.items()
+            ]
+    for row in agreement:
+        own = tuple(approach for approach in run.approaches if parse_approach(approach).depth == row["depth"])
+        subject = Subject(run.dataset, own)
+        parts.append(measure_rows(subject, "sensors agree", row["agree"], direction=MORE, unit="share"))
+        parts.append(measure_rows(subject, "sensors apart", row["median_abs_mm"], direction=LESS, unit="mm"))
+    return joined(parts)

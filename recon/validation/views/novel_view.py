@@ -1,0 +1,201 @@
+"""Novel views: a model seen by a camera that it was not made from, against that camera's photograph.
+
+The mesh is rendered flat, in its own colours, by the rasteriser of the fly-throughs. Where the capture knows the true
+depth, the same way from depth to mesh is gone with it: what that reaches is the best that geometry can do here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.format import Capture, CaptureError, Picture, read_frame, read_held_out, read_mask, read_masks
+from recon.capture.masks.evidence import SMOOTHING_PX, dark_background_threshold
+from recon.capture.masks.segment import METHODS, clean_mask
+from recon.capture.rectify import Rectification, rectify, rectify_images
+from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
+from recon.fusion import FUSIONS
+from recon.geometry.mesh import Mesh
+from recon.render.rasterise import draw_model
+from recon.rig import Camera
+from recon.studio.truth import MASK, read_depth
+from recon.surface import SurfaceParameters
+from recon.validation.views.image_quality import gradient_map, psnr, ssim_map
+
+HELD_OUT, SENSOR = "held out", "sensor"
+COVERED = 0.5  # share of a pixel's samples
+RIM_SHARE = 0.03  # width of the rim along the outline, of the mask's root area
+LEAST_AGREEMENT = 0.9  # intersection over union of a dark background's mask with the sensors' own
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """What a camera saw, without distortion.
+
+    Parameters
+    ----------
+    name : such as "S1/left", or the held-out photograph's name
+    kind : HELD_OUT, or SENSOR: models were made from it, so it tells only what they lose
+    pixels : uint8 (H, W, 3), sRGB
+    mask : bool (H, W), where the object is; None where that is not known
+    """
+
+    name: str
+    kind: str
+    frame: int
+    camera: Camera
+    pixels: NDArray[np.uint8]
+    mask: NDArray[np.bool_] | None
+
+
+def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]:
+    """The held-out photographs of the frames, then those of the sensors."""
+    dark = _dark_background(capture) if capture.held_out else False
+    for held_out in capture.held_out:
+        if held_out.frame in frames:
+            pixels = read_held_out(capture, held_out)
+            mask = _true_mask(capture, held_out.image, held_out.camera, held_out.frame)
+            if mask is None and dark:
+                mask = _bright(pixels)
+            name = held_out.image.removeprefix("held_out/")
+            yield _undistorted(Photograph(name, HELD_OUT, held_out.frame, held_out.camera, pixels, mask))
+    for frame in frames:
+        for stream in capture.sensors:
+            pictures, masks = read_frame(capture, stream.id, frame), read_masks(capture, stream.id, frame)
+            for index, (side, camera) in enumerate((("left", stream.left.camera), ("right", stream.right.camera))):
+                mask = masks[index] if masks else None
+                yield _undistorted(Photograph(f"{stream.id}/{side}", SENSOR, frame, camera, pictures[index], mask))
+
+
+def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The mesh in its own colours, uint8 (H, W, 3), and the pixels that it covers, bool (H, W)."""
+    in_camera = camera.points_in_camera(mesh.vertices)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
+        pixels = (in_camera @ camera.K.T)[:, :2] / in_camera[:, 2:]
+        projected = np.column_stack([pixels, in_camera[:, 2]]).astype(np.float32)
+    shape = (camera.size[1], camera.size[0], 3)
+    picture, cover = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    white = np.full_like(mesh.colours, 255)
+    draw_model(picture, projected, mesh.faces, mesh.colours, mesh.colours)
+    draw_model(cover, projected, mesh.faces, white, white)
+    share = cover.astype(np.float32) / 255
+    full = np.clip(np.rint(picture / np.maximum(share, 1e-3)), 0, 255).astype(np.uint8)
+    return full, share[..., 0] >= COVERED
+
+
+def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph) -> list[dict[str, Any]]:
+    """Measures of a rendering per region: all, the rim along the outline, and inside it.
+
+    Colours are compared where the rendering covers the object; coverage is its share of the object, spill the share of
+    what was drawn that lies beside it. Without a mask there are no regions, and coverage and spill are None.
+    """
+    mask = photograph.mask
+    both = covered if mask is None else covered & mask
+    filled = np.where(both[..., None], picture, photograph.pixels)  # what lies outside neither gains nor loses
+    likeness, edges = ssim_map(filled, photograph.pixels), gradient_map(filled, photograph.pixels)
+    rows = []
+    for region, inside in _regions(mask, covered).items():
+        where = both & inside
+        rows.append(
+            {
+                "region": region,
+                "n_pixels": int(np.count_nonzero(where)),
+                "psnr_db": psnr(picture, photograph.pixels, where),
+                "ssim": _mean(likeness, where),
+                "gradient": _mean(edges, where),
+                "coverage": None if mask is None else _share(covered, mask & inside),
+                "spill": None if mask is None or region != "all" else _share(~mask, covered),
+            }
+        )
+    return rows
+
+
+def has_truth(capture: Capture, frame: int) -> bool:
+    """Whether the capture knows the true depth of its sensors."""
+    try:
+        read_depth(capture, capture.sensors[0].id, "left", frame)
+    except CaptureError:
+        return False
+    return True
+
+
+def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters, surface: SurfaceParameters) -> Mesh:
+    """What the way from depth to mesh makes of the sensors' true depth."""
+    clouds = []
+    for stream in capture.sensors:
+        view = rectify(stream.sensor, capture.bounds)
+        left, _ = rectify_images(view, *read_frame(capture, stream.id, frame))
+        disparity = true_disparity(read_depth(capture, stream.id, "left", frame), stream.left.camera, view)
+        clouds.append(crop_cloud(cloud_from_disparity(disparity, left, view, cloud), capture.bounds))
+    return FUSIONS[fusion](clouds, surface)
+
+
+def true_disparity(depth: NDArray[np.float32], camera: Camera, view: Rectification) -> NDArray[np.float32]:
+    """Disparity float32 (H, W) of the rectified left view from depth z (mm) in the original camera, NaN where none is.
+
+    A pixel between others takes the mean of their inverse depths, and none where one of them has no depth.
+    """
+    inverse = cv2.remap(1 / depth, *view.left_maps, cv2.INTER_LINEAR, borderValue=float("nan"))
+    height, width = inverse.shape
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    slopes = np.stack([columns, rows, np.ones_like(rows)], axis=2) @ np.linalg.inv(view.left.K).T
+    in_original = slopes @ (camera.rotation @ view.left.rotation.T).T
+    # z of a point at rectified depth Z is Z times the third coordinate of its slope in the original camera.
+    rectified_inverse = inverse * in_original[..., 2]
+    return np.asarray(view.focal * view.baseline * rectified_inverse + view.offset, dtype=np.float32)
+
+
+def _regions(mask: NDArray[np.bool_] | None, covered: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+    if mask is None:
+        return {"all": np.ones_like(covered)}
+    padded = np.pad(mask, 1).astype(np.uint8)  # an object may leave the picture; its border there is no outline
+    padded[[0, -1]], padded[:, [0, -1]] = padded[[1, -2]], padded[:, [1, -2]]
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    rim = mask & (depth <= max(2.0, RIM_SHARE * float(np.sqrt(np.count_nonzero(mask)))))
+    return {"all": np.ones_like(mask), "rim": rim, "inside": mask & ~rim}
+
+
+def _mean(values: NDArray[np.float32], where: NDArray[np.bool_]) -> float | None:
+    return float(values[where].mean()) if where.any() else None
+
+
+def _share(of: NDArray[np.bool_], within: NDArray[np.bool_]) -> float | None:
+    return float(np.mean(of[within])) if within.any() else None
+
+
+def _true_mask(capture: Capture, image: str, camera: Camera, frame: int) -> NDArray[np.bool_] | None:
+    path = capture.folder / MASK.format(view=PurePosixPath(image).parent, frame=frame)
+    return read_mask(Picture(path, frame, camera)) if path.is_file() else None
+
+
+def _dark_background(capture: Capture) -> bool:
+    """Whether the object is what is bright: the sensors' own masks say the same as a threshold does."""
+    stream = capture.sensors[0]
+    masks = read_masks(capture, stream.id, 0)
+    if masks is None:
+        return False
+    bright = _bright(read_frame(capture, stream.id, 0)[0])
+    return float((bright & masks[0]).sum()) >= LEAST_AGREEMENT * float((bright | masks[0]).sum())
+
+
+def _bright(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """What is brighter than a dark background, by a threshold of its own, cleaned as masks by threshold are."""
+    brightest = cv2.GaussianBlur(pixels, (0, 0), SMOOTHING_PX).max(axis=2)
+    threshold = dark_background_threshold(np.bincount(brightest.ravel(), minlength=256))
+    return clean_mask(brightest > threshold, METHODS["threshold"])
+
+
+def _undistorted(photograph: Photograph) -> Photograph:
+    camera, mask = photograph.camera, photograph.mask
+    if not camera.dist.any():
+        return photograph
+    maps = cv2.initUndistortRectifyMap(camera.K, camera.dist, np.eye(3), camera.K, camera.size, cv2.CV_32FC1)
+    pixels = np.asarray(cv2.remap(photograph.pixels, *maps, cv2.INTER_CUBIC))
+    seen = None if mask is None else np.asarray(cv2.remap(mask.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0)
+    return replace(photograph, camera=Camera(camera.K, camera.size, camera.cam_from_world), pixels=pixels, mask=seen)

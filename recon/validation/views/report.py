@@ -1,0 +1,200 @@
+"""The report of a run against its own sensors and photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.mesh import error_colours
+from recon.validation.page import (
+    PALETTE,
+    Section,
+    percent,
+    write_bytes,
+    write_figure,
+    write_page,
+    write_report_json,
+    write_table,
+)
+from recon.validation.pictures import png
+from recon.validation.views.evaluation import FLOOR, Comparison
+from recon.validation.views.image_quality import luma
+from recon.validation.views.novel_view import Photograph
+
+MOST_PICTURES = 6
+DIFFERENCE_LIMIT = 64  # grey levels at which the colours of a difference picture end
+TILE_PX, TITLE_PX = 300, 22
+ACROSS = 4  # tiles; more are too small to see anything in
+TABLES = ("sensors", "agreement", "views", "means", "measures")
+COLUMNS = {
+    "kind": "photographs",
+    "region": "region",
+    "approach": "model",
+    "n_views": "views",
+    "psnr_db": "PSNR dB",
+    "ssim": "SSIM",
+    "gradient": "gradients",
+    "coverage": "coverage %",
+    "spill": "spill %",
+}
+SHARES = ("coverage", "spill", "agree", "in_front")
+
+
+def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path) -> Path:
+    """Write report.json, tables, figures and report.html; returns the HTML's path."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_report_json(out, report)
+    for name in TABLES:
+        write_table(out / f"{name}.csv", report[name])
+    sections = [
+        Section("Novel views", _views_text(report), _means(report), [_figure(report, out)]),
+        *([_agreement(report)] if report["sensors"] else []),
+        _pictures(shown, out),
+    ]
+    return write_page(out / "report.html", f"Views of {report['settings']['dataset']}", sections)
+
+
+def _views_text(report: Mapping[str, Any]) -> str:
+    text = (
+        "Every model rendered flat from where a photograph was taken, against that photograph. Held out are "
+        "photographs that no sensor uses; sensor are those that the models were made from. PSNR, SSIM and the "
+        "similarity of gradients are of the pixels where the model covers the object; coverage is the share of the "
+        "object that it covers, spill the share of what was drawn beside the object. The rim is a band along the "
+        "outline."
+    )
+    if report["settings"]["has_floor"]:
+        text += (
+            f" “{FLOOR}” is what the same way from depth to mesh reaches with the sensors' true depth: no depth method "
+            "can be expected to come nearer to the photographs than this."
+        )
+    return text
+
+
+def _means(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {shown: percent(row[name]) if name in SHARES else row[name] for name, shown in COLUMNS.items()}
+        for row in report["means"]
+    ]
+
+
+def _figure(report: Mapping[str, Any], out: Path) -> tuple[str, str]:
+    svg = write_figure(out / "psnr", _chart(report["views"]))
+    return "PSNR of every view of the whole object; the line is the mean.", svg
+
+
+def _chart(rows: Sequence[Mapping[str, Any]]) -> Any:
+    import altair as alt
+
+    values = [dict(row) for row in rows if row["region"] == "all" and row["psnr_db"] is not None]
+    names = list(dict.fromkeys(row["approach"] for row in values))
+    colour = alt.Color("kind:N", title="photographs", sort=None, scale=alt.Scale(range=list(PALETTE)))
+    base = alt.Chart(alt.Data(values=values)).encode(y=alt.Y("approach:N", title=None, sort=names), color=colour)
+    x = alt.X("psnr_db:Q", title="PSNR, dB", scale=alt.Scale(zero=False))
+    offset = alt.YOffset("kind:N", sort=None)
+    points = base.mark_circle(opacity=0.5, size=30).encode(x=x, yOffset=offset)
+    means = base.mark_tick(thickness=3, size=12).encode(x="mean(psnr_db):Q", yOffset=offset)
+    return (points + means).properties(width=460, height=alt.Step(18))
+
+
+def _agreement(report: Mapping[str, Any]) -> Section:
+    threshold = report["settings"]["threshold_mm"]
+    text = (
+        f"Points of each sensor's depth map seen by each other sensor: agree is the share within {threshold:.3g} mm of "
+        "the other's surface, in front the share that floats where the other looks through. Points far behind the "
+        "other's surface are hidden from it and do not count. Errors that all sensors share do not show here."
+    )
+    return Section("Sensors against each other", text, _shares([*report["agreement"], *_pairs(report["sensors"])]))
+
+
+def _shares(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows whose shares are percents."""
+    return [
+        {f"{k} %" if k in SHARES else k: percent(value) if k in SHARES else value for k, value in row.items()}
+        for row in rows
+    ]
+
+
+def _pairs(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Means over frames for each depth method and pair of sensors, beside the means of the method."""
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["depth"], f"{row['of']} seen by {row['by']}"), []).append(row)
+    columns = ("agree", "in_front", "median_abs_mm", "median_mm")
+    return [
+        {"depth": f"{depth}, {pair}", "n_compared": sum(row["n_compared"] for row in group)}
+        | {c: float(np.mean([r[c] for r in group if r[c] is not None] or [np.nan])) for c in columns}
+        for (depth, pair), group in groups.items()
+    ]
+
+
+def _pictures(shown: Sequence[Comparison], out: Path) -> Section:
+    figures = []
+    for comparison in shown[:MOST_PICTURES]:
+        photograph = comparison.photograph
+        picture = png(comparison_picture(comparison))
+        write_bytes(out / f"view_{photograph.name.replace('/', '_')}_{photograph.frame:04d}.png", picture)
+        figures.append((f"{photograph.name}, frame {photograph.frame} ({photograph.kind})", picture))
+    text = (
+        "The photograph, then each model and its difference in brightness where it covers the object: red is too "
+        f"bright, blue too dark, from {DIFFERENCE_LIMIT} grey levels on. Grey is not covered; yellow was drawn "
+        "beside the object."
+    )
+    return Section("Pictures", text, figures=figures)
+
+
+def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
+    """Tiles: the photograph, and for each model its rendering with the difference below, four side by side.
+
+    Returns uint8 (H, W, 3).
+    """
+    photograph = comparison.photograph
+    window = _window(comparison)
+    empty = _tile(np.full_like(photograph.pixels[window], 255), "")
+    columns = [np.concatenate([_tile(photograph.pixels[window], "photograph"), empty])]
+    for approach, (picture, covered) in comparison.pictures.items():
+        drawn = np.where(covered[..., None], picture, 205).astype(np.uint8)
+        difference = difference_picture(picture, covered, photograph)
+        columns.append(np.concatenate([_tile(drawn[window], approach), _tile(difference[window], "difference")]))
+    columns += [np.full_like(columns[0], 255)] * (-len(columns) % ACROSS)
+    rows = [np.concatenate(columns[first : first + ACROSS], axis=1) for first in range(0, len(columns), ACROSS)]
+    return np.concatenate(rows)
+
+
+def difference_picture(
+    picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph
+) -> NDArray[np.uint8]:
+    """Difference of brightness as colours, grey where nothing was drawn, yellow where it lies beside the object."""
+    mask = np.ones_like(covered) if photograph.mask is None else photograph.mask
+    errors = luma(picture) - luma(photograph.pixels)
+    colours = error_colours(errors.ravel(), DIFFERENCE_LIMIT).reshape(picture.shape)
+    colours[~covered] = 205
+    colours[~covered & ~mask] = 235
+    colours[covered & ~mask] = (240, 228, 66)  # Okabe and Ito's yellow
+    return colours
+
+
+def _window(comparison: Comparison) -> tuple[slice, slice]:
+    """The part of the picture around the object, or around what the models cover where it is not known."""
+    mask = comparison.photograph.mask
+    if mask is None:
+        mask = np.any([covered for _, covered in comparison.pictures.values()], axis=0)
+    if not mask.any():
+        return slice(None), slice(None)
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    margin = 12
+    return slice(max(rows[0] - margin, 0), rows[-1] + margin), slice(max(columns[0] - margin, 0), columns[-1] + margin)
+
+
+def _tile(pixels: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    scale = TILE_PX / max(pixels.shape[:2])
+    size = (max(1, round(pixels.shape[1] * scale)), max(1, round(pixels.shape[0] * scale)))
+    small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
+    tile = np.full((small.shape[0] + TITLE_PX + 6, small.shape[1] + 8, 3), 255, np.uint8)
+    tile[TITLE_PX : TITLE_PX + small.shape[0], : small.shape[1]] = small
+    cv2.putText(tile, title, (0, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return tile

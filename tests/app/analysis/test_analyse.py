@@ -1,0 +1,353 @@
+"""The whole analysis: its keys, its counts, and what it says about data that cannot be analysed."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.reading import read_votes
+from app.analysis.ties import TIE_MODELS
+from app.analysis.votes_table import VotesTable, votes_from_indices
+
+KEYS = {
+    "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",
+    "models": "comparison dataset ties log_nu order_effect order_se loglik deviance pearson_x2 df p_value converged "
+    "iterations status",
+    "triads": "participant dataset n_items complete circular circular_expected_ties circular_max zeta p_value",
+    "agreement": "dataset u chi2 df p_value",
+    "observers": "participant flags",
+}
+FACTORS = {
+    "depth": {f"{d}_{f}": d for d in ("id", "dr", "pm") for f in ("fa", "fb")},
+    "fusion": {f"{d}_{f}": f for d in ("id", "dr", "pm") for f in ("fa", "fb")},
+}
+
+
+def study(seed: int = 0, *, n_participants: int = 8, datasets: tuple[str, ...] = ("ball", "box")) -> VotesTable:
+    rng = np.random.default_rng(seed)
+    items = list(FACTORS["depth"])
+    strength = dict(zip(items, np.linspace(-0.8, 0.8, 6), strict=True))
+    rows = []
+    for participant in range(n_participants):
+        for dataset in datasets:
+            for index, a in enumerate(items):
+                for b in items[index + 1 :]:
+                    chance = 1 / (1 + np.exp(strength[b] - strength[a]))
+                    choice = "none" if rng.random() < 0.2 else "a" if rng.random() < chance else "b"
+                    vote = {"participant": f"p{participant}", "dataset": dataset, "item_a": a, "item_b": b}
+                    rows.append(vote | {"choice": choice, "first_shown": a if rng.random() < 0.5 else b})
+    return votes_from_rows(rows)
+
+
+def only(rows: list[dict[str, Any]], **wanted: str) -> list[dict[str, Any]]:
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_analysis_json_has_the_agreed_keys_and_is_json() -> None:
+    analysis = analyse(study(), AnalysisSettings(factors=FACTORS, order_effect=True))
+    for part, keys in KEYS.items():
+        assert analysis[part], part
+        assert set(keys.split()) <= set(analysis[part][0]), part
+    json.dumps(analysis, allow_nan=False)
+
+
+def test_every_comparison_and_dataset_is_there_and_sums_to_zero() -> None:
+    analysis = analyse(study(), AnalysisSettings(factors=FACTORS))
+    for comparison, n_items in (("all", 6), ("depth", 3), ("fusion", 2)):
+        for dataset in ("ball", "box", "all"):
+            rows = only(analysis["scores"], comparison=comparison, dataset=dataset)
+            assert len(rows) == n_items
+            assert sum(row["score"] for row in rows) == pytest.approx(0, abs=1e-9)
+
+
+def test_counts_add_up() -> None:
+    votes = study()
+    excluded = VotesTable(**{**vars(votes), "practice": np.arange(len(votes)) < 10})
+    analysis = analyse(excluded, AnalysisSettings(exclude=("p3",)))
+    tally = analysis["votes"]
+    assert tally["votes"] == tally["practice"] + tally["excluded"] + tally["analysed"] == 240
+    assert (tally["practice"], tally["excluded"], tally["participants"]) == (10, 30, 7)
+    rows = only(analysis["scores"], comparison="all", dataset="all")
+    assert sum(row["n_votes"] for row in rows) == 2 * tally["analysed"]
+    assert sum(row["wins"] for row in rows) == sum(row["losses"] for row in rows) == tally["analysed"] - tally["ties"]
+    for row in rows:
+        assert row["wins"] + row["losses"] + row["ties"] == row["n_votes"]
+
+
+def test_votes_without_datasets_or_participants_are_analysed_as_one() -> None:
+    rows = [("x", "y", "a", 6), ("x", "y", "b", 3), ("y", "z", "a", 5), ("y", "z", "b", 4)]
+    votes = votes_from_rows(
+        {"participant": "", "dataset": "", "item_a": a, "item_b": b, "choice": c, "count": n} for a, b, c, n in rows
+    )
+    analysis = analyse(votes)
+    assert {row["dataset"] for row in analysis["scores"]} == {"all"}
+    assert all(row["se_participant"] is None for row in analysis["scores"])
+    assert analysis["triads"] == []
+    assert analysis["votes"]["participants"] is None
+
+
+def test_a_repeated_vote_is_named_and_kept() -> None:
+    votes = study(datasets=("ball",))
+    twice = votes.where(np.r_[np.ones(len(votes), bool)])
+    doubled = VotesTable(
+        **{
+            key: np.r_[value, value[:1]] if isinstance(value, np.ndarray) else value
+            for key, value in vars(twice).items()
+        }
+    )
+    analysis = analyse(doubled)
+    assert analysis["votes"]["analysed"] == len(votes) + 1
+    assert any(f"row {len(votes) + 1} (p0, ball, id_fa - id_fb)" in warning for warning in analysis["warnings"])
+
+
+def test_degenerate_data_have_their_status_and_a_warning() -> None:
+    def analysed(*rows: tuple[str, str, str]) -> dict[str, Any]:
+        return analyse(
+            votes_from_rows(
+                {"participant": f"p{n}", "dataset": "d", "item_a": a, "item_b": b, "choice": choice}
+                for n, (a, b, choice) in enumerate(rows)
+            ),
+            AnalysisSettings(bootstrap=10),
+        )
+
+    islands = analysed(("x", "y", "a"), ("x", "y", "b"), ("u", "v", "a"))
+    assert {row["status"] for row in islands["scores"]} == {"disconnected"}
+    assert all(row["score"] is None for row in islands["scores"])
+    assert any("no vote links" in warning for warning in islands["warnings"])
+    never = analysed(("x", "y", "a"), ("x", "y", "b"), ("x", "z", "a"))
+    assert {row["status"] for row in never["scores"]} == {"separated"}
+    assert any("{x, y} > {z}" in warning for warning in never["warnings"])
+    ties = analysed(("x", "y", "none"), ("x", "z", "none"), ("y", "z", "none"))
+    assert [row["score"] for row in only(ties["scores"], dataset="all")] == pytest.approx([0, 0, 0], abs=1e-9)
+    one = analysed(("x", "y", "a"))
+    assert {row["status"] for row in one["models"]} == {"separated"}
+
+
+def test_a_bootstrap_is_the_same_for_the_same_seed_and_close_to_the_participant_errors() -> None:
+    votes = study(n_participants=20)
+    first = analyse(votes, AnalysisSettings(bootstrap=400, seed=7))["scores"]
+    again = analyse(votes, AnalysisSettings(bootstrap=400, seed=7))["scores"]
+    plain = analyse(votes)["scores"]
+    assert first == again
+    for sampled, computed in zip(first, plain, strict=True):
+        width, expected = sampled["ci_high"] - sampled["ci_low"], computed["ci_high"] - computed["ci_low"]
+        assert 0.6 < width / expected < 1.4
+
+
+def any_votes(seed: int) -> VotesTable:
+    """A small table of any shape: few or many votes, one or several people, ties or none."""
+    rng = np.random.default_rng(seed)
+    n_items, n_people, n_datasets, n = (int(rng.integers(*limits)) for limits in ((2, 6), (1, 6), (1, 3), (1, 30)))
+    first = rng.integers(0, n_items, n)
+    second = (first + rng.integers(1, n_items, n)) % n_items
+    names = tuple(
+        tuple(f"{kind}{k}" for k in range(size)) for kind, size in (("p", n_people), ("d", n_datasets), ("i", n_items))
+    )
+    return votes_from_indices(
+        rng.integers(0, n_people, n),
+        rng.integers(0, n_datasets, n),
+        first,
+        second,
+        rng.choice(3, n, p=rng.dirichlet([1, 1, 1])),
+        names=(names[0], names[1], names[2]),
+        first_shown=rng.integers(-1, 2, n),
+    )
+
+
+@pytest.mark.slow
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 100_000), st.sampled_from(list(TIE_MODELS)), st.booleans(), st.sampled_from([0, 10]), st.booleans()
+)
+def test_any_table_is_analysed_without_failing(
+    seed: int, ties: str, order_effect: bool, bootstrap: int, has_factors: bool
+) -> None:
+    votes = any_votes(seed)
+    levels = {"odd": {item: str(k % 2) for k, item in enumerate(votes.items)}}
+    levels["half"] = {item: str(k // 2) for k, item in enumerate(votes.items)}
+    chosen = AnalysisSettings(
+        ties=ties, order_effect=order_effect, bootstrap=bootstrap, factors=levels if has_factors else {}
+    )
+    analysis = analyse(votes, chosen)
+    json.dumps(analysis, allow_nan=False)
+    for row in analysis["models"]:
+        assert row["status"] in ("ok", "separated", "disconnected")
+    for row in analysis["scores"]:
+        assert (row["score"] is None) == (row["status"] == "disconnected")
+
+
+@pytest.mark.slow
+def test_ten_thousand_items_are_analysed() -> None:
+    rng = np.random.default_rng(3)
+    first = rng.integers(0, 10_000, 60_000)
+    second = (first + rng.integers(1, 10_000, len(first))) % 10_000
+    names = tuple(f"p{k}" for k in range(20)), ("",), tuple(f"i{k}" for k in range(10_000))
+    who = rng.integers(0, 20, len(first))
+    analysis = analyse(votes_from_indices(who, 0 * who, first, second, rng.integers(0, 3, len(first)), names=names))
+    assert len(analysis["scores"]) == 10_000
+    assert {row["status"] for row in analysis["models"]} <= {"ok", "separated"}
+    assert any("no errors are given" in warning for warning in analysis["warnings"])
+
+
+def test_nothing_left_after_practice_is_said() -> None:
+    votes = study(n_participants=1)
+    analysis = analyse(VotesTable(**{**vars(votes), "practice": np.ones(len(votes), bool)}))
+    assert analysis["scores"] == []
+    assert "nothing to analyse" in analysis["warnings"][0]
+
+
+def test_an_item_without_a_level_is_named() -> None:
+    levels = {"depth": {"id_fa": "id"}}
+    with pytest.raises(VotesError, match="has no level of the factor 'depth'"):
+        analyse(study(), AnalysisSettings(factors=levels))
+
+
+def test_wrong_settings_are_refused() -> None:
+    with pytest.raises(ValueError, match="ties is 'both'"):
+        AnalysisSettings(ties="both")
+    with pytest.raises(ValueError, match="bootstrap is -1"):
+        AnalysisSettings(bootstrap=-1)
+    with pytest.raises(ValueError, match="the factor 'depth' is not among none"):
+        AnalysisSettings(analysed=("depth",))
+    with pytest.raises(ValueError, match="'nobody'"):
+        analyse(study(), AnalysisSettings(exclude=("nobody",)))
+
+
+def test_factors_are_compared_within_the_others_as_in_the_paper() -> None:
+    analysis = analyse(study(n_participants=4), AnalysisSettings(factors=FACTORS))
+    counted = {(row["comparison"], row["dataset"]): row["n_votes"] for row in analysis["models"]}
+    assert counted["depth", "ball"] == 4 * 6
+    assert counted["fusion", "ball"] == 4 * 3
+
+
+def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path) -> None:
+    folder = real_data / "votes" / "reference" / "paper_like_22x5x6"
+    expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))["datasets"]
+    analysis = analyse(read_votes(folder / "votes.csv"), AnalysisSettings(factors=FACTORS))
+    for dataset, models in expected.items():
+        where = "all" if dataset == "ALL" else dataset
+        for factor, name in (("depth", "separate_algorithm"), ("fusion", "separate_fusion")):
+            wanted = models[name]
+            rows = {row["item"]: row for row in only(analysis["scores"], comparison=factor, dataset=where)}
+            (model,) = only(analysis["models"], comparison=factor, dataset=where)
+            assert model["n_votes"] == wanted["n_votes"]
+            assert model["loglik"] == pytest.approx(wanted["loglik"], abs=1e-5)
+            assert model["log_nu"] == pytest.approx(wanted["params"]["log_nu"], abs=1e-6)
+            for level in wanted["params"].keys() - {"log_nu"}:
+                assert rows[level]["score"] == pytest.approx(wanted["params"][level], abs=1e-6)
+                assert rows[level]["se"] == pytest.approx(wanted["se"][level], abs=1e-5)
+                clustered = rows[level]["se_participant"] * np.sqrt(21 / 22)
+                assert clustered == pytest.approx(wanted["se_cluster"][level], abs=1e-5)
+
+
+@pytest.mark.slow
+def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
+    from tests.app.analysis.frames import frame_from_votes
+
+    frame_from_votes(study(n_participants=4)).to_csv(tmp_path / "votes.csv", index=False)
+    items = [
+        "item,depth,fusion",
+        *(f"{item},{FACTORS['depth'][item]},{FACTORS['fusion'][item]}" for item in FACTORS["depth"]),
+    ]
+    (tmp_path / "items.csv").write_text("\n".join(items) + "\n", encoding="utf-8")
+    out = tmp_path / "out"
+    analysis = analyse_file(tmp_path / "votes.csv", out, items=tmp_path / "items.csv", factors=["fusion"])
+    assert json.loads((out / "analysis.json").read_text(encoding="utf-8")) == analysis
+    assert {row["comparison"] for row in analysis["scores"]} == {"all", "fusion"}
+    header = (out / "scores.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.startswith(
+        "comparison,dataset,item,score,se,se_participant,ci_low,ci_high,n_votes,wins,losses,ties,status"
+    )
+    for name in ("scores", "scores_fusion", "preferences", "residuals", "triads"):
+        for suffix, start in (("svg", b"<svg"), ("png", b"\x89PNG"), ("pdf", b"%PDF")):
+            assert (out / "figures" / f"{name}.{suffix}").read_bytes().startswith(start)
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "Davidson" in report
+    assert "pm_fb" in report
+    assert not list(out.rglob("*.part*"))
+
+
+def opinions(*choices: str, pairs: str = "xy yz xz") -> list[dict[str, Any]]:
+    """A row for each word of choices (one of each participant, a letter for each pair): a, b or n for a tie."""
+    return [
+        {"participant": f"p{who}", "dataset": "ball", "item_a": pair[0], "item_b": pair[1], "choice": choice}
+        for who, own in enumerate(choices)
+        for pair, choice in zip(pairs.split(), own.replace("n", "-"), strict=True)
+    ]
+
+
+def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str, Any]:
+    words = {"a": "a", "b": "b", "none": "-"}
+    return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
+
+
+def test_who_has_withdrawn_is_in_no_scores() -> None:
+    rows = [
+        row | {"excluded": row["participant"] in why, "reason": why.get(row["participant"], "")}
+        for why in ({"p2": "asleep", "p3": "withdrawn"},)
+        for row in opinions("aba", "baa", "abb", "aab")
+    ]
+    analysis = analyse(votes_from_rows(rows))
+    assert {row["n_votes"] for row in only(analysis["scores"], dataset="all")} == {4}
+    assert {row["n_votes"] for row in only(analysis["scores_with_excluded"], dataset="all")} == {6}
+    only_withdrawn = [row | {"excluded": row["participant"] == "p3"} for row in rows]
+    assert analyse(votes_from_rows(only_withdrawn))["scores_with_excluded"] == []
+
+
+def test_a_bootstrap_that_loses_its_extremes_gives_way_to_participant_errors() -> None:
+    one_for_z = ("abb", *["aaa", "baa"] * 4, "aaa")
+    analysis = analysed(*one_for_z, bootstrap=400, seed=1)
+    plain = analysed(*one_for_z)
+    (model,) = only(analysis["models"], dataset="all")
+    assert model["bootstrap_without_maximum"] > 40
+    assert analysis["scores"] == plain["scores"]
+    assert {row["ci_method"] for row in analysis["scores"]} == {"t on participant errors"}
+    assert any("too many for percentiles to hold" in warning for warning in analysis["warnings"])
+
+
+def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
+    for choices in (["aaa"] * 5, ["aba"]):
+        analysis = analysed(*choices)
+        (model,) = only(analysis["models"], dataset="all")
+        assert model["n_participants"] == len(choices)
+        for row in analysis["scores"]:
+            assert row["score"] is not None
+            assert (row["ci_low"], row["ci_high"], row["ci_method"]) == (None, None, None)
+    assert any("a single participant voted" in warning for warning in analysis["warnings"])
+
+
+def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:
+    """Both prefer a to b twice in three; on b and c they differ, so that every score has an error."""
+    analysis = analysed("aabaab", "aabbba", pairs="ab ab ab bc bc bc")
+    contrast = next(row for row in analysis["contrasts"] if (row["item_a"], row["item_b"]) == ("a", "b"))
+    assert contrast["difference"] == pytest.approx(np.log(2))
+    assert contrast["se"] > 0.5
+    assert contrast["p_value"] == contrast["p_holm"] == 1
+
+
+@pytest.mark.parametrize("odds", [10, 30])
+def test_a_rare_loss_to_a_far_item_leaves_numbers(odds: int) -> None:
+    items = [f"i{rank:02}" for rank in range(18)]
+    rows = [(a, b, choice) for a, b in pairwise(items) for choice in "a" * odds + "b"] + [(items[0], items[-1], "a")]
+    named = [
+        {"participant": "p", "dataset": "ball", "item_a": a, "item_b": b, "choice": choice} for a, b, choice in rows
+    ]
+    analysis = analyse(votes_from_rows(named))
+    json.dumps(analysis, allow_nan=False)
+    assert analysis["models"][0]["pearson_x2"] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_dataset_or_factor_called_all_is_refused() -> None:
+    rows = opinions("aba", "baa")
+    with pytest.raises(VotesError, match="a dataset is called 'all'"):
+        analyse(votes_from_rows([row | {"dataset": "all"} for row in rows]))
+    with pytest.raises(VotesError, match="a factor is called 'all'"):
+        analyse(votes_from_rows(rows), AnalysisSettings(factors={"all": {"x": "1", "y": "1", "z": "2"}}))

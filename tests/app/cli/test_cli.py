@@ -1,0 +1,399 @@
+"""The command line as its users meet it: what it prints, where, and how it ends; above all when the input is bad."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recon.render.video import write_video
+from recon.storage.files import read_json, write_json
+from tests.command_line import Command
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from recon.studio import SynthParameters, synthesise
+
+    folder = tmp_path_factory.mktemp("recorded") / "ball"
+    synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=1, size=(160, 120)))
+    return folder
+
+
+@pytest.fixture
+def capture(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "capture"))
+
+
+@pytest.fixture
+def stimuli(tmp_path: Path) -> Path:
+    """A stimulus set of two tiny videos."""
+    from recon.pipeline.manifest import Stimulus, write_manifest
+
+    folder = tmp_path / "stimuli"
+    made = []
+    for grey, approach in ((60, "id_fa"), (180, "id_fb")):
+        frames = [np.full((48, 64, 3), grey + 5 * frame, np.uint8) for frame in range(5)]
+        facts = write_video(folder / f"ball/{approach}.mp4", frames, size=(64, 48), fps=25)
+        levels = {"depth": "id", "fusion": approach[3:]}
+        made.append(
+            Stimulus(
+                "ball",
+                approach,
+                levels,
+                f"ball/{approach}.mp4",
+                None,
+                64,
+                48,
+                25.0,
+                facts.n_frames,
+                facts.codec,
+                "software",
+                1,
+                "static",
+                {},
+            )
+        )
+    write_manifest(folder, "tiny", made, {})
+    return folder
+
+
+def edit(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    content = read_json(folder / "capture.json")
+    change(content)
+    write_json(folder / "capture.json", content)
+
+
+def commands_of(*group: str) -> Iterator[tuple[str, ...]]:
+    """Every command of the installed program, asked of the program itself."""
+    import typer
+
+    from app.cli import app
+
+    def walk(node: Any, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+        for name, child in getattr(node, "commands", {}).items():
+            yield (*path, name)
+            yield from walk(child, (*path, name))
+
+    yield from walk(typer.main.get_command(app), group)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [(), *commands_of()], ids=" ".join)
+def test_every_command_explains_itself(command: Command, path: tuple[str, ...]) -> None:
+    told = command(*path, "--help")
+    assert told.code == 0
+    assert "Usage" in told.out
+
+
+def test_the_contract_names_its_commands() -> None:
+    single = {"demo", "match", "reconstruct", "render", "serve", "simulate", "analyse"}
+    groups = {"capture", "stimuli", "study", "admin", "token", "db"}
+    assert single | groups <= {path[0] for path in commands_of() if len(path) == 1}
+
+
+@pytest.mark.slow
+def test_help_and_server_load_no_reconstruction_backend() -> None:
+    heavy = "{'cv2', 'numba', 'pyrender', 'trimesh', 'skimage', 'open3d'}"
+    code = f"import sys, app.cli, app.main; sys.exit(' '.join({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert not done.stderr.strip()
+
+
+def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
+    assert command("reconstruct").code == 2
+    assert command("no-such-command").code == 2
+    told = command("render", tmp_path, "-o", tmp_path / "set", "--size", "huge")
+    assert told.code == 2
+    assert "'huge' is not a size" in told.err
+
+
+def test_match_writes_a_disparity_and_reports_as_json(command: Command, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    left = rng.integers(0, 256, (40, 60), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "left.png"), left)
+    cv2.imwrite(str(tmp_path / "right.png"), np.roll(left, -4, axis=1))
+    told = command(
+        "match", tmp_path / "left.png", tmp_path / "right.png", "--method", "id", "--disparities", 8,
+        "-o", tmp_path / "d.npy", "--json",
+    )  # fmt: skip
+    assert told.code == 0, told.err
+    result = json.loads(told.out)
+    disparity = np.load(tmp_path / "d.npy")
+    assert result["density"] == pytest.approx(np.isfinite(disparity).mean())
+    assert np.nanmedian(disparity) == 4
+    assert {"n_disparities": 8, "min_disparity": 0, "sigma": 12.0, "levels": 2}.items() <= result["parameters"].items()
+
+
+@pytest.mark.parametrize(
+    ("right", "sentence"),
+    [
+        (np.zeros((40, 60, 3), np.uint8), "the left image has 1 channels, the right 3; expected the same"),
+        (np.zeros((40, 60), np.uint16), "the right image is uint16; expected 8 bits a channel"),
+    ],
+)
+def test_match_takes_no_image_for_one_of_another_kind(
+    command: Command, tmp_path: Path, right: NDArray[np.generic], sentence: str
+) -> None:
+    cv2.imwrite(str(tmp_path / "left.png"), np.zeros((40, 60), np.uint8))
+    cv2.imwrite(str(tmp_path / "right.png"), np.asarray(right))
+    told = command("match", tmp_path / "left.png", tmp_path / "right.png", "--disparities", 8, "-o", tmp_path / "d.npy")
+    assert told.code == 1
+    assert sentence in told.err
+    assert not (tmp_path / "d.npy").exists()
+
+
+def test_match_says_in_a_sentence_that_a_pair_has_no_texture(command: Command, tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), np.zeros((40, 60), np.uint8))
+    told = command(
+        "match", tmp_path / "left.png", tmp_path / "right.png", "--disparities", 8, "-o", tmp_path / "d.npy", "--json"
+    )
+    assert told.code == 0, told.err
+    sentence = "the images have no texture: nothing can be matched, every disparity is NaN"
+    assert told.err == f"warning: {sentence}\n"
+    assert json.loads(told.out)["warnings"] == [sentence]
+    assert np.isnan(np.load(tmp_path / "d.npy")).all()
+
+
+def test_a_missing_image_is_named(command: Command, tmp_path: Path) -> None:
+    told = command("match", tmp_path / "no.png", tmp_path / "no.png", "--disparities", 8, "-o", tmp_path / "d.npy")
+    assert told.code == 1
+    assert f"{tmp_path / 'no.png'}: there is no such" in told.err
+    assert not (tmp_path / "d.npy").exists()
+
+
+def without_frames(content: dict[str, Any]) -> None:
+    content["n_frames"] = 0
+
+
+def without_baseline(content: dict[str, Any]) -> None:
+    content["sensors"][0]["right"]["cam_from_world"] = content["sensors"][0]["left"]["cam_from_world"]
+
+
+def with_sheared_rotation(content: dict[str, Any]) -> None:
+    content["sensors"][0]["left"]["cam_from_world"][0][1] += 0.5
+
+
+def with_other_size(content: dict[str, Any]) -> None:
+    content["sensors"][1]["right"]["size"] = [80, 60]
+
+
+BROKEN = [
+    (without_frames, "n_frames is 0"),
+    (without_baseline, "the baseline is 0 mm"),
+    (with_sheared_rotation, "not a rigid transform"),
+    (with_other_size, "sizes must be equal"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("change", "problem"), BROKEN, ids=[change.__name__ for change, _ in BROKEN])
+def test_a_broken_calibration_stops_before_anything_is_made(
+    command: Command, capture: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None], problem: str
+) -> None:
+    edit(capture, change)
+    told = command("reconstruct", capture, "-o", tmp_path / "run")
+    assert told.code == 1
+    assert problem in told.err
+    assert str(capture) in told.err
+    assert not (tmp_path / "run").exists()
+    checked = command("capture", "check", capture)
+    assert checked.code == 1
+    assert problem in checked.out
+
+
+@pytest.mark.parametrize("damage", ["missing", "unreadable"])
+def test_a_bad_picture_is_named(command: Command, capture: Path, tmp_path: Path, damage: str) -> None:
+    picture = capture / "S2/right/0000.png"
+    picture.unlink() if damage == "missing" else picture.write_bytes(b"no picture")
+    told = command("reconstruct", capture, "-o", tmp_path / "run", "--depth", "id")
+    assert told.code == 1
+    assert str(picture) in told.err
+    assert not (tmp_path / "run/run.json").exists()
+    assert not list((tmp_path / "run").rglob("*.part*"))
+
+
+def test_a_mesh_is_exported_for_viewers(command: Command, recorded: Path, tmp_path: Path) -> None:
+    told = command("export", recorded / "truth/mesh/0000.ply", tmp_path / "model.glb", "--json")
+    assert told.code == 0, told.err
+    assert (tmp_path / "model.glb").read_bytes()[:4] == b"glTF"
+    assert json.loads(told.out)["faces"] > 100
+
+
+def test_a_study_is_created_and_listed(command: Command, stimuli: Path) -> None:
+    created = command("study", "create", stimuli, "--name", "Tiny", "--seed", 1, "--json")
+    assert created.code == 0, created.err
+    assert json.loads(created.out)["n_pairs"] == 1
+    listed = command("study", "list")
+    assert "tiny (open): 0 of 0 participants finished, 0 votes" in listed.out
+
+
+def test_a_video_with_another_digest_is_named(command: Command, stimuli: Path) -> None:
+    video = stimuli / "ball/id_fa.mp4"
+    shutil.copy(stimuli / "ball/id_fb.mp4", video)
+    told = command("study", "create", stimuli, "--name", "Tiny")
+    assert told.code == 1
+    assert "ball/id_fa.mp4" in told.err
+    assert "no study yet" in command("study", "list").out
+
+
+def test_a_video_that_cannot_be_decoded_is_named(command: Command, stimuli: Path) -> None:
+    import hashlib
+
+    video = stimuli / "ball/id_fa.mp4"
+    video.write_bytes(b"no video")
+    manifest = read_json(stimuli / "manifest.json")
+    manifest["stimuli"][0]["sha256"] = hashlib.sha256(b"no video").hexdigest()
+    write_json(stimuli / "manifest.json", manifest)
+    for arguments in (("stimuli", "check", stimuli), ("study", "create", stimuli, "--name", "Tiny")):
+        told = command(*arguments)
+        assert told.code == 1
+        assert "id_fa.mp4" in told.err
+        assert len(told.err.strip().splitlines()[-1]) < 400
+
+
+@pytest.mark.slow
+def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tmp_path: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
+    (tmp_path / "abilities.json").write_text('{"id_fa": -3, "id_fb": 3}')
+    told = command(
+        "simulate", "--study", "tiny", "--participants", 3, "--abilities", tmp_path / "abilities.json", "--json"
+    )
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["votes"] == 3
+    assert "3 of 3 participants finished, 3 votes" in command("study", "list").out
+
+
+VOTES = "participant,dataset,item_a,item_b,choice\np1,ball,x,y,a\np2,ball,x,y,b\np3,ball,x,y,a\np4,ball,x,y,none\n"
+
+
+@pytest.mark.slow
+def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json")
+    assert told.code == 0, told.err
+    scores = {row["item"]: row["score"] for row in json.loads(told.out)["scores"] if row["dataset"] == "all"}
+    assert scores["x"] == pytest.approx(np.log(2) / 2, abs=1e-6)  # two wins to one: the ties favour neither
+    for name in ("analysis.json", "scores.csv", "triads.csv", "observers.csv", "report.html"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES.replace("p3,ball,x,y,a", "p3,ball,x,y,left"))
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out")
+    assert told.code == 1
+    assert "votes.csv: row 3" in told.err
+    assert "'left'" in told.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
+    votes = real_data / "votes/pwcmp_tone_mapping.csv"
+    told = command("analyse", votes, "-o", tmp_path / "out", "--json")
+    assert told.code == 0, told.err
+    analysis = json.loads(told.out)
+    pooled = [row for row in analysis["scores"] if row["dataset"] == "all" and row["comparison"] == "all"]
+    assert {row["item"]: round(row["score"], 3) for row in pooled} == {
+        "irawan05": 1.187,
+        "mantiuk08": 0.678,
+        "tmo_camera": 0.425,
+        "ronan12": 0.046,
+        "ferwerda96": -0.118,
+        "pattanaik00": -0.628,
+        "hateren06": -1.59,
+    }
+    assert sum(row["circular"] for row in analysis["triads"]) == 0
+
+
+OPTIONS = """optional_stages = ["practice"]
+both_orders = true
+identical_pairs = 1
+"""
+
+
+@pytest.mark.slow
+def test_a_studys_options_come_from_a_file_and_from_the_command(
+    command: Command, stimuli: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "options.toml").write_text(OPTIONS)
+    created = command(
+        "study", "create", stimuli, "--name", "Tiny", "--options", tmp_path / "options.toml", "--identical-pairs", 2
+    )
+    assert created.code == 0, created.err
+    exported = command("study", "export", "tiny", "--json")
+    told = json.loads(exported.out)["toml"]
+    assert 'optional_stages = ["practice"]' in told
+    assert "both_orders = true\nidentical_pairs = 2\n" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [("breaks = 3", "option 'breaks' is not known"), ("both_orders = 'yes'", "both_orders is 'yes'"), ("x", "options")],
+)
+def test_options_that_are_not_right_are_named_with_their_file(
+    command: Command, stimuli: Path, tmp_path: Path, options: str, complaint: str
+) -> None:
+    (tmp_path / "options.toml").write_text(options)
+    told = command("study", "create", stimuli, "--name", "Tiny", "--options", tmp_path / "options.toml")
+    assert told.code == 1
+    assert f"{tmp_path / 'options.toml'}: " in told.err
+    assert complaint in told.err
+
+
+def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path) -> None:
+    told = command("study", "create", stimuli, "--name", "Tiny", "--reference", "truth")
+    assert told.code == 1
+    assert "the reference 'truth' is not among them" in told.err
+
+
+@pytest.mark.slow
+def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
+    command: Command, stimuli: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 5, "--both-orders", "--break-every", 0)
+    file = tmp_path / "tiny.toml"
+    assert command("study", "export", "tiny", "-o", file).code == 0
+    first = file.read_text()
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path / "elsewhere"))
+    assert "names no stimuli" in command("study", "import", file).err
+    imported = command("study", "import", file, "--stimuli", stimuli, "--json")
+    assert imported.code == 0, imported.err
+    assert json.loads(imported.out)["seed"] == 5
+    assert json.loads(command("study", "export", "tiny", "--json").out)["toml"] == first
+
+    manifest = read_json(stimuli / "manifest.json")
+    write_json(stimuli / "manifest.json", manifest | {"name": "another"})
+    file.write_text(f'stimuli = "{stimuli.name}"\n' + first.replace('"Tiny"', '"Other"'))
+    told = command("study", "import", file)
+    assert told.code == 1
+    assert "this is another stimulus set" in told.err
+
+
+def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny")
+    made = json.loads(command("study", "invite", "tiny", "--places", 3, "--json").out)
+    assert made["link"].endswith(f"/s/{made['invitation']}")
+    assert made["invitation"] in command("study", "list").out
+    assert "there is no study 'none'" in command("study", "invite", "none").err
+
+
+@pytest.mark.slow
+def test_balance_is_told(command: Command, stimuli: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
+    assert command("simulate", "--study", "tiny", "--participants", 3).code == 0
+    told = command("study", "balance", "tiny")
+    assert "Orders from the seed 1: balanced" in told.out
+    assert "3 finished" in told.out
+    report = json.loads(command("study", "balance", "tiny", "--json").out)
+    assert report["pairs"][0]["n_shown"] == 3

@@ -1,0 +1,216 @@
+"""The paper's experiment: its timetable, its artificial people, what it concludes, and one small real run."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import app.experiment.study
+import recon.experiment
+import recon.validation.truth.evaluation
+from app.experiment.report import conclusions
+from app.experiment.sections import Results
+from app.experiment.study import people, true_abilities
+from app.experiment.timetable import Step, Timetable, duration
+from app.intake.reports import Measure
+from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
+from tests.command_line import Command
+
+APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]
+SSIM = dict(zip(APPROACHES, (0.76, 0.78, 0.795, 0.82, 0.806, 0.824), strict=True))
+
+
+class Clock:
+    """A clock that steps move on."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def step(self, name: str, expected: float, taken: float) -> Step:
+        def run() -> None:
+            self.now += taken
+
+        return Step(name, expected, run)
+
+
+def ssim(dataset: str, values: dict[str, float]) -> list[Measure]:
+    return [
+        Measure(
+            dataset=dataset,
+            approach=approach,
+            measure=app.experiment.study.QUALITY,
+            value=value,
+            direction="more is better",
+            unit="share",
+        )
+        for approach, value in values.items()
+    ]
+
+
+def test_the_time_to_go_follows_the_pace_of_the_steps_that_had_work(tmp_path: Path) -> None:
+    clock, said = Clock(), []
+    steps = [
+        clock.step("was there", 100, 0.1),
+        clock.step("twice as slow", 100, 200),
+        clock.step("last", 50, 90),
+    ]
+    timetable = Timetable(steps, tmp_path / "seconds.json", clock)
+    assert timetable.seconds_left() == 250
+    seconds = timetable.run(said.append)
+    assert seconds == {"was there": 0.1, "twice as slow": 200.0, "last": 90.0}
+    assert said == [
+        "1 of 3: was there (about 4 min to go)",
+        "2 of 3: twice as slow (about 2 min to go)",
+        "3 of 3: last (about 88 s to go)",
+    ]
+    assert timetable.seconds_left() == 0
+
+
+def test_a_step_that_was_there_keeps_the_time_that_it_took_to_make(tmp_path: Path) -> None:
+    clock = Clock()
+    for taken in (40.0, 0.2):
+        seconds = Timetable([clock.step("a", 30, taken)], tmp_path / "seconds.json", clock).run(lambda _: None)
+    assert seconds == {"a": 40.0}
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(3.4, "3 s"), (200, "3 min"), (7200 * 2, "4.0 h")])
+def test_durations_are_told_as_people_say_them(seconds: float, told: str) -> None:
+    assert duration(seconds) == told
+
+
+def test_what_people_prefer_follows_what_was_measured_in_each_dataset() -> None:
+    abilities = true_abilities([*ssim("ball", SSIM), *ssim("box", {one: 0.9 * SSIM[one] for one in APPROACHES})])
+    for dataset in ("ball", "box"):
+        own = [abilities[f"{dataset}/{approach}"] for approach in APPROACHES]
+        assert sum(own) == pytest.approx(0, abs=1e-3)
+        assert np.argsort(own).tolist() == np.argsort(list(SSIM.values())).tolist()
+    half_as_unlike = true_abilities(ssim("ball", {"id_fa": 0.6, "pm_fb": 0.8}))
+    assert half_as_unlike["ball/pm_fb"] - half_as_unlike["ball/id_fa"] == pytest.approx(
+        app.experiment.study.LOG_ODDS_PER_OCTAVE
+    )
+
+
+def test_without_the_measure_that_people_see_nobody_prefers_anything() -> None:
+    with pytest.raises(ValueError, match="hold no 'novel view SSIM'"):
+        true_abilities([])
+
+
+def test_the_people_are_those_of_table_3_and_one_who_lacks_a_cone() -> None:
+    crowd = people(true_abilities(ssim("ball", SSIM)))
+    seeing = [one for one in crowd if one.observer.lacks is None]
+    assert (len(crowd), len(seeing)) == (23, 22)
+    assert Counter(one.answers["sex"] for one in seeing) == {"male": 9, "female": 13}
+    assert Counter(one.answers["trained"] for one in seeing) == {"yes": 11, "no": 11}
+    ages = [one.answers["age"] for one in seeing]
+    assert (min(ages), max(ages)) == (19, 59)
+    assert len({tuple((one.abilities or {}).values()) for one in seeing}) == 22
+
+
+def results(
+    scored: dict[str, float], verdicts: tuple[str, ...] = ("passed", "failed"), p_holm: float = 0.001
+) -> Results:
+    """Results of one dataset whose scores are given, all of them as clearly different as `p_holm` says."""
+    rows = [
+        {"comparison": "all", "dataset": dataset, "item": item, "score": score}
+        for dataset in ("ball", "all")
+        for item, score in scored.items()
+    ]
+    for factor, place in (("depth", slice(0, 2)), ("fusion", slice(3, 5))):
+        levels = dict.fromkeys(item[place] for item in scored)
+        rows += [
+            {"comparison": factor, "dataset": "all", "item": level,
+             "score": float(np.mean([score for item, score in scored.items() if item[place] == level]))}
+            for level in levels
+        ]  # fmt: skip
+    clear = [
+        {"comparison": one["comparison"], "dataset": "all", "item_a": one["item"], "item_b": other["item"],
+         "difference": one["score"] - other["score"], "p_holm": p_holm}
+        for one, other in combinations((row for row in rows if row["dataset"] == "all"), 2)
+        if one["comparison"] == other["comparison"]
+    ]  # fmt: skip
+    answers: dict[str, Any] = {
+        "abilities": true_abilities(ssim("ball", SSIM)),
+        "analysis": {"scores": rows, "contrasts": clear},
+        "screening": [{"participant": "P1", "test": "colour", "verdict": verdict} for verdict in verdicts],
+    }
+    return Results(Path(), answers, {}, {})
+
+
+def test_conclusions_agree_where_the_scores_are_the_truth() -> None:
+    truth = true_abilities(ssim("ball", SSIM))
+    checks = conclusions(results({name.split("/")[1]: ability for name, ability in truth.items()}))
+    assert [check["agrees"] for check in checks] == [True] * 6
+    assert checks[3]["came_out"] == "pm > dr > id"
+
+
+def test_conclusions_differ_where_the_scores_are_the_truth_upside_down() -> None:
+    truth = true_abilities(ssim("ball", SSIM))
+    upside_down = {name.split("/")[1]: -ability for name, ability in truth.items()}
+    assert [check["agrees"] for check in conclusions(results(upside_down, ("passed",)))] == [False] * 6
+
+
+def test_an_order_that_the_votes_leave_open_contradicts_nothing() -> None:
+    truth = true_abilities(ssim("ball", SSIM))
+    upside_down = {name.split("/")[1]: -ability for name, ability in truth.items()}
+    rank, *orders, _ = conclusions(results(upside_down, p_holm=0.6))
+    assert not rank["agrees"]
+    assert [check["agrees"] for check in orders] == [True] * 4
+    assert orders[2]["came_out"] == "id ≈ dr ≈ pm"
+
+
+def test_full_says_how_long_it_takes_and_waits_to_be_told(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recon.experiment, "measured_pace", lambda _progress: 2.0)
+    told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full")
+    assert told.code == 2
+    assert "--yes" in told.err
+    assert "h, and nobody can be asked here" in told.err
+    assert not (tmp_path / "full").exists()
+
+
+def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None:
+    told = command("experiment", "paper", "-o", tmp_path, "--scale", "huge")
+    assert told.code == 2
+    assert "expected small or full" in told.err
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scale `small`, but so that it takes a minute: two scenes of one frame, two balls, six people."""
+    scale = recon.experiment.Scale((120, 214), (240, 240), 1, 5.0, 2, 1, (160, 90), 25.0, 0.4)
+    monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
+    monkeypatch.setattr(recon.experiment, "SCENES", ("ball", "face"))
+    monkeypatch.setattr(recon.validation.ground_truth, "N_SAMPLES", 5000)
+    for name, value in {"N_PEOPLE": 6, "N_MEN": 3, "N_TRAINED": 3, "LACKING": 2}.items():
+        monkeypatch.setattr(app.experiment, name, value)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("tiny")
+def test_a_small_experiment_ends_in_a_report_and_is_not_done_twice(command: Command, tmp_path: Path) -> None:
+    out = tmp_path / "paper"
+    told = command("experiment", "paper", "-o", out, "--json")
+    assert told.code == 0, told.err
+    report = json.loads(told.out)
+    wanted = {f"table_{n}" for n in range(1, 5)} | {f"figure_{n}" for n in range(6, 9)} | {"measures", "cuboid"}
+    assert wanted <= report["tables"].keys()
+    checks = {check["question"].split(" ")[0]: check for check in report["checks"]}
+    assert checks["People"]["agrees"]
+    assert float(checks["Rank"]["came_out"]) > 0.4  # of six people
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert 'src="http' not in page
+    assert page.count("<svg") >= 5
+    votes = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.suffix in (".mp4", ".ply", ".sqlite")}
+    again = command("experiment", "paper", "-o", out, "--json")
+    assert json.loads(again.out)["checks"] == report["checks"]
+    assert {path: path.stat().st_mtime_ns for path in votes} == votes

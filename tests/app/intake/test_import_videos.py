@@ -1,0 +1,109 @@
+"""Somebody else's videos become a stimulus set that a study can use, or nothing is left of the attempt."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.errors import StimuliError
+from app.intake.import_videos import import_stimuli
+from app.intake.stimuli import read_stimulus_set
+from tests.app.intake import clips
+
+LEVELS = "condition,codec,bitrate\nlow,av1,1\nhigh,av1,4\n"
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> Path:
+    """Two datasets of two conditions, and a scene for practice."""
+    folder = tmp_path / "my videos"
+    for dataset in ("street", "forest", "warm-up"):
+        for level, condition in ((0x30, "high"), (0x60, "low")):
+            clips.encode(folder / dataset / f"{condition}.mp4", clips.flat(f"0x{level:02x}{level:02x}{level:02x}"))
+    (folder / "conditions.csv").write_text(LEVELS, encoding="utf-8")
+    return folder
+
+
+def test_a_folder_of_videos_becomes_a_stimulus_set(videos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    result = CliRunner().invoke(
+        app, ["stimuli", "import", str(videos), "-o", str(out), "--practice", "warm-up", "--json"]
+    )
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["videos"] == 4
+    found = read_stimulus_set(out)
+    assert (found.datasets, found.conditions) == (("forest", "street"), ("high", "low"))
+    assert found.factors == {"codec": ["av1"], "bitrate": ["1", "4"]}
+    assert found.stimuli[0].levels == {"codec": "av1", "bitrate": "4"}
+    assert [one.name for one in found.practice] == ["warm-up/high", "warm-up/low"]
+
+
+def test_conditions_need_no_factors(videos: Path, tmp_path: Path) -> None:
+    (videos / "conditions.csv").unlink()
+    found = import_stimuli(videos, tmp_path / "set")
+    assert found.factors == {}
+    assert len(found.datasets) == 3
+
+
+def spoil(videos: Path, fault: str) -> None:
+    if fault == "missing":
+        (videos / "street" / "low.mp4").unlink()
+    if fault == "long":
+        clips.encode(videos / "street" / "low.mp4", clips.flat("black"), "-frames:v", "12")
+    if fault == "text":
+        (videos / "street" / "low.mp4").write_text("<html>no video</html>", encoding="utf-8")
+    if fault == "twice":
+        shutil.copy(videos / "street" / "low.mp4", videos / "street" / "low.mkv")
+    if fault == "row":
+        (videos / "conditions.csv").write_text("condition,codec\nlow,av1\n", encoding="utf-8")
+    if fault == "unknown":
+        (videos / "conditions.csv").write_text(LEVELS + "middle,av1,2\n", encoding="utf-8")
+    if fault == "level":
+        (videos / "conditions.csv").write_text("condition,codec\nlow,av1\nhigh,\n", encoding="utf-8")
+    if fault == "columns":
+        (videos / "conditions.csv").write_text("name,codec\nlow,av1\n", encoding="utf-8")
+    if fault == "empty":
+        shutil.rmtree(videos)
+        videos.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("fault", "why"),
+    [
+        ("missing", "street: has no video of low, which other datasets have"),
+        ("long", "has n_frames 12, street/high has 10; the stimuli of a dataset must be alike"),
+        ("text", "low.mp4: cannot be decoded as a video"),
+        ("twice", "low.mkv and low.mp4 are both the condition low"),
+        ("row", "has no row for high"),
+        ("unknown", "names middle, of which there is no video"),
+        ("level", "high has no level of codec"),
+        ("columns", "has the columns name, codec; expected condition"),
+        ("empty", "holds no video; expected a folder for each dataset"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_and_leaves_nothing(
+    videos: Path, tmp_path: Path, fault: str, why: str
+) -> None:
+    spoil(videos, fault)
+    with pytest.raises(StimuliError, match=why):
+        import_stimuli(videos, tmp_path / "set")
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_folder_with_something_in_it_is_not_written_to(videos: Path, tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "mine.txt").write_text("keep", encoding="utf-8")
+    with pytest.raises(StimuliError, match="is not empty; choose a new folder"):
+        import_stimuli(videos, tmp_path / "set")
+    assert (tmp_path / "set" / "mine.txt").read_text(encoding="utf-8") == "keep"
+
+
+def test_a_scene_for_practice_has_two_videos(videos: Path, tmp_path: Path) -> None:
+    (videos / "warm-up" / "low.mp4").unlink()
+    with pytest.raises(StimuliError, match="has 1 videos; practice needs two"):
+        import_stimuli(videos, tmp_path / "set", practice="warm-up")

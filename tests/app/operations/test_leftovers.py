@@ -1,0 +1,48 @@
+"""A server's start clears away what earlier ones were killed at, and nothing else."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from app import main
+from app.files import whole_file
+from app.main import running_server
+from app.operations.leftovers import LEFT_FOR
+from app.settings import Settings
+from app.store.keys import utc_now
+
+
+def killed_at_work(settings: Settings) -> list[Path]:
+    """What is left of a film, a still, an upload, a model and a report that were never finished."""
+    left = []
+    for folder, name in (("pairs", "ab.mp4"), ("stills", "ab-top.jpg"), ("models", "ab.ply")):
+        with whole_file(settings.data_dir / folder / name) as temporary:
+            temporary.touch()
+        temporary.touch()
+        temporary.with_name(name).unlink()
+        left.append(temporary)
+    for folder, name in (("stimuli", ".upload-x"), ("uploads", ".upload-x"), ("reports", ".part-x")):
+        path = settings.data_dir / folder / name
+        (path / "unpacked").mkdir(parents=True)
+        (path / "unpacked" / "film.mp4").touch()
+        left.append(path)
+    return left
+
+
+@pytest.mark.parametrize(("later", "are_there"), [(LEFT_FOR + timedelta(hours=1), False), (timedelta(0), True)])
+def test_what_was_left_half_written_a_day_ago_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, later: timedelta, are_there: bool
+) -> None:
+    settings = Settings(data_dir=tmp_path)
+    left = killed_at_work(settings)
+    kept = [settings.media_dir / "ab.mp4", settings.sets_dir / "tiny" / ".notes.part.txt", tmp_path / ".hidden"]
+    for path in kept:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    monkeypatch.setattr(main, "utc_now", lambda: utc_now() + later)
+    with running_server(settings):
+        assert [path.exists() for path in left] == [are_there] * len(left)
+    assert all(path.exists() for path in kept)

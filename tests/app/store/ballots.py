@@ -1,0 +1,90 @@
+"""Participants at their trials, and what they vote."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+from uuid import uuid4
+
+from sqlalchemy import event, func, select
+
+from app.errors import StudyError
+from app.store.engine import Database
+from app.store.invitations import Invitation
+from app.store.sessions import Session, begin_session, complete_stage, session_by_token
+from app.store.tables import vote
+from app.store.trials import NextTrial, mark_served, next_trials
+from app.store.vote_records import Ballot, KeptVote, keep_votes
+from app.study.valid_vote import Vote
+from tests.seeding import NOW
+
+
+@dataclass(frozen=True)
+class Participant:
+    """Who has read the introduction."""
+
+    token: str
+    session: Session
+
+    @property
+    def id(self) -> int:
+        return self.session.id
+
+
+def let_in(database: Database, invitation: Invitation) -> Participant:
+    token = begin_session(database, invitation, NOW)
+    with database.reading() as connection:
+        found = session_by_token(connection, token)
+    assert found is not None
+    complete_stage(database, found, "introduction", {}, NOW)
+    return Participant(token, found)
+
+
+def serve_next(database: Database, of: Participant) -> NextTrial:
+    return serve_trials(database, of, 1)[0]
+
+
+def serve_trials(database: Database, of: Participant, n_trials: int) -> list[NextTrial]:
+    with database.reading() as connection:
+        trials = next_trials(connection, of.id, n_trials)
+    mark_served(database, [trial.id for trial in trials], NOW)
+    return trials
+
+
+def vote_on(trial: NextTrial, **changes: Any) -> Vote:
+    viewing = {"first_shown": trial.first_shown, "shown_ms": 1000.0, "response_ms": 12.5, "switches": []}
+    return replace(Vote(str(uuid4()), "a", viewing), **changes)
+
+
+def ballot_of(of: Participant, trial: NextTrial, **changes: Any) -> Ballot:
+    return Ballot(of.token, trial.public_id, vote_on(trial, **changes), NOW)
+
+
+def n_votes(database: Database) -> int:
+    with database.reading() as connection:
+        return connection.scalar(select(func.count()).select_from(vote)) or 0
+
+
+def rows_read(database: Database) -> list[tuple[Any, ...]]:
+    """Grows by every row that SQLite's driver gives from now on."""
+    read: list[tuple[Any, ...]] = []
+
+    def noted(_cursor: sqlite3.Cursor, row: tuple[Any, ...]) -> tuple[Any, ...]:
+        read.append(row)
+        return row
+
+    @event.listens_for(database.engine, "checkout")
+    def note(connection: sqlite3.Connection, *_: Any) -> None:
+        connection.row_factory = noted
+
+    return read
+
+
+def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
+    """Keep one vote, or raise why it is not kept."""
+    (outcome,) = keep_votes(database, [Ballot(of.token, trial_id, sent, now)])
+    if isinstance(outcome, StudyError):
+        raise outcome
+    return outcome

@@ -1,0 +1,36 @@
+"""A database with a study of two datasets and three conditions; its videos exist in name only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+
+import pytest
+
+from app.store.engine import Database
+from app.store.invitations import Invitation, insert_invitation, invitation_by_code
+from tests.seeding import NOW, seed_study
+
+MakeInvitation = Callable[[int | None], Invitation]
+
+
+@pytest.fixture
+def now() -> datetime:
+    return NOW
+
+
+@pytest.fixture
+def study_id(database: Database) -> int:
+    return seed_study(database, ("ball", "box"), ("id_fa", "id_fb", "pm_fb"))
+
+
+@pytest.fixture
+def invite(database: Database, study_id: int) -> MakeInvitation:
+    def make(places: int | None) -> Invitation:
+        with database.writing() as connection:
+            code = insert_invitation(connection, study_id, places, NOW)
+            invitation = invitation_by_code(connection, code)
+        assert invitation is not None
+        return invitation
+
+    return make

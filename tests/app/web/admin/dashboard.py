@@ -1,0 +1,82 @@
+"""An experimenter at the dashboard, who sends forms as a browser would."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+import time
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from app.operations import manage
+from app.settings import Settings
+from app.store.experimenters import Role
+
+
+class Dashboard(httpx.Client):
+    """A browser in which somebody may be signed in; `act` sends a form with the token that its page carries."""
+
+    def __init__(self, server: str) -> None:
+        super().__init__(base_url=server, timeout=60, follow_redirects=True, headers={"Accept": "text/html"})
+
+    @property
+    def form_token(self) -> str:
+        found = re.search(r'name="form_token" value="([^"]+)"', self.get("/admin/account").text)
+        assert found, "nobody is signed in"
+        return found[1]
+
+    def act(self, path: str, **fields: Any) -> httpx.Response:
+        return self.post(path, data={"form_token": self.form_token, **fields})
+
+    def enter(self, path: str, **fields: Any) -> httpx.Response:
+        """Send a form for who has no session: sign-in or set-up."""
+        if "entry" not in self.cookies:
+            self.get("/admin")
+        return self.post(path, data={"form_token": self.cookies["entry"], **fields})
+
+
+@contextmanager
+def signed_in(server: str, settings: Settings, name: str, role: Role | None = None) -> Iterator[Dashboard]:
+    with Dashboard(server) as dashboard:
+        dashboard.get(manage.add_experimenter(settings, name, role)["path"])
+        yield dashboard
+
+
+def ends(dashboard: Dashboard, path: str) -> httpx.Response:
+    """The page at the end of some work in the background."""
+    for _ in range(200):
+        answer = dashboard.get(path)
+        if 'http-equiv="refresh"' not in answer.text:
+            return answer
+        time.sleep(0.05)
+    raise AssertionError(f"{path}: the work does not end")
+
+
+def link_of(page: httpx.Response, text: str) -> str:
+    """Where a link or button of a page leads."""
+    found = re.search(rf'href="([^"]+)">{re.escape(text)}</a>', page.text)
+    assert found, f"{page.url} has no link {text!r}"
+    return html.unescape(found[1])
+
+
+def until(lines: Iterator[str], text: str) -> None:
+    """Read a stream as far as a text."""
+    assert any(text in line for line in lines), f"{text!r} never came"
+
+
+def zipped(files: dict[str, bytes]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return content.getvalue()
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -1,0 +1,118 @@
+"""Long work in the background tells that it lives, and is done once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timedelta
+from threading import Barrier, Event
+from threading import enumerate as threads
+from typing import Any
+
+import pytest
+
+from app.errors import ConflictError
+from app.settings import Settings
+from app.store.engine import Database, open_database
+from app.store.jobs import BEATS_WITHIN, begin_job, end_job, job_by_id
+from app.web.admin import jobs, studies
+from tests.app.web.admin.dashboard import ends, signed_in
+from tests.seeding import NOW
+
+TIMEOUT_S = 10
+
+
+@pytest.fixture
+def slow_creation(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Event, list[str]]]:
+    """Creating a study takes until the event is set; the names of those that were begun."""
+    may_end, names = Event(), list[str]()
+
+    def create(_settings: Settings, _folder: object, name: str, **_: Any) -> dict[str, str]:
+        names.append(name)
+        may_end.wait(6 * TIMEOUT_S)
+        return {"slug": "none"}
+
+    monkeypatch.setattr(studies, "create_study", create)
+    yield may_end, names
+    may_end.set()
+
+
+def beat_of(database: Database, address: str) -> datetime:
+    with database.reading() as connection:
+        job = job_by_id(connection, address.rpartition("/")[2])
+    assert job is not None
+    return job.beat_at
+
+
+def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
+    own_server: str, own: Settings, slow_creation: tuple[Event, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "BEATS_EVERY_S", 0.02)
+    may_end, _ = slow_creation
+    database = open_database(own.url)
+    with signed_in(own_server, own, "Eva") as eva:
+        address = eva.act("/admin/studies/new", name="Slow", stimulus_set="tiny").url.path
+        first, until_s = beat_of(database, address), time.monotonic() + TIMEOUT_S
+        while beat_of(database, address) == first:
+            assert time.monotonic() < until_s, "the job is silent"
+        may_end.set()
+        ends(eva, address)
+    database.dispose()
+    for thread in threads():
+        if thread.name.startswith("beat-"):
+            thread.join(TIMEOUT_S)
+            assert not thread.is_alive()
+
+
+def test_who_clicks_twice_is_led_to_the_work_that_runs(
+    own_server: str, own: Settings, slow_creation: tuple[Event, list[str]]
+) -> None:
+    may_end, names = slow_creation
+    with signed_in(own_server, own, "Eva") as eva, signed_in(own_server, own, "Ada") as ada:
+        first = eva.act("/admin/studies/new", name="Twice", stimulus_set="tiny").url.path
+        assert eva.act("/admin/studies/new", name="twice!", stimulus_set="tiny").url.path == first
+        refused = ada.act("/admin/studies/new", name="Twice", stimulus_set="tiny")
+        assert refused.status_code == 409
+        assert "Eva" in refused.text
+        other = eva.act("/admin/studies/new", name="Another", stimulus_set="tiny").url.path
+        assert other != first
+        may_end.set()
+        for address in (first, other):
+            ends(eva, address)
+        again = eva.act("/admin/studies/new", name="Twice", stimulus_set="tiny").url.path
+        assert again != first
+        ends(eva, again)
+    assert sorted(names) == ["Another", "Twice", "Twice"]
+
+
+def test_work_is_begun_once_when_all_ask_at_once(database: Database) -> None:
+    together = Barrier(4)
+
+    def begin(_number: int) -> tuple[str, bool]:
+        together.wait(TIMEOUT_S)
+        begun = begin_job(database, "Eva", "Creating", NOW, "study x")
+        return begun.public_id, begun.is_new
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(begin, range(4)))
+    assert len({public_id for public_id, _ in found}) == 1
+    assert sorted(is_new for _, is_new in found) == [False, False, False, True]
+
+
+def test_work_that_was_lost_or_has_ended_can_be_begun_again(database: Database) -> None:
+    lost = begin_job(database, "Eva", "Creating", NOW, "study x")
+    later = NOW + BEATS_WITHIN
+    with pytest.raises(ConflictError, match="Eva"):
+        begin_job(database, "Ada", "Creating", later, "study x")
+    later += timedelta(seconds=1)
+    second = begin_job(database, "Ada", "Creating", later, "study x")
+    assert second.is_new
+    with database.reading() as connection:
+        found = job_by_id(connection, lost.public_id)
+    assert found is not None
+    assert (found.state, "was stopped" in found.detail) == ("failed", True)
+    end_job(database, second.public_id, "/", later)
+    assert begin_job(database, "Eva", "Creating", later, "study x").is_new
+    assert begin_job(database, "Eva", "Checking", later).is_new
+    assert begin_job(database, "Eva", "Checking", later).is_new

@@ -1,0 +1,248 @@
+"""An experimenter invites, watches, excludes and erases participants, and sees their votes again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+
+from app.settings import Settings
+from app.simulation.participants import begin, next_trial, simulate
+from app.web.admin import participants
+from app.web.admin import votes_page as admin_votes
+from app.web.admin.overview import Sight
+from app.web.admin.votes_page import looks_of
+from tests.app.web.admin.dashboard import Dashboard, link_of, signed_in, until
+
+NewStudy = Callable[[], dict[str, Any]]
+ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+PASSWORD = "correct horse battery"
+SOON_S = 8
+
+
+def test_invitations_are_made_shown_as_qr_and_ended(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}/invitations"
+    codes = set(re.findall(r"/s/([a-z0-9]+)<", experimenter.act(base, places="1", number="3").text))
+    assert len(codes - {study["invitation"]}) == 3
+    assert "<svg" in experimenter.get(f"{base}/{study['invitation']}/qr.svg").text
+    assert experimenter.get(f"{base}/forged/qr.svg").status_code == 404
+    (unused, *_) = codes - {study["invitation"]}
+    begin(client, study["slug"], study["invitation"])
+    for code in (unused, study["invitation"]):
+        assert experimenter.act(f"{base}/{code}/end").status_code == 200
+        refused = client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": code})
+        assert refused.status_code in (404, 410)
+
+
+def test_the_monitor_follows_a_participant_by_server_sent_events(
+    experimenter: Dashboard, client: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
+) -> None:
+    study = new_study()
+    session = begin(client, study["slug"], study["invitation"])
+    with experimenter.stream("GET", f"/admin/studies/{study['slug']}/live", timeout=10) as stream:
+        lines = stream.iter_lines()
+        until(lines, "0 of 6")
+        trial = next_trial(client, session["token"])
+        assert trial is not None
+        client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+        until(lines, "1 of 6")
+
+
+@pytest.mark.slow
+def test_a_monitor_is_shown_no_longer_than_the_access_of_who_watches(
+    server: str, settings: Settings, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    path = f"/admin/studies/{study['slug']}/live"
+    with ExitStack() as stack:
+        dashboards = [
+            stack.enter_context(signed_in(server, settings, name, role))
+            for name, role in (("Olga", "owner"), ("Lea", "viewer"), ("Max", "viewer"), ("Ned", "viewer"))
+        ]
+        olga, lea, _, ned = dashboards
+        ned.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        streams = [stack.enter_context(one.stream("GET", path, timeout=SOON_S)) for one in dashboards]
+        hers, *theirs = [stream.iter_lines() for stream in streams]
+        for lines in (hers, *theirs):
+            until(lines, "Nobody has begun yet")
+        lea.act("/admin/logout")
+        olga.act("/admin/users/disable", name="Max")
+        olga.act("/admin/users/link", name="Ned")
+        for lines in theirs:
+            assert not [line for line in lines if line.startswith("event")]  # and ends as a whole answer does
+        begin(client, study["slug"], study["invitation"])
+        until(hers, "P001")
+
+
+def test_a_monitor_that_many_watch_is_made_once_a_second() -> None:
+    made: list[float] = []
+
+    async def watch() -> None:
+        sight = Sight()
+
+        async def look(at: float) -> None:
+            def render() -> str:
+                made.append(at)
+                return f"at {at}"
+
+            assert await sight.at(at, render) == f"at {at}"
+
+        for second in (7.0, 8.0):
+            async with anyio.create_task_group() as pages:
+                for _ in range(20):
+                    pages.start_soon(look, second)
+
+    with ThreadPoolExecutor(1) as pool:  # the browser tests leave an event loop in this one
+        pool.submit(anyio.run, watch).result()
+    assert made == [7.0, 8.0]
+
+
+def test_a_stranger_gets_no_live_events(client: httpx.Client, taken: dict[str, Any]) -> None:
+    assert client.get(f"/admin/studies/{taken['slug']}/live").status_code == 401
+
+
+@pytest.mark.slow
+def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
+    experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any]
+) -> None:
+    person = f"/admin/studies/{taken['slug']}/participants/P002"
+    assert experimenter.act(f"{person}/exclude", reason="").status_code == 422
+    page = experimenter.act(f"{person}/exclude", reason="=cmd() looked at a telephone")
+    assert "looked at a telephone" in page.text
+    assert experimenter.act(f"{person}/exclude", reason="again").status_code == 409
+    votes = analyst.get(f"/api/v1/studies/{taken['slug']}/votes").json()
+    assert {vote["participant"] for vote in votes if vote["excluded"]} == {"P002"}
+    results = f"/admin/studies/{taken['slug']}/results"
+    assert "6 votes are left out" in experimenter.get(results).text
+    assert "Everybody is counted" in experimenter.get(results, params={"everybody": "true"}).text
+    experimenter.act(f"{person}/include")
+    assert "Every vote is counted" in experimenter.get(results).text
+    assert "undone by Eva Example" in experimenter.get(person).text
+    assert experimenter.act(f"{person}/include").status_code == 409
+
+
+def test_who_lost_the_code_to_go_on_gets_a_new_one_that_is_shown_once(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    begun = begin(client, study["slug"], study["invitation"])
+    person = f"/admin/studies/{study['slug']}/participants/P001"
+    (code,) = re.findall(r"<code>(\w+)</code>", experimenter.act(f"{person}/resume-code").text)
+    assert code not in experimenter.get(person).text
+    assert "new code to go on" in (log := experimenter.get("/admin/audit", params={"search": "P001"}).text)
+    assert code not in log
+    for lost in (begun["resume_code"], "abc"):
+        assert client.post("/api/v1/session/resume", json={"resume_code": lost}).status_code == 404
+    assert client.get("/api/v1/session").status_code == 401  # whoever has the lost computer does not go on either
+    resumed = client.post("/api/v1/session/resume", json={"resume_code": code}).json()
+    assert resumed["session"] == begun["session"]
+    assert experimenter.post(f"{person}/resume-code", data={"form_token": "forged"}).status_code == 403
+    assert client.get("/api/v1/session").status_code == 200
+
+
+def test_a_session_that_has_ended_gets_no_code_to_go_on(
+    experimenter: Dashboard, client: httpx.Client, taken: dict[str, Any], new_study: NewStudy
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    client.put("/api/v1/session/withdrawal")
+    for slug in (study["slug"], taken["slug"]):
+        person = f"/admin/studies/{slug}/participants/P001"
+        assert "New code to go on" not in experimenter.get(person).text
+        assert experimenter.act(f"{person}/resume-code").status_code == 409
+
+
+@pytest.mark.slow
+def test_what_a_participant_gave_can_be_exported_and_erased(
+    experimenter: Dashboard, analyst: httpx.Client, server: str, token: str, new_study: NewStudy
+) -> None:
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 2, ABILITIES, seed=1)
+    person = f"/admin/studies/{study['slug']}/participants/P001"
+    given = experimenter.get(f"{person}/export.json").json()
+    assert len(given["vote"]) == 6
+    assert not re.search(r"_hash|token", str(given.keys()) + str(given["session"]))
+    assert experimenter.act(f"{person}/erase", again="P002").status_code == 422
+    assert "erased" in experimenter.act(f"{person}/erase", again="P001").text
+    assert experimenter.get(f"{person}/export.json").json()["vote"] == []
+    votes = analyst.get(f"/api/v1/studies/{study['slug']}/votes").json()
+    assert {vote["participant"] for vote in votes} == {"P002"}
+    assert experimenter.act(f"{person}/erase", again="P001").status_code == 409
+
+
+def test_votes_are_filtered_and_replayed(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}/votes"
+    page = experimenter.get(base, params={"participant": "P003", "dataset": "ball"}).text
+    assert "3 trials" in page
+    trial = re.findall(rf'href="({base}/[^"?]+)"', page)[0]
+    replay = experimenter.get(trial).text
+    assert 'class="look look-' in replay
+    assert "/media/" in replay
+    assert experimenter.get(f"{base}/forged").status_code == 404
+
+
+def test_participants_are_searched_and_shown_a_page_at_a_time(
+    experimenter: Dashboard, taken: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(participants, "PEOPLE_ON_A_PAGE", 3)
+    base = f"/admin/studies/{taken['slug']}/participants"
+    first = experimenter.get(base, params={"search": "p0", "standing": "finished"})
+    assert "4 participants, in order of arrival" in first.text
+    assert _linked_on(first) == ["P001", "P002", "P003"]
+    assert "Older" not in first.text
+    second = experimenter.get(first.url.join(link_of(first, "Newer")))
+    assert _linked_on(second) == ["P004"]
+    assert ' value="p0"' in second.text
+    assert "Newer" not in second.text
+    assert _linked_on(experimenter.get(second.url.join(link_of(second, "Older")))) == _linked_on(first)
+    assert _linked_on(experimenter.get(base, params={"search": " 003 "})) == ["P003"]
+
+
+def test_a_search_that_finds_nobody_says_so(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}/participants"
+    for sought in ({"search": "Q"}, {"standing": "withdrawn"}, {"search": "%"}):
+        page = experimenter.get(base, params=sought)
+        assert "No participant matches" in page.text
+        assert _linked_on(page) == []
+
+
+def test_older_votes_stay_filtered(
+    experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(admin_votes, "VOTES_ON_A_PAGE", 5)
+    filters = {"dataset": "ball", "participant": "", "what": ""}
+    rows = analyst.get(f"/api/v1/studies/{taken['slug']}/trials", params={"dataset": "ball"}).json()
+    rows.sort(key=lambda row: row["voted_at"] or row["voided_at"], reverse=True)
+    base = f"/admin/studies/{taken['slug']}/votes"
+    shown, page = [], experimenter.get(base, params=filters)
+    for _ in range(2):
+        shown.extend(_linked_on(page))
+        page = experimenter.get(page.url.join(link_of(page, "Older")))
+    shown.extend(_linked_on(page))
+    assert shown == [row["trial"] for row in rows]
+    assert "Older" not in page.text
+    assert _linked_on(experimenter.get(page.url.join(link_of(page, "Newer")))) == shown[5:10]
+
+
+def _linked_on(page: httpx.Response) -> list[str]:
+    return re.findall(rf'href="{page.url.path}/([^"?]+)"', page.text)
+
+
+def test_a_replay_divides_the_time_between_the_two() -> None:
+    switches = [{"to": "b", "at_ms": 300.0}, {"to": "a", "at_ms": 700.0}]
+    looks = looks_of({"first_shown": "a", "shown_ms": 1000.0, "switches": switches}, 0)
+    assert [(look.label, look.from_ms, look.to_ms) for look in looks] == [
+        ("a", 0.0, 300.0),
+        ("b", 300.0, 700.0),
+        ("a", 700.0, 1000.0),
+    ]
+    assert looks_of({}, 1000) == ()

@@ -1,0 +1,170 @@
+"""Stimulus sets, reports and models that an experimenter uploads, and what is refused."""
+
+from __future__ import annotations
+
+import socket
+from datetime import timedelta
+from pathlib import Path
+
+import httpx
+import pytest
+from sqlalchemy import update
+
+from app.operations import create, manage
+from app.settings import Settings
+from app.store.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
+from app.store.keys import utc_now
+from app.store.tables import experimenter_session
+from tests.app.web.admin import shapes
+from tests.app.web.admin.dashboard import Dashboard, ends, files_of, signed_in, zipped
+
+
+def upload(dashboard: Dashboard, content: bytes, **headers: str) -> httpx.Response:
+    token = {"X-CSRF-Token": dashboard.form_token}
+    return dashboard.put("/admin/stimuli/upload", content=content, headers=token | headers)
+
+
+def test_an_uploaded_set_is_checked_and_can_be_used(own_server: str, own: Settings, stimulus_set: Path) -> None:
+    files = files_of(stimulus_set.parent)
+    files["manifest.json"] = files["manifest.json"].replace(b'"name": "tiny"', b'"name": "Sent by post"')
+    with signed_in(own_server, own, "Eva") as eva:
+        sent = upload(eva, zipped({f"folder/{name}": data for name, data in files.items()}))
+        assert sent.status_code == 202
+        assert ends(eva, sent.json()["job"]).url.path == "/admin/sets"
+        assert "Sent by post" in eva.get("/admin/studies/new").text
+        assert (own.sets_dir / "sent-by-post" / "manifest.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        ({"../evil.mp4": b"x"}, "not plain letters"),
+        ({"/etc/passwd": b"x"}, "not plain letters"),
+        ({"a\\..\\b.mp4": b"x"}, "not plain letters"),
+        ({"manifest.json": b"0" * 3_000_000}, "far more than such files do"),
+    ],
+)
+def test_a_hostile_zip_is_refused_with_a_message_and_an_entry(
+    own_server: str, own: Settings, files: dict[str, bytes], complaint: str
+) -> None:
+    before = sorted(own.sets_dir.rglob("*"))
+    with signed_in(own_server, own, "Eva") as eva:
+        answer = upload(eva, zipped(files), Accept="application/json")
+        assert answer.status_code in (413, 422)
+        assert complaint in answer.json()["detail"]
+        assert complaint in eva.get("/admin/audit?search=upload+refused").text
+    assert sorted(own.sets_dir.rglob("*")) == before
+
+
+@pytest.mark.parametrize("path", ["/admin/stimuli/upload", "/api/v1/studies"])
+def test_other_tabs_stay_signed_in_while_an_answer_takes_minutes(own_server: str, own: Settings, path: str) -> None:
+    with signed_in(own_server, own, "Eva") as eva, Dashboard(own_server) as other_tab:
+        other_tab.cookies = eva.cookies
+        token = {"X-CSRF-Token": eva.form_token}
+        last_renewed(own, TOKEN_LASTS + timedelta(minutes=1))
+        httpx.request("PUT" if "upload" in path else "GET", own_server + path, headers=token, cookies=eva.cookies)
+        last_renewed(own, OLD_TOKEN_LASTS + timedelta(minutes=1), only_later=True)  # as long as the answer took
+        assert other_tab.get("/admin").status_code == 200
+
+
+def last_renewed(settings: Settings, ago: timedelta, *, only_later: bool = False) -> None:
+    """Let time go by since sessions got their tokens."""
+    at = utc_now() - ago
+    database = manage.open_store(settings)
+    with database.writing() as connection:
+        renewed = update(experimenter_session).values(rotated_at=at)
+        connection.execute(renewed.where(experimenter_session.c.rotated_at > at) if only_later else renewed)
+    database.dispose()
+
+
+def test_a_page_that_calls_itself_a_film_is_refused(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        sent = upload(eva, zipped({"film.mp4": b"<!doctype html><script>alert(1)</script>"}))
+        assert "not an MP4 film" in ends(eva, sent.json()["job"]).text
+        assert "not an MP4 film" in eva.get("/admin/audit?search=work+failed").text
+    assert not [path for path in own.sets_dir.iterdir() if path.name.startswith(".upload")]
+
+
+@pytest.fixture(scope="module")
+def compared(own: Settings, stimulus_set: Path) -> str:
+    """The address of a study to which results are uploaded."""
+    return f"/admin/studies/{create.create_study(own, stimulus_set, 'Compared')['slug']}"
+
+
+def send_results(dashboard: Dashboard, study: str, files: dict[str, bytes]) -> httpx.Response:
+    token = {"X-CSRF-Token": dashboard.form_token, "Accept": "application/json"}
+    return dashboard.put(f"{study}/upload", content=zipped(files), headers=token)
+
+
+REPORT = b'{"kind": "sphere", "measures": []}'
+
+
+def test_reports_and_models_are_uploaded(own_server: str, own: Settings, compared: str, tmp_path: Path) -> None:
+    files = files_of(shapes.write_folder(tmp_path))
+    with signed_in(own_server, own, "Eva") as eva:
+        for page in ("objective", "models"):
+            assert f'data-to="{compared}/upload"' in eva.get(f"{compared}/{page}").text
+        sent = send_results(eva, compared, files)  # a folder for meshes and one for clouds, and nothing around them
+        shown = ends(eva, sent.json()["job"])
+        assert shown.url.path == f"{compared}/models"
+        assert "pm_fb" in shown.text
+        sent = send_results(eva, compared, {"a/report.json": REPORT, "a/curve.csv": b"threshold\n1\n"})
+        shown = ends(eva, sent.json()["job"])
+        assert shown.url.path == f"{compared}/objective"
+        assert "the whole study" in shown.text
+        assert eva.get("/admin/audit?search=results+attached").text.count("results attached") >= 2
+    assert not list((own.data_dir / "uploads").iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        ({"../report.json": REPORT}, "not plain letters"),
+        ({"meshes/ball/<script>.ply": b"ply\n"}, "not plain letters"),
+        ({"report.json": b"0" * 3_000_000}, "far more than such files do"),
+        ({"report.json": REPORT, "curve.svg": b"<!doctype html>"}, "is no SVG file"),
+        ({"report.json": REPORT, "curve.svg": b"<svg><SCRIPT>alert(1)</SCRIPT></svg>"}, "holds a script"),
+        ({"report.json": REPORT, "run.exe": b"MZ"}, "no part of reports or models"),
+        ({"meshes/ball/id_fa.ply": b"ply\nformat ascii 1.0\n"}, "no binary little-endian PLY"),
+        ({"notes.txt": b"x"}, "holds neither a report"),
+        ({"report.json": REPORT}, "lists no measure and comes without tables"),
+    ],
+)
+def test_hostile_results_are_refused_with_a_message_and_an_entry(
+    own_server: str, own: Settings, compared: str, files: dict[str, bytes], complaint: str
+) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        answer = send_results(eva, compared, files)
+        if answer.status_code == 202:
+            answer = ends(eva, answer.json()["job"])
+        assert complaint in answer.text
+        assert str(own.data_dir) not in answer.text
+        assert complaint in eva.get("/admin/audit").text
+    assert not list((own.data_dir / "uploads").iterdir())
+
+
+def test_results_are_taken_with_the_forms_token_and_from_experimenters_only(
+    own_server: str, own: Settings, compared: str
+) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        assert eva.put(f"{compared}/upload", content=b"").status_code == 403
+    with signed_in(own_server, own, "Vito", "viewer") as vito:
+        assert send_results(vito, compared, {"report.json": REPORT}).status_code == 403
+        assert "upload-form" not in vito.get(f"{compared}/objective").text
+
+
+def test_an_upload_that_is_too_large_is_refused_before_it_is_sent(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        cookie, token = eva.cookies["experimenter"], eva.form_token
+        head = (
+            f"PUT /admin/stimuli/upload HTTP/1.1\r\nHost: server\r\nAccept: application/json\r\n"
+            f"Cookie: experimenter={cookie}\r\nX-CSRF-Token: {token}\r\nContent-Length: {10 * 2**30}\r\n\r\n"
+        )
+        host, port = own_server.removeprefix("http://").split(":")
+        with socket.create_connection((host, int(port)), timeout=10) as connection:
+            connection.sendall(head.encode())
+            assert connection.recv(100).startswith(b"HTTP/1.1 413")
+        assert "has 10240 MB" in eva.get("/admin/audit?search=upload+refused").text
+        assert upload(eva, b"0" * (2**20 + 1), Accept="application/json").status_code == 413
+        assert upload(eva, b"no zip", Accept="application/json").status_code == 422

@@ -1,0 +1,129 @@
+"""Results for analysts, as JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from app.simulation.participants import simulate
+from tests.app.web.http_checks import is_problem
+
+TABLES = ("votes", "trials", "scores", "triads")
+ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+
+
+@pytest.fixture(scope="module")
+def taken(server: str, token: str, new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A study that five artificial participants have taken."""
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 5, ABILITIES, 0.2, seed=4)
+    return study
+
+
+def rows(analyst: httpx.Client, study: dict[str, Any], name: str, **options: Any) -> list[dict[str, Any]]:
+    answer = analyst.get(f"/api/v1/studies/{study['slug']}/{name}", **options)
+    assert answer.status_code == 200
+    found: list[dict[str, Any]] = answer.json()
+    return found
+
+
+def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client, taken: dict[str, Any]) -> None:
+    found = analyst.get(f"/api/v1/studies/{taken['slug']}").json()
+    assert found["datasets"] == ["ball", "box"]
+    assert found["conditions"][2] == {"item": "pm_fb", "levels": {"depth": "pm", "fusion": "fb"}}
+    assert (found["n_pairs"], found["n_started"], found["n_finished"], found["n_votes"]) == (6, 5, 5, 30)
+    summary = next(row for row in analyst.get("/api/v1/studies").json() if row["slug"] == taken["slug"])
+    assert summary.items() <= found.items()
+
+
+def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, Any]) -> None:
+    votes = rows(analyst, taken, "votes")
+    assert len(votes) == 30
+    columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason"
+    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked"
+    for vote in votes:
+        assert vote["choice"] in ("a", "b", "none")
+        assert vote["first_shown"] in (vote["item_a"], vote["item_b"])
+        assert {vote["item_a"], vote["item_b"]} < set(ABILITIES)
+    assert len({(vote["participant"], vote["trial"]) for vote in votes}) == 30
+
+
+@pytest.mark.parametrize("name", [*TABLES, "analysis"])
+def test_csv_says_the_same_as_json(analyst: httpx.Client, taken: dict[str, Any], name: str) -> None:
+    path = f"/api/v1/studies/{taken['slug']}/{name}"
+    by_format = analyst.get(path, params={"format": "csv"})
+    by_accept = analyst.get(path, headers={"Accept": "text/csv, application/json;q=0.5"})
+    assert by_format.text == by_accept.text
+    assert by_format.headers["content-type"].startswith("text/csv")
+    table = list(csv.DictReader(io.StringIO(by_format.text)))
+    if name == "analysis":
+        keys = {row["key"]: row["value"] for row in table}
+        assert keys["scores.0.item"] == analyst.get(path).json()["scores"][0]["item"]
+    else:
+        expected = rows(analyst, taken, name)
+        assert len(table) == len(expected)
+        assert list(table[0]) == list(expected[0])
+
+
+@pytest.mark.parametrize(
+    ("accept", "kind"),
+    [
+        ("*/*", "application/json"),
+        ("application/json", "application/json"),
+        ("text/csv", "text/csv"),
+        ("text/csv;q=0.1, application/json", "application/json"),
+        ("text/html, text/csv;q=bad", "application/json"),
+    ],
+)
+def test_accept_chooses_the_format(analyst: httpx.Client, taken: dict[str, Any], accept: str, kind: str) -> None:
+    answer = analyst.get(f"/api/v1/studies/{taken['slug']}/votes", headers={"Accept": accept})
+    assert answer.headers["content-type"].startswith(kind)
+
+
+def test_scores_are_those_of_the_analysis_of_the_votes(analyst: httpx.Client, taken: dict[str, Any]) -> None:
+    from app.analysis import analyse, votes_from_rows
+
+    expected = analyse(votes_from_rows(rows(analyst, taken, "votes")))["scores"]
+    found = [row for row in rows(analyst, taken, "scores") if row["comparison"] == "all"]
+    by_item = {(row["dataset"], row["item"]): row["score"] for row in found}
+    assert by_item == pytest.approx({(row["dataset"], row["item"]): row["score"] for row in expected})
+
+
+def test_factors_are_compared_too(analyst: httpx.Client, taken: dict[str, Any]) -> None:
+    comparisons = {row["comparison"]: row["item"] for row in rows(analyst, taken, "scores")}
+    assert comparisons.keys() == {"all", "depth", "fusion"}
+
+
+def test_triads_are_counted_by_participant_and_dataset(analyst: httpx.Client, taken: dict[str, Any]) -> None:
+    found = rows(analyst, taken, "triads")
+    assert len({(row["participant"], row["dataset"]) for row in found}) == len(found) == 10
+    assert all(row["circular_max"] == 1 for row in found)
+
+
+@pytest.mark.parametrize("name", [*TABLES, "analysis"])
+def test_a_study_without_votes_has_empty_results(
+    analyst: httpx.Client, new_study: Callable[[], dict[str, Any]], name: str
+) -> None:
+    slug = new_study()["slug"]
+    answer = analyst.get(f"/api/v1/studies/{slug}/{name}")
+    assert answer.status_code == 200
+    assert (answer.json()["scores"] if name == "analysis" else answer.json()) == []
+    assert analyst.get(f"/api/v1/studies/{slug}/{name}?format=csv").status_code == 200
+
+
+def test_only_known_formats_studies_and_tokens_are_answered(
+    analyst: httpx.Client, client: httpx.Client, taken: dict[str, Any]
+) -> None:
+    votes = f"/api/v1/studies/{taken['slug']}/votes"
+    assert is_problem(analyst.get(votes, params={"format": "xml"}), 422)
+    assert is_problem(analyst.get("/api/v1/studies/unknown/votes"), 404)
+    refused = client.get(votes)
+    assert is_problem(refused, 401)
+    assert refused.headers["www-authenticate"] == "Bearer"
+    for header in ("Bearer invented", "Bearer", "Basic eDp5"):
+        assert is_problem(client.get(votes, headers={"Authorization": header}), 401)

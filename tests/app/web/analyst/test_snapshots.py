@@ -1,0 +1,107 @@
+"""What the votes say is worked out anew whenever something has changed, and votes are not read while nothing has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import Connection
+
+from app.intake.reports import Measure
+from app.store.engine import Database
+from app.store.measurements import replace_measurements
+from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.studies import Study, all_studies
+from app.store.tables import vote
+from app.store.vote_records import keep_votes, vote_records
+from app.web.analyst import results
+from app.web.analyst.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
+from tests.seeding import NOW, seed_voters
+
+
+@pytest.fixture
+def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How often all votes were read since this was asked last; they are not analysed, which takes long."""
+    reads: list[int] = []
+
+    def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+        reads.append(study_id)
+        return vote_records(connection, study_id)
+
+    def count() -> int:
+        n = len(reads)
+        reads.clear()
+        return n
+
+    monkeypatch.setattr(results, "vote_records", noted)
+    monkeypatch.setattr(results, "_analysed", lambda *_: {})
+    return count
+
+
+def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Database, n_read: Callable[[], int]) -> None:
+    voters = seed_voters(database, 2, 3)
+    with database.reading() as connection:
+        (of,) = all_studies(connection)
+        one, other = (participant_labelled(connection, of.id, label) for label in ("P001", "P002"))
+    votes = [voter.ballot(number) for number in range(2) for voter in voters]
+    changes: list[Callable[[Connection], object]] = [
+        lambda connection: exclude(connection, one, "looked away", "Eva", NOW),
+        lambda connection: undo_exclusion(connection, one, "Eva", NOW),
+        lambda connection: exclude(connection, one, "slept", "Eva", NOW),
+        lambda connection: replace_measurements(connection, of.id, [_measure(1.0)], NOW),
+        lambda connection: replace_measurements(connection, of.id, [_measure(2.0)], NOW),
+        lambda connection: withdraw_participant(connection, one, NOW),
+        lambda connection: erase(connection, other, NOW),
+    ]
+    digests = [_looked_at(database, of, n_read)]
+    for ballot in votes:
+        keep_votes(database, [ballot])
+        digests.append(_looked_at(database, of, n_read))
+    for change in changes:
+        with database.writing() as connection:
+            change(connection)
+        digests.append(_looked_at(database, of, n_read))
+    before_exclusion, undone = len(votes), len(votes) + 2
+    assert digests[undone] == digests[before_exclusion]
+    assert len(set(digests)) == len(digests) - 1
+
+
+def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n_read: Callable[[], int]) -> None:
+    (voter,) = seed_voters(database, 1, 3)
+    with database.reading() as connection:
+        (of,) = all_studies(connection)
+    keep_votes(database, [voter.ballot(0)])
+    before = snapshot_of(database, of.id)
+    with database.writing() as connection:
+        connection.execute(vote.delete())
+    later = voter.ballot(0)
+    keep_votes(database, [replace(later, sent=replace(later.sent, choice="b"), received_at=NOW + timedelta(days=1))])
+    assert snapshot_of(database, of.id) != before
+    assert n_read() == 2
+
+
+def _looked_at(database: Database, of: Study, n_read: Callable[[], int]) -> str:
+    """The digest of what the votes say, which is what it is when nothing was kept; votes are read once at most."""
+    with database.reading() as connection:
+        anew = snapshot_of_given(given_of(connection, of.id))
+    n_read()
+    assert snapshot_of(database, of.id) == anew
+    assert n_read() <= 1
+    assert snapshot_of(database, of.id) == anew
+    assert n_read() == 0
+    counting_all = snapshot_of(database, of.id, with_excluded=True)
+    grouped = grouped_snapshot_of(database, of)
+    n_read()
+    assert snapshot_of(database, of.id, with_excluded=True) == counting_all
+    assert grouped_snapshot_of(database, of) == grouped
+    assert n_read() == 0
+    return anew.digest
+
+
+def _measure(value: float) -> Measure:
+    return Measure(
+        dataset="ball", approach="a_0", measure="roughness", value=value, direction="less is better", unit="mm"
+    )

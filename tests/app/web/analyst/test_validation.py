@@ -1,0 +1,156 @@
+"""Reports of objective evaluation, attached to a study and compared with its scores."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app.operations import manage
+from app.settings import Settings
+from app.simulation.participants import simulate
+from app.web.admin.objective_view import measure_lines
+from tests.app.web.admin.dashboard import signed_in
+
+ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
+ACCURACY = {"id_fa": 3.0, "id_fb": 2.0, "pm_fb": 1.0}
+
+
+def write_report(folder: Path, measures: list[dict[str, Any]]) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "report.json").write_text(json.dumps({"kind": "mesh", "measures": measures}), encoding="utf-8")
+    return folder
+
+
+def accuracy(dataset: str, approach: str, value: float) -> dict[str, Any]:
+    facts = {"measure": "accuracy", "direction": "less is better", "unit": "mm"}
+    return {"dataset": dataset, "approach": approach, "value": value, **facts}
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    """Accuracies of all three approaches, whatever the dataset, and one that no study here compares."""
+    rows = [accuracy("all", approach, value) for approach, value in ACCURACY.items()]
+    return write_report(tmp_path / "report", [*rows, accuracy("statue", "dr_fa", 9.0)])
+
+
+def test_an_attached_measure_holds_for_every_dataset_and_can_be_fetched(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path
+) -> None:
+    study = new_study()
+    found = manage.attach_results(settings, [report], study["slug"])
+    assert (found["n_values"], found["ignored"]) == (6, ["statue/dr_fa"])
+    path = f"/api/v1/studies/{study['slug']}/validation"
+    rows = analyst.get(path).json()
+    assert {(row["dataset"], row["approach"], row["value"]) for row in rows} == {
+        (dataset, approach, value) for dataset in ("ball", "box") for approach, value in ACCURACY.items()
+    }
+    table = list(csv.DictReader(io.StringIO(analyst.get(path, params={"format": "csv"}).text)))
+    assert list(table[0]) == ["dataset", "approach", "measure", "value", "direction", "unit", "attached_at"]
+
+
+def test_attaching_again_replaces_the_value(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, tmp_path: Path
+) -> None:
+    study = new_study()
+    manage.attach_results(settings, [report], study["slug"])
+    better = write_report(tmp_path / "better", [accuracy("ball", "id_fa", 0.5)])
+    manage.attach_results(settings, [better / "report.json"], study["slug"])
+    rows = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    values = {(row["dataset"], row["approach"]): row["value"] for row in rows}
+    assert len(rows) == 6
+    assert (values["ball", "id_fa"], values["box", "id_fa"]) == (0.5, 3.0)
+
+
+def test_a_report_that_names_no_approach_is_shown_for_the_study_as_a_whole(
+    server: str, analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
+    study, folder = new_study(), write_report(tmp_path / "cuboid", [])
+    (folder / "edges.csv").write_text("sensor,error\nS1,2.5\n", encoding="utf-8")
+    found = manage.attach_results(settings, [folder], study["slug"])
+    assert (found["reports"], found["n_values"]) == (1, 0)
+    assert analyst.get(f"/api/v1/studies/{study['slug']}/validation").json() == []
+    with signed_in(server, settings, "Whole") as dashboard:
+        page = dashboard.get(f"/admin/studies/{study['slug']}/objective").text
+        assert "the whole study" in page
+        assert "Edges" in page
+    with pytest.raises(ValueError, match="2 reports of kind mesh name no approach"):
+        manage.attach_results(settings, [folder, folder], study["slug"])
+
+
+@pytest.mark.slow
+def test_measures_stand_beside_the_scores(
+    server: str,
+    token: str,
+    analyst: httpx.Client,
+    settings: Settings,
+    new_study: Callable[[], dict[str, Any]],
+    report: Path,
+) -> None:
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 4, ABILITIES, 0.1, seed=2)
+    manage.attach_results(settings, [report], study["slug"])
+    analysis = analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json()
+    overall = next(row for row in analysis["measures"] if row["dataset"] == "all")
+    assert (overall["measure"], overall["n"]) == ("accuracy", 6)
+    assert overall["spearman"] < -0.8  # less is better
+    path = manage.add_experimenter(settings, "measures")["path"]
+    with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
+        browser.get(path)
+        page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
+        assert "Objective measures" in page
+        plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")
+        assert plot.headers["content-type"] == "image/svg+xml"
+        assert "Score against accuracy" in plot.text
+        assert browser.get(f"/admin/studies/{study['slug']}/figures/measure_weight.svg").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("direction", "low", "high", "said"),
+    [
+        ("less is better", -0.9, -0.4, ""),
+        ("less is better", -0.2, 0.7, ""),
+        ("less is better", None, None, ""),
+        ("less is better", 0.3, 0.8, "less should be better, but people prefer more"),
+        ("more is better", -0.9, -0.4, "more should be better, but people prefer less"),
+        ("more is better", 0.3, 0.8, ""),
+    ],
+)
+def test_a_measure_that_people_contradict_is_named(
+    direction: str, low: float | None, high: float | None, said: str
+) -> None:
+    correlations = {"spearman": 0.0, "pearson": 0.0, "pairs_correct": 0.5}
+    row = {"measure": "weight", "n": 6, **correlations, "spearman_low": low, "spearman_high": high}
+    (line,) = measure_lines([row], [{"measure": "weight", "direction": direction}])
+    assert line.contradiction == said
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"measures": []}, "lists no measure and comes without tables"),
+        ({"kind": "mesh"}, "measures: Field required"),
+        ({"measures": [accuracy("ball", "id_fa", 1.0) | {"direction": "up"}]}, "measures.0.direction"),
+        ({"measures": [accuracy("statue", "id_fa", 1.0)]}, "compares id_fa, id_fb, pm_fb in ball, box"),
+        ({"measures": [accuracy("all", "id_fa", 1.0), accuracy("ball", "id_fa", 2.0)]}, "1 in one report and 2"),
+    ],
+)
+def test_what_cannot_be_attached_is_refused(
+    settings: Settings, study: dict[str, Any], tmp_path: Path, content: dict[str, Any], message: str
+) -> None:
+    (tmp_path / "report.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        manage.attach_results(settings, [tmp_path], study["slug"])
+
+
+def test_a_missing_report_or_study_is_named(settings: Settings, study: dict[str, Any], report: Path) -> None:
+    with pytest.raises(ValueError, match="there is no such report"):
+        manage.attach_results(settings, [report / "absent"], study["slug"])
+    with pytest.raises(ValueError, match="no study 'nowhere'"):
+        manage.attach_results(settings, [report], "nowhere")

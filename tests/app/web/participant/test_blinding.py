@@ -1,0 +1,120 @@
+"""Nothing that reaches a participant tells what is compared."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import urljoin
+from uuid import uuid4
+
+import httpx
+import numpy as np
+import pytest
+
+from app.operations import create
+from app.settings import Settings
+from app.simulation.participants import next_trial, pass_stages, vote
+from app.study.options import StudyOptions
+from tests.app.intake import clips
+
+DATASETS = ("walrus", "teapot")
+DEBRIEFING = "Some of the models had holes."
+SECRETS = (*clips.APPROACHES, *DATASETS, "depth", "fusion", clips.TITLE)
+LINKS = re.compile(rb'(?:href|src|action|url|picture|next_media|from|import)"?[=: (]*["\']([./][^"\'#]*)["\']')
+TEXTS = ("text/", "application/json", "image/svg", "javascript")
+
+
+class Crawler:
+    """Follows whatever an answer to a participant leads to, and keeps every byte of every answer, headers too."""
+
+    def __init__(self, client: httpx.Client) -> None:
+        self.heard: list[bytes] = []
+        self._seen: set[str] = set()
+        self._client = client
+        client.event_hooks["response"].append(self._listen)
+
+    def _listen(self, answer: httpx.Response) -> None:
+        answer.read()
+        head = b"\n".join(name + b": " + value for name, value in answer.headers.raw)
+        self.heard.append(str(answer.url).encode() + b"\n" + head + b"\n\n" + answer.content)
+        if answer.headers.get("content-type", "").startswith(TEXTS):
+            for link in LINKS.findall(answer.content):
+                self._follow(urljoin(str(answer.url), link.decode()))
+
+    def _follow(self, url: str) -> None:
+        if url.startswith(str(self._client.base_url)) and url not in self._seen:
+            self._seen.add(url)
+            self._client.get(url)
+
+    def assert_silent(self) -> None:
+        for secret in SECRETS:
+            pattern = re.compile(rb"(?<![\w-])" + secret.encode() + rb"(?![\w-])")
+            told = [heard[:300] for heard in self.heard if pattern.search(heard)]
+            assert not told, f"{secret!r} in {told[0]!r}"
+
+    def heard_of(self, part: str) -> int:
+        """How many answers came from addresses with this part."""
+        return sum(part in heard.split(b"\n", 1)[0].decode() for heard in self.heard)
+
+
+@pytest.fixture
+def crawler(client: httpx.Client) -> Crawler:
+    return Crawler(client)
+
+
+@pytest.mark.slow
+def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_debriefs_at_its_end(
+    client: httpx.Client, crawler: Crawler, settings: Settings, tmp_path: Path
+) -> None:
+    options = StudyOptions(
+        optional_stages=("screening", "practice", "interview"),
+        consent="I take part of my own will.",
+        consent_version="1",
+        comprehension=True,
+        debriefing=DEBRIEFING,
+    )
+    stimuli = clips.write_set(tmp_path, DATASETS, clips.APPROACHES)
+    study = create.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
+    rng = np.random.default_rng(1)
+    client.get("/")
+    client.get(f"/s/{study['invitation']}")
+    admission = {"invitation": study["invitation"], "key": str(uuid4())}
+    session = client.post(f"/api/v1/studies/{study['slug']}/sessions", json=admission).json()
+    client.get("/api/v1/session/asked")
+    client.put("/api/v1/session/comprehension", json={"answer": "skip"})
+    begun = client.put("/api/v1/session/stages/practice", json={"data": {}})  # out of turn
+    assert begun.is_client_error
+    session = pass_stages(client, session, rng=rng)
+    client.get("/api/v1/session/practice")
+    while (trial := next_trial(client, session["token"])) is not None:
+        client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json={"id": "wrong"})
+        vote(client, session["token"], trial, "b", rng)
+    state = client.get("/api/v1/session").json()
+    assert state["stage"] == "interview"
+    client.get(f"/s/{study['invitation']}")
+    assert not [heard[:300] for heard in crawler.heard if DEBRIEFING.encode() in heard]
+    session = pass_stages(client, session | state, rng=rng)
+    assert (session["stage"], session["debriefing"]) == ("finished", DEBRIEFING)
+    client.get(f"/s/{study['invitation']}")
+    client.get("/api/v1/studies/nothing/votes")
+    assert crawler.heard_of("/media/") >= 6
+    assert crawler.heard_of("/static/js/") > 10
+    assert crawler.heard_of("/session/screening/") > 10
+    assert len(crawler.heard) > 100
+    crawler.assert_silent()
+
+
+def test_a_crawler_hears_what_is_told(client: httpx.Client, crawler: Crawler, study: dict[str, Any]) -> None:
+    client.get(f"/s/{study['invitation']}?walrus")
+    with pytest.raises(AssertionError, match="walrus"):
+        crawler.assert_silent()
+
+
+def test_participants_cannot_read_results(participant: httpx.Client, study: dict[str, Any]) -> None:
+    for name in ("", "/votes", "/trials", "/scores", "/triads", "/analysis"):
+        assert participant.get(f"/api/v1/studies/{study['slug']}{name}").status_code == 401
+    token = participant.cookies["session"]
+    bearer = {"Authorization": f"Bearer {token}"}
+    assert participant.get("/api/v1/studies", headers=bearer).status_code == 401
+    assert participant.get("/admin").status_code == 401

@@ -1,0 +1,147 @@
+"""An acknowledged vote outlives whatever happens to the server, its database and its disk."""
+
+from __future__ import annotations
+
+import resource
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from random import Random
+
+import pytest
+from sqlalchemy import select
+
+from app.store.engine import Database, open_database
+from app.store.migrate import upgrade
+from app.store.tables import trial, vote
+from tests import sqlite_disk
+from tests.postgresql import PostgresServer
+from tests.seeding import Voter, seed_voters
+from tests.study_server import StudyServer
+from tests.voters import Tally, letters_of, send
+
+N_VOTERS, N_APPROACHES = 8, 7  # 21 pairs each
+
+
+def stored(database: Database) -> list[tuple[str, str, str]]:
+    with database.reading() as connection:
+        rows = connection.execute(select(trial.c.public_id, vote.c.client_id, vote.c.choice).join(trial))
+        return [tuple(row) for row in rows]
+
+
+def seeded(url: str) -> list[Voter]:
+    database = open_database(url)
+    upgrade(database)
+    voters = seed_voters(database, N_VOTERS, N_APPROACHES)
+    database.dispose()
+    return voters
+
+
+def votes_under(fault: Callable[[], None], server: StudyServer, voters: list[Voter], n_faults: int) -> Tally:
+    """All votes, some of them twice, while faults happen in another thread."""
+    rng = Random(1)
+    bundles = [letters_of(voter, rng) for voter in voters]
+    ended = threading.Event()
+
+    def disturb() -> None:
+        for _ in range(n_faults):
+            if ended.wait(0.1):
+                return
+            fault()
+            server.wait_until_it_answers()
+
+    with ThreadPoolExecutor() as pool:
+        disturbance = pool.submit(disturb)
+        try:
+            tally = send(server.port, bundles, repeat=0.3, rng=rng)
+        finally:
+            ended.set()
+        disturbance.result()
+    return tally
+
+
+@pytest.mark.slow
+def test_votes_survive_kills_of_the_server(new_database_url: Callable[[], str], tmp_path: Path) -> None:
+    url = new_database_url()
+    voters = seeded(url)
+    with StudyServer(tmp_path, database_url=url) as server:
+        tally = votes_under(server.kill, server, voters, 3)
+    database = open_database(url)
+    assert sorted(stored(database)) == sorted(tally.acknowledged)
+    assert len(tally.acknowledged) == 21 * N_VOTERS
+    assert tally.n_broken > 0
+    database.dispose()
+
+
+@pytest.fixture
+def own_postgres() -> Iterator[PostgresServer]:
+    with PostgresServer() as server:
+        yield server
+
+
+@pytest.mark.slow
+def test_votes_survive_kills_of_postgresql(own_postgres: PostgresServer, tmp_path: Path) -> None:
+    url = own_postgres.new_database("killed")
+    voters = seeded(url)
+
+    def crash() -> None:
+        own_postgres.kill()
+        own_postgres.start_again()
+
+    with StudyServer(tmp_path, database_url=url) as server:
+        tally = votes_under(crash, server, voters, 2)
+    database = open_database(url)
+    assert sorted(stored(database)) == sorted(tally.acknowledged)
+    assert len(tally.acknowledged) == 21 * N_VOTERS
+    assert tally.statuses.get(503, 0) > 0
+    assert tally.statuses.keys() <= {200, 201, 503}
+    database.dispose()
+
+
+@pytest.mark.slow
+def test_votes_wait_in_the_browser_while_the_disk_is_full(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'study.sqlite'}"
+    voters = seeded(url)
+
+    def fill_and_clear() -> None:
+        """No file may grow beyond 60 kB: what the log of a few votes holds."""
+        resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
+        time.sleep(0.2)
+        resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+    with StudyServer(tmp_path) as server:
+        tally = votes_under(fill_and_clear, server, voters, 2)
+    database = open_database(url)
+    assert sorted(stored(database)) == sorted(tally.acknowledged)
+    assert len(tally.acknowledged) == 21 * N_VOTERS
+    assert tally.statuses.get(503, 0) > 0
+    assert tally.statuses.keys() <= {200, 201, 503}
+    database.dispose()
+
+
+def lost_to_a_power_cut(folder: Path, *options: str) -> tuple[int, int]:
+    """How many votes were acknowledged before the power went, and how many of them are gone."""
+    folder.mkdir()
+    path, safe = folder / "study.sqlite", folder / "safe"
+    voters = seeded(f"sqlite:///{path}")
+    rng = Random(1)
+    bundles = [letters_of(voter, rng) for voter in voters]
+    with StudyServer(folder, "--safe", str(safe), *options) as server:
+        tally = send(server.port, bundles)
+        server.kill_for_good()
+    sqlite_disk.cut_power(path, safe)
+    database = open_database(f"sqlite:///{path}")
+    kept = set(stored(database))
+    database.dispose()
+    return len(tally.acknowledged), len(set(tally.acknowledged) - kept)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sqlite_disk.is_possible(), reason="Python's SQLite is not a shared library: no shim goes in")
+def test_a_power_cut_takes_no_acknowledged_vote_but_would_if_the_disk_were_not_waited_for(tmp_path: Path) -> None:
+    assert lost_to_a_power_cut(tmp_path / "full") == (21 * N_VOTERS, 0)
+    acknowledged, lost = lost_to_a_power_cut(tmp_path / "normal", "--synchronous", "NORMAL")
+    assert acknowledged == 21 * N_VOTERS
+    assert lost > 0

@@ -1,0 +1,115 @@
+"""Errors, headers and limits that hold for every address."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+
+from app.main import create_app
+from app.settings import Settings
+from app.web.security import is_foreign
+from tests.app.web.http_checks import ask, is_problem
+
+
+@pytest.mark.parametrize("path", ["/api/v1/nothing", "/media/nothing", "/nothing", "/static/nothing.css"])
+def test_an_unknown_address_is_a_problem(client: httpx.Client, path: str) -> None:
+    assert is_problem(client.get(path), 404)
+
+
+@pytest.mark.parametrize("path", ["/api/v1/session", "/healthz", "/media/x"])
+def test_a_wrong_method_is_a_problem(client: httpx.Client, path: str) -> None:
+    answer = client.delete(path)
+    assert is_problem(answer, 405)
+    assert "GET" in answer.headers["allow"]
+
+
+def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
+    answer = client.get("/nothing", headers={"Accept": "text/html"})
+    assert answer.status_code == 404
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "There is nothing at this address." in answer.text
+
+
+@pytest.mark.slow
+def test_what_nobody_foresaw_is_logged_and_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    app = create_app(Settings(data_dir=tmp_path))
+
+    @app.get("/api/v1/broken")
+    def broken() -> None:
+        raise RuntimeError("secret detail")
+
+    with caplog.at_level(logging.ERROR):
+        answer = ask(app, "/api/v1/broken")
+    assert is_problem(answer, 500)
+    assert "secret" not in answer.text
+    assert "secret detail" in caplog.text
+    assert "content-security-policy" in answer.headers
+
+
+@pytest.mark.parametrize("path", ["/", "/healthz", "/static/css/tokens.css", "/api/v1/nothing", "/admin"])
+def test_every_answer_carries_security_headers(client: httpx.Client, path: str) -> None:
+    headers = client.get(path).headers
+    policy = headers["content-security-policy"]
+    assert ("default-src 'none'" if path.startswith("/api/") else "default-src 'self'") in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
+    assert "server" not in headers
+
+
+def test_no_page_has_inline_script_or_style(client: httpx.Client) -> None:
+    templates = Path(__file__).parents[3] / "templates"
+    for template in (*templates.glob("*.html"), *templates.glob("admin/*.html"), *templates.glob("participant/*.html")):
+        text = template.read_text(encoding="utf-8")
+        inline = re.findall(r"<script(?![^>]*\bsrc=)[^>]*>|<style|\sstyle=|\son[a-z]+=", text)
+        assert [tag for tag in inline if 'type="application/json"' not in tag] == [], template.name
+    assert client.get("/").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("headers", "expected"),
+    [
+        ({}, False),
+        ({"sec-fetch-site": "same-origin"}, False),
+        ({"sec-fetch-site": "none"}, False),
+        ({"sec-fetch-site": "cross-site"}, True),
+        ({"sec-fetch-site": "same-site"}, True),
+        ({"origin": "http://here:1", "host": "here:1"}, False),
+        ({"origin": "http://there", "host": "here:1"}, True),
+        ({"origin": "null", "host": "here:1"}, True),
+    ],
+)
+def test_what_another_site_asks_for_is_foreign(headers: dict[str, str], expected: bool) -> None:
+    assert is_foreign({name.lower().encode(): value.encode() for name, value in headers.items()}) is expected
+
+
+def test_another_site_cannot_act_for_a_participant(participant: httpx.Client) -> None:
+    path = "/api/v1/session/stages/introduction"
+    assert is_problem(participant.put(path, json={"data": {}}, headers={"Sec-Fetch-Site": "cross-site"}), 403)
+    assert participant.get("/api/v1/session", headers={"Sec-Fetch-Site": "cross-site"}).status_code == 200
+
+
+def test_a_form_cannot_pass_for_json(participant: httpx.Client) -> None:
+    answer = participant.put(
+        "/api/v1/session/stages/introduction", content=b'{"data": {}}', headers={"Content-Type": "text/plain"}
+    )
+    assert is_problem(answer, 422)
+
+
+def test_health_and_readiness_are_told(client: httpx.Client) -> None:
+    assert client.get("/healthz").json() == {"status": "ok"}
+    assert client.get("/readyz").json() == {"status": "ready"}
+
+
+def test_the_api_describes_itself(client: httpx.Client) -> None:
+    description = client.get("/api/v1/openapi.json").json()
+    assert description["openapi"].startswith("3.1")
+    assert "/api/v1/session/trials/{trial}/vote" in description["paths"]
+    assert not [path for path in description["paths"] if not path.startswith("/api/v1/")]
+    for path in ("/docs", "/redoc"):
+        assert client.get(path).status_code == 404

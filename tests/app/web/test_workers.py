@@ -1,0 +1,149 @@
+"""Several processes share the work; one may die or be replaced and nobody notices."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from random import Random
+
+import httpx
+import pytest
+from sqlalchemy import func, select
+
+from app.main import serve
+from app.operations import manage
+from app.settings import Settings
+from app.store.engine import open_database
+from app.store.migrate import upgrade
+from app.store.tables import vote
+from tests.app.web.admin.dashboard import signed_in
+from tests.postgresql import PostgresServer
+from tests.seeding import Voter, seed_voters
+from tests.voters import letters_of, send
+
+ROOT = Path(__file__).parents[3]
+SERVER = """
+from app.operations import manage
+from app.main import serve
+from app.settings import Settings
+serve(Settings(), port=0, workers=2, on_start=lambda base_url: print(base_url, flush=True))
+"""
+N_VOTERS, N_APPROACHES = 8, 6
+N_VOTES = 15 * N_VOTERS
+START_TIMEOUT_S = 60
+N_PAGES = 6
+
+
+@pytest.fixture
+def url(postgres: PostgresServer, request: pytest.FixtureRequest) -> str:
+    return postgres.new_database(request.node.name)
+
+
+@contextmanager
+def two_workers(url: str, folder: Path) -> Iterator[tuple[httpx.Client, subprocess.Popen[str]]]:
+    """A client of two workers and their supervisor, whose log goes to `log` in the folder."""
+    environment = os.environ | Settings(data_dir=folder, database_url=url, log_format="json").as_environment()
+    command = [sys.executable, "-c", SERVER]
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            assert process.stdout is not None
+            base_url = process.stdout.readline().strip()
+            with httpx.Client(base_url=base_url, timeout=START_TIMEOUT_S) as client:
+                yield client, process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=START_TIMEOUT_S)
+
+
+def workers_of(supervisor: subprocess.Popen[str]) -> list[int]:
+    """The supervisor's children that serve; another one is multiprocessing's own."""
+    children = Path(f"/proc/{supervisor.pid}/task/{supervisor.pid}/children").read_text().split()
+    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def seeded(url: str) -> list[Voter]:
+    database = open_database(url)
+    upgrade(database)
+    voters = seed_voters(database, N_VOTERS, N_APPROACHES)
+    database.dispose()
+    return voters
+
+
+@pytest.mark.slow
+def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Path) -> None:
+    voters, rng = seeded(url), Random(1)
+    bundles = [letters_of(voter, rng) for voter in voters]
+    with two_workers(url, tmp_path) as (client, supervisor):
+        client.get("/readyz").raise_for_status()
+        port = client.base_url.port
+        assert port is not None
+        first = workers_of(supervisor)
+        with ThreadPoolExecutor() as pool:
+            sending = pool.submit(send, port, bundles, repeat=0.2, rng=rng)
+            os.kill(first[0], signal.SIGKILL)
+            supervisor.send_signal(signal.SIGHUP)
+            tally = sending.result()
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while set(workers_of(supervisor)) & set(first) or len(workers_of(supervisor)) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    assert tally.statuses.keys() <= {200, 201}
+    assert len(tally.acknowledged) == N_VOTES
+    database = open_database(url)
+    with database.reading() as connection:
+        assert connection.scalar(select(func.count()).select_from(vote)) == N_VOTES
+    database.dispose()
+
+
+@pytest.mark.slow
+def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp_path: Path) -> None:
+    voters, rng = seeded(url), Random(1)
+    bundles = [letters_of(voter, rng) for voter in voters]
+    with two_workers(url, tmp_path) as (client, _supervisor):
+        port = client.base_url.port
+        assert port is not None
+        send(port, bundles)
+        assert client.get("/s/invented-code", headers={"X-Request-ID": "abcdef123456"}).status_code == 404
+        metrics = client.get("/metrics").text
+    route = "/api/v1/session/trials/{trial}/vote"
+    line = f'reconstudy_requests_total{{method="PUT",route="{route}",status="201"}} {float(N_VOTES)}'
+    assert line in metrics.splitlines()
+    text = (tmp_path / "log").read_text()
+    lines = [json.loads(line) for line in text.splitlines()]
+    votes = [line for line in lines if line.get("route") == route]
+    assert len(votes) == N_VOTES
+    assert len({line["request_id"] for line in votes}) == len(votes)
+    ended = [line for line in lines if "status" in line]
+    assert [line["status"] for line in ended if line["request_id"] == "abcdef123456"] == [404]
+    assert "invented-code" not in text + metrics
+    assert not [voter for voter in voters if voter.token in text or voter.trials[0][0] in text]
+
+
+@pytest.mark.slow
+def test_live_pages_end_whole_when_the_workers_are_stopped(url: str, tmp_path: Path) -> None:
+    seeded(url)
+    settings = Settings(data_dir=tmp_path, database_url=url)
+    with two_workers(url, tmp_path) as (client, supervisor), ExitStack() as stack:
+        dashboard = stack.enter_context(signed_in(str(client.base_url), settings, "ada"))
+        live = f"/admin/studies/{manage.list_studies(settings)[0]['slug']}/live"
+        pages = [stack.enter_context(dashboard.stream("GET", live)).iter_lines() for _ in range(N_PAGES)]
+        assert [next(page) for page in pages] == ["event: monitor"] * N_PAGES
+        supervisor.send_signal(signal.SIGTERM)
+        for page in pages:
+            assert not [line for line in page if line.startswith("event")]  # and ends as a whole answer does
+        assert supervisor.wait(START_TIMEOUT_S) == 0
+
+
+def test_more_than_one_process_is_refused_on_sqlite(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="--workers 2 needs PostgreSQL"):
+        serve(Settings(data_dir=tmp_path), workers=2)

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.capture.checking.check import check_capture
+from recon.capture.checking.consistency import Shared, compared
+from recon.capture.checking.diagnosis import MIN_MATCHES
+from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.capture.format import Capture, image_path, read_frame, write_capture
+from recon.rig import rigid
+from recon.studio import SynthParameters, synthesise
+from tests.recon.capture.calibration.board_geometry import SIZE, record_board
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Capture:
+    return record_board(tmp_path / "board")
+
+
+def turn_right_camera(capture: Capture, turn_deg: float) -> Capture:
+    """The capture with a wrong calibration: S1's right camera turned about its horizontal axis."""
+    stream = capture.sensors[0]
+    turn = rigid(cv2.Rodrigues(np.array([np.deg2rad(turn_deg), 0.0, 0.0]))[0], (0, 0, 0))
+    camera = replace(stream.right.camera, cam_from_world=turn @ stream.right.camera.cam_from_world)
+    changed = replace(stream, right=replace(stream.right, camera=camera))
+    capture = replace(capture, sensors=(changed, *capture.sensors[1:]))
+    write_capture(capture)
+    return capture
+
+
+def test_a_sound_capture_has_no_problems_and_its_rows_agree(board: Capture) -> None:
+    report = check_capture(board.folder)
+    assert report.problems == ()
+    assert report.n_frames == 2
+    for sensor in report.sensors:
+        assert sensor.baseline_mm == pytest.approx(40.0)
+        assert sensor.rows is not None
+        assert sensor.rows.n_matches >= MIN_MATCHES
+        assert sensor.rows.vertical_error_px is not None
+        assert sensor.rows.vertical_error_px < 0.25  # made from pictures of 160x120 pixels
+        assert sensor.mask_coverage is None
+
+
+def test_the_expected_depth_resolution_is_that_of_the_middle_of_the_bounds(board: Capture) -> None:
+    (sensor, _) = check_capture(board.folder).sensors
+    assert sensor.depth_per_disparity_mm == pytest.approx(600.0**2 / (502.5 * 40.0))  # the baseline is along the board
+
+
+def test_everything_wrong_is_listed_in_one_go(board: Capture) -> None:
+    content = json.loads((board.folder / "capture.json").read_text())
+    content["kind"] = "film"
+    content["sensors"][1]["right"]["cam_from_world"] = content["sensors"][1]["left"]["cam_from_world"]
+    (board.folder / "capture.json").write_text(json.dumps(content))
+    missing = image_path(board.folder, board.sensors[0].left.image, 1)
+    missing.unlink()
+    cut = image_path(board.folder, board.sensors[1].left.image, 0)
+    cut.write_bytes(cut.read_bytes()[:500])
+    small = image_path(board.folder, board.sensors[1].right.image, 1)
+    cv2.imwrite(str(small), np.zeros((60, 80, 3), dtype=np.uint8))
+    problems = check_capture(board.folder).problems
+    expected = ["kind is 'film'", "baseline is 0 mm", f"{missing}: there is no", f"{cut}: is not", f"{small}: is 80x60"]
+    assert len(problems) == len(expected)
+    for part in expected:
+        assert sum(part in problem for problem in problems) == 1, part
+
+
+def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -> None:
+    turn_right_camera(board, turn_deg=0.5)
+    (problem,) = check_capture(board.folder).problems
+    assert problem.startswith("sensor S1: ")
+    assert "the right camera is rotated by 0.50 degrees" in problem
+    rows = check_capture(turn_right_camera(board, turn_deg=0.0).folder).sensors[1].rows
+    assert rows is not None
+    assert rows.vertical_error_px is not None
+    assert rows.vertical_error_px < 0.25
+
+
+def test_sensors_that_see_no_point_in_common_are_no_problem(board: Capture) -> None:
+    (first, second) = board.sensors
+    nothing = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    assert len(epipolar_errors(first.sensor, nothing)) == 0
+    assert compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["ball", "face", "cuboid"])  # in this size neighbours share no point of the cuboid
+def test_nothing_is_wrong_with_a_recording_of_the_studio(scene: str, tmp_path: Path) -> None:
+    synthesise(tmp_path / scene, SynthParameters(scene, n_frames=1, size=(480, 270), seed=4))
+    assert check_capture(tmp_path / scene).problems == ()
+
+
+def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
+    write_capture(replace(board, bounds=np.subtract(board.bounds, (0.0, 0.0, 80.0))))
+    problems = check_capture(board.folder).problems
+    assert len(problems) == 2
+    assert all("px (median), the bounds span 0 to" in problem for problem in problems)
+
+
+def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None:
+    streams = []
+    for stream, height in zip(board.sensors, (SIZE[1] // 2, 0), strict=True):
+        mask = np.zeros((SIZE[1], SIZE[0]), dtype=np.uint8)
+        mask[:height] = 255
+        for side in "lr":
+            for frame in range(board.n_frames):
+                cv2.imwrite(str(board.folder / f"{stream.id}_{side}{frame}.png"), mask)
+        streams.append(replace(stream, mask=(f"{stream.id}_l{{frame}}.png", f"{stream.id}_r{{frame}}.png")))
+    write_capture(replace(board, sensors=tuple(streams)))
+    report = check_capture(board.folder)
+    assert [sensor.mask_coverage for sensor in report.sensors] == [(0.5, 0.5), (0.0, 0.0)]
+    assert report.problems == ("sensor S2: the masks of a camera are empty in all frames",)
+
+
+def test_bounds_behind_the_cameras_are_a_problem_of_each_sensor(board: Capture) -> None:
+    write_capture(replace(board, bounds=np.add(board.bounds, (0.0, 0.0, 2000.0))))
+    problems = check_capture(board.folder).problems
+    assert [problem[:10] for problem in problems] == ["sensor S1:", "sensor S2:"]
+    assert all("in front of the cameras" in problem for problem in problems)
+
+
+def test_a_short_video_is_one_problem(board: Capture) -> None:
+    path = board.folder / "left.avi"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 25.0, SIZE)
+    writer.write(read_frame(board, "S1", 0)[0])
+    writer.release()
+    content = json.loads((board.folder / "capture.json").read_text())
+    content["sensors"][0]["left"]["image"] = "left.avi"
+    (board.folder / "capture.json").write_text(json.dumps(content))
+    (problem,) = check_capture(board.folder).problems
+    assert problem == f"{path}: ends after 1 frames, frame 1 was asked for"
+
+
+def test_the_report_is_json_and_text(board: Capture) -> None:
+    report = check_capture(board.folder)
+    content = json.loads(json.dumps(report.as_json(), allow_nan=False))
+    assert content["schema_version"] == 1
+    assert content["sensors"][0]["rows"]["n_matches"] >= MIN_MATCHES
+    assert report.as_text().startswith("S1: baseline 40.00 mm, rectified ")
+
+
+def test_a_folder_without_a_capture_is_one_problem(tmp_path: Path) -> None:
+    (problem,) = check_capture(tmp_path).problems
+    assert "capture.json: there is no such file" in problem

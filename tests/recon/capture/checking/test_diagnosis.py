@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recon.capture.checking.check import check_capture
+from recon.capture.checking.diagnosis import diagnose
+from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.capture.format import Capture, write_capture
+from recon.rig import Camera, Sensor, look_at, rigid
+
+SIZE = (1280, 720)
+
+
+def camera(x: float) -> Camera:
+    K = np.array([[1500.0, 0, 641.0], [0, 1500.0, 357.0], [0, 0, 1]])
+    return Camera(K, SIZE, look_at((x, 0.0, 2500.0), (0.0, 0.0, 0.0)))
+
+
+SENSOR = Sensor("S1", camera(-120.0), camera(120.0))
+
+
+def matches(seed: int = 0, noise: float = 0.1) -> Matches:
+    """Points in and behind the working volume, as the pictures show them."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-900, -500, -1500), (900, 500, 700), (400, 3))
+    left, right = (view.project(points) + rng.normal(0, noise, (400, 2)) for view in (SENSOR.left, SENSOR.right))
+    return Matches(left, right)
+
+
+def turned(view: Camera, axis: int, angle_deg: float) -> Camera:
+    vector = np.zeros(3)
+    vector[axis] = np.deg2rad(angle_deg)
+    return replace(view, cam_from_world=rigid(cv2.Rodrigues(vector)[0], np.zeros(3)) @ view.cam_from_world)
+
+
+def with_focal(view: Camera, x: float, y: float) -> Camera:
+    return replace(view, K=view.K * [[x, 1, 1], [1, y, 1], [1, 1, 1]])
+
+
+BROKEN: dict[str, tuple[Callable[[Sensor], Sensor], str]] = {
+    "swapped": (lambda s: Sensor(s.id, s.right, s.left), "left and right are swapped"),
+    "pitch": (lambda s: replace(s, right=turned(s.right, 0, 0.3)), "right camera is rotated by 0.3"),
+    "roll": (lambda s: replace(s, left=turned(s.left, 2, 1.0)), "right camera is rotated by"),
+    "right focal": (lambda s: replace(s, right=with_focal(s.right, 1.05, 1.05)), "a focal length is wrong"),
+    "left focal": (lambda s: replace(s, left=with_focal(s.left, 0.97, 0.97)), "a focal length is wrong"),
+    "both focals": (
+        lambda s: Sensor(s.id, with_focal(s.left, 1.2, 1.2), with_focal(s.right, 1.2, 1.2)),
+        "the focal length of both cameras is wrong",
+    ),
+    "one axis": (lambda s: replace(s, left=with_focal(s.left, 1.1, 1.0)), "the left camera's focal length is wrong"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_each_single_fault_is_named(fault: str) -> None:
+    change, expected = BROKEN[fault]
+    (problem,) = diagnose(change(SENSOR), matches())
+    assert problem.startswith("sensor S1: ")
+    assert expected in problem
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.15))
+@settings(deadline=None, max_examples=20)
+def test_a_sound_sensor_has_no_fault_whatever_the_noise(seed: int, noise: float) -> None:
+    assert diagnose(SENSOR, matches(seed, noise)) == ()
+
+
+def test_too_few_matches_say_nothing() -> None:
+    few = Matches(matches().left[:10], matches().right[:10])
+    assert diagnose(BROKEN["swapped"][0](SENSOR), few) == ()
+
+
+def test_true_matches_are_on_their_epipolar_lines() -> None:
+    exact = matches(noise=0.0)
+    np.testing.assert_allclose(epipolar_errors(SENSOR, exact), 0.0, atol=1e-8)
+    off = Matches(exact.left, np.add(exact.right, (0.0, 1.0)))  # the baseline is horizontal
+    np.testing.assert_allclose(np.abs(epipolar_errors(SENSOR, off)), 1 / np.sqrt(2), rtol=0.05)  # shared by both
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    from recon.studio import SynthParameters, synthesise
+
+    folder = tmp_path_factory.mktemp("recorded") / "face"
+    return synthesise(folder, SynthParameters(scene="face", n_sensors=1, n_frames=1, size=(480, 270)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["swapped", "pitch", "right focal", "none"])
+def test_the_fault_of_a_broken_copy_is_named(recorded: Capture, fault: str) -> None:
+    change, expected = BROKEN.get(fault, (lambda s: s, ""))
+    stream = recorded.sensors[0]
+    sensor = change(stream.sensor)
+    broken = replace(
+        stream, left=replace(stream.left, camera=sensor.left), right=replace(stream.right, camera=sensor.right)
+    )
+    path = write_capture(replace(recorded, sensors=(broken,)))
+    try:
+        problems = check_capture(path.parent).problems
+    finally:
+        write_capture(recorded)
+    named = expected.removesuffix(" 0.3")  # how far, a face in the middle of the picture tells less well
+    assert len(problems) == (fault != "none")
+    assert all(named in problem for problem in problems)

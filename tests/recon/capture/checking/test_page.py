@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+from recon.capture.checking.check import check_capture
+from recon.capture.checking.page import write_check
+from recon.capture.format import image_path
+from tests.recon.capture.calibration.board_geometry import record_board
+
+
+class Page(HTMLParser):
+    """Counts tags and keeps the text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_stands_alone_and_tells_what_the_json_tells(tmp_path: Path) -> None:
+    board = record_board(tmp_path / "board", n_frames=2)
+    image_path(board.folder, board.sensors[0].left.image, 1).unlink()
+    report = check_capture(board.folder)
+    page = Page(write_check(report, tmp_path / "report").read_text())
+    images = [facts for tag, facts in page.tags if tag == "img"]
+    assert len(images) == 7  # two sensors, two cameras, two frames, one missing
+    assert all(str(facts["src"]).startswith("data:image/jpeg;base64,") and facts["alt"] for facts in images)
+    assert not any(tag in ("link", "script") for tag, _ in page.tags)
+    content = json.loads((tmp_path / "report/report.json").read_text())
+    assert len(content["problems"]) == 1
+    for sentence in (*content["problems"], *content["verdicts"]):
+        assert sentence in page.text

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from recon.capture.masks.outline import grown, repatterned, tightened
+
+SIZE = (120, 160)
+
+
+def disc(radius: int) -> np.ndarray:
+    return np.asarray(cv2.circle(np.zeros(SIZE, dtype=np.uint8), (80, 60), radius, 1, -1) > 0)
+
+
+def speckled_floor() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    grey = 110 + 25 * cv2.GaussianBlur(rng.normal(0, 3, SIZE), (0, 0), 1.5)
+    return np.repeat(grey[..., None], 3, axis=2).clip(0, 255)
+
+
+def test_a_blurred_edge_is_put_where_half_of_the_evidence_is_left() -> None:
+    exact = disc(28)
+    evidence = cv2.GaussianBlur(exact.astype(np.float32) * 200, (0, 0), 1.2)
+    wide = evidence > 10
+    tight = tightened(wide, np.asarray(evidence, dtype=np.float32))
+    assert (wide & ~exact).sum() > 100
+    assert (tight ^ exact).sum() < 20
+
+
+def test_a_shadow_keeps_the_floors_pattern_and_a_dark_shoe_does_not() -> None:
+    floor = speckled_floor()
+    noise = np.random.default_rng(1).normal(0, 0.3, floor.shape)
+    shade = 1 - 0.3 * cv2.GaussianBlur(disc(30).astype(np.float64), (0, 0), 6)[..., None]
+    shadow, shoe = floor * shade + noise, np.where(disc(30)[..., None], 77.0, floor) + noise
+    for picture, at_least, at_most in ((shadow, 0.0, 0.02), (shoe, 0.5, 1.0)):
+        changed = np.abs(picture - floor).max(axis=2) > 4
+        found = repatterned(picture.astype(np.float32), floor.astype(np.float32), changed)
+        assert at_least <= (found & disc(30)).sum() / disc(30).sum() <= at_most
+        assert not (found & ~disc(30)).any()
+
+
+def test_grabcut_adds_doubtful_pixels_of_the_objects_colour_only() -> None:
+    rng = np.random.default_rng(2)
+    picture = np.full((*SIZE, 3), (90, 110, 60), dtype=np.float64)
+    picture[disc(30)] = (60, 80, 180)
+    noisy = (picture + rng.normal(0, 4, picture.shape)).clip(0, 255).astype(np.uint8)
+    found = grown(noisy, disc(28), disc(36))
+    assert (found ^ disc(30)).sum() < 30

@@ -1,0 +1,202 @@
+"""Clouds and meshes come back from their files as they were, and files that are not whole are refused."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from recon.geometry.mesh import (
+    Cloud,
+    Mesh,
+    error_colours,
+    merge_meshes,
+    read_cloud,
+    read_mesh,
+    read_points,
+    write_cloud,
+    write_mesh,
+)
+
+COORDINATES = st.floats(-1e6, 1e6, width=32)
+
+
+def cloud_of(n: int, seed: int = 0, *, sigma: bool = False) -> Cloud:
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    colours = rng.integers(0, 256, (n, 3), dtype=np.uint8)
+    return Cloud(rng.normal(size=(n, 3)), normals, colours, rng.uniform(0.1, 3, n) if sigma else None)
+
+
+def mesh_of(n: int, n_faces: int, seed: int = 0) -> Mesh:
+    cloud = cloud_of(n, seed)
+    faces = np.random.default_rng(seed).integers(0, n, (n_faces, 3))
+    return Mesh(cloud.points, faces, cloud.normals, cloud.colours)
+
+
+def same_mesh(a: Mesh, b: Mesh) -> bool:
+    return all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for name in ("vertices", "faces", "normals", "colours")
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    points=arrays.arrays(np.float32, st.tuples(st.integers(1, 20), st.just(3)), elements=COORDINATES),
+    seed=st.integers(0, 1000),
+    sigma=st.booleans(),
+)
+def test_a_cloud_comes_back_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, points: np.ndarray, seed: int, sigma: bool
+) -> None:
+    other = cloud_of(len(points), seed, sigma=sigma)
+    cloud = Cloud(points, other.normals, other.colours, other.sigma)
+    back = read_cloud(write_cloud(tmp_path_factory.mktemp("ply") / "a.ply", cloud))
+    assert np.array_equal(back.points, cloud.points)
+    assert np.array_equal(back.normals, cloud.normals)
+    assert np.array_equal(back.colours, cloud.colours)
+    assert (back.sigma is None) == (cloud.sigma is None)
+    assert cloud.sigma is None or np.array_equal(back.sigma, cloud.sigma)
+
+
+def test_a_mesh_comes_back_bit_for_bit_with_coincident_vertices(tmp_path: Path) -> None:
+    mesh = mesh_of(30, 50)
+    doubled = Mesh(np.repeat(mesh.vertices[:15], 2, axis=0), mesh.faces, mesh.normals, mesh.colours)
+    assert same_mesh(read_mesh(write_mesh(tmp_path / "a.ply", doubled)), doubled)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    first = write_mesh(tmp_path / f"a{suffix}", mesh_of(30, 50)).read_bytes()
+    assert first == write_mesh(tmp_path / f"b{suffix}", mesh_of(30, 50)).read_bytes()
+
+
+def test_other_programs_read_what_we_write(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = mesh_of(30, 50)
+    ply = trimesh.load(write_mesh(tmp_path / "a.ply", mesh), process=False)
+    assert np.array_equal(ply.vertices, mesh.vertices)
+    assert np.array_equal(ply.faces, mesh.faces)
+    assert np.array_equal(ply.visual.vertex_colors[:, :3], mesh.colours)
+    scene = trimesh.load(write_mesh(tmp_path / "a.glb", mesh), process=False)
+    placed = scene.to_geometry()
+    assert np.allclose(placed.vertices, mesh.vertices * 0.001, atol=1e-9), "glTF counts in metres"
+    assert np.array_equal(placed.faces, mesh.faces)
+
+
+def test_a_glb_holds_linear_colours_from_which_the_bytes_come_back(tmp_path: Path) -> None:
+    grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    mesh = Mesh(
+        np.random.default_rng(0).normal(size=(256, 3)), np.array([[0, 1, 2]]), np.eye(3)[np.arange(256) % 3], grey
+    )
+    content = write_mesh(tmp_path / "a.glb", mesh).read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", content)
+    assert (magic, version, length) == (b"glTF", 2, len(content))
+    (json_length,) = struct.unpack_from("<I", content, 12)
+    document = json.loads(content[20 : 20 + json_length])
+    view = document["bufferViews"][document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]]
+    start = 20 + json_length + 8 + view["byteOffset"]
+    linear = np.frombuffer(content[start : start + view["byteLength"]], "<u2").reshape(-1, 4) / 65535
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert np.array_equal(np.rint(encoded[:, :3] * 255), grey)
+    assert (linear[:, 3] == 1).all()
+
+
+def test_merged_meshes_keep_every_triangle() -> None:
+    parts = [mesh_of(10, 5, seed) for seed in range(3)]
+    merged = merge_meshes(parts)
+    assert np.array_equal(merged.vertices[merged.faces], np.concatenate([part.vertices[part.faces] for part in parts]))
+    assert np.array_equal(merged.colours, np.concatenate([part.colours for part in parts]))
+
+
+def test_points_are_read_from_an_ascii_file_that_holds_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "scan.ply"
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
+    )
+    path.write_text(header + "1 2 3\n4 5 6.5\n")
+    assert np.array_equal(read_points(path), [[1, 2, 3], [4, 5, 6.5]])
+    with pytest.raises(ValueError, match=r"scan\.ply: its points have no nx"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\n", b"hello", b"ply\nformat binary_little_endian 1.0\nend_header\n"])
+def test_a_file_that_is_no_cloud_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "odd.ply"
+    path.write_bytes(content)
+    for read in (read_cloud, read_mesh, read_points):
+        with pytest.raises(ValueError, match=r"odd\.ply"):
+            read(path)
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"gone\.ply: there is no such file"):
+        read_cloud(tmp_path / "gone.ply")
+
+
+@pytest.mark.parametrize("cut", [1, 15, 300])
+def test_a_file_cut_short_is_refused(tmp_path: Path, cut: int) -> None:
+    path = write_mesh(tmp_path / "short.ply", mesh_of(30, 50))
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.raises(ValueError, match=r"short\.ply"):
+        read_mesh(path)
+
+
+def test_a_cloud_is_no_mesh(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="holds no faces"):
+        read_mesh(write_cloud(tmp_path / "a.ply", cloud_of(5)))
+
+
+def test_coordinates_that_are_not_numbers_are_refused(tmp_path: Path) -> None:
+    cloud = cloud_of(5)
+    path = write_cloud(tmp_path / "nan.ply", cloud)
+    content = bytearray(path.read_bytes())
+    start = content.index(b"end_header\n") + len(b"end_header\n")
+    content[start + 27 : start + 31] = struct.pack("<f", float("nan"))  # x of the second point
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"nan\.ply: points hold values that are not finite numbers: row 1"):
+        read_cloud(path)
+    with pytest.raises(ValueError, match="not finite"):
+        Cloud(np.full((2, 3), np.inf), cloud.normals[:2], cloud.colours[:2])
+
+
+def test_arrays_that_do_not_belong_together_are_refused() -> None:
+    cloud = cloud_of(5)
+    with pytest.raises(ValueError, match="normals have shape"):
+        Cloud(cloud.points, cloud.normals[:4], cloud.colours)
+    with pytest.raises(ValueError, match="colours are float64"):
+        Cloud(cloud.points, cloud.normals, cloud.colours / 255)
+    with pytest.raises(ValueError, match="faces name vertices 0 to 5, but there are 5"):
+        Mesh(cloud.points, np.array([[0, 1, 5]]), cloud.normals, cloud.colours)
+    with pytest.raises(ValueError, match="sigma"):
+        Cloud(cloud.points, cloud.normals, cloud.colours, np.zeros(5))
+
+
+def test_nothing_empty_is_written_and_nothing_half(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="empty"):
+        write_cloud(tmp_path / "a.ply", cloud_of(0))
+    with pytest.raises(ValueError, match="no face"):
+        write_mesh(tmp_path / "a.ply", mesh_of(3, 0))
+    with pytest.raises(ValueError, match=r"a\.obj: unknown kind of file"):
+        write_mesh(tmp_path / "a.obj", mesh_of(3, 1))
+    assert not list(tmp_path.iterdir())
+
+
+def test_errors_are_blue_below_white_at_nothing_and_red_above() -> None:
+    colours = error_colours(np.array([-9.0, -1.0, 0.0, 0.5, 1.0, 9.0, np.nan]), 1.0).astype(int)
+    assert np.array_equal(colours[0], colours[1])
+    assert np.array_equal(colours[4], colours[5])
+    assert np.array_equal(colours[2], [255, 255, 255])
+    assert np.array_equal(colours[6], [128, 128, 128])
+    assert colours[1, 2] > colours[1, 0]
+    assert colours[4, 0] > colours[3, 0] - 60 > colours[4, 2]
+    with pytest.raises(ValueError, match="limit is 0"):
+        error_colours(np.zeros(2), 0.0)

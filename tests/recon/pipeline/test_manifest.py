@@ -1,0 +1,54 @@
+"""The manifest says what the videos are, with their digests."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from recon.approaches import Approach, approaches
+from recon.pipeline.manifest import Stimulus, write_manifest
+from recon.storage.files import read_json
+
+
+def stimulus(folder: Path, approach: str) -> Stimulus:
+    (folder / f"{approach}.mp4").write_bytes(approach.encode())
+    depth, fusion = approach.split("_")
+    levels = {"depth": depth, "fusion": fusion}
+    return Stimulus(
+        "ball", approach, levels, f"{approach}.mp4", None, 64, 48, 25.0, 10, "h264", "software", 3, "bounce", {}
+    )
+
+
+def test_the_manifest_lists_videos_digests_and_factors(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, "set", [stimulus(tmp_path, "id_fb"), stimulus(tmp_path, "dr_fb")], {})
+    content = read_json(path)
+    assert content["schema_version"] == 1
+    assert [entry["sha256"] for entry in content["stimuli"]] == [
+        hashlib.sha256(name).hexdigest() for name in (b"id_fb", b"dr_fb")
+    ]
+    assert content["factors"] == {"depth": ["id", "dr"], "fusion": ["fb"]}
+    assert "master" not in content["stimuli"][0]
+
+
+def test_two_videos_of_one_stimulus_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"more than one video for .*id_fb"):
+        write_manifest(tmp_path, "set", [stimulus(tmp_path, "id_fb")] * 2, {})
+    assert not (tmp_path / "manifest.json").exists()
+
+
+def test_an_empty_set_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="at least one video"):
+        write_manifest(tmp_path, "set", [], {})
+
+
+def test_the_papers_methods_make_six_approaches() -> None:
+    names = [str(approach) for approach in approaches(("id", "dr", "pm"), ("fa", "fb"))]
+    assert names == ["id_fa", "id_fb", "dr_fa", "dr_fb", "pm_fa", "pm_fb"]
+
+
+@pytest.mark.parametrize(("depth", "fusion"), [("xx", "fa"), ("id", "fc")])
+def test_an_unknown_method_is_named(depth: str, fusion: str) -> None:
+    with pytest.raises(ValueError, match=r"xx|fc"):
+        Approach(depth, fusion)

@@ -1,0 +1,241 @@
+"""The way from a capture to a stimulus set: resumable, and the same for every approach of a scene."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.intake.models import read_models
+from recon.capture.format import Capture
+from recon.capture.images import read_image
+from recon.export_models import write_models
+from recon.geometry.mesh import read_mesh
+from recon.pipeline.film import Film, RenderOptions, make_part, shown_frames
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.run import read_run
+from recon.render.video import probe_video
+from recon.storage.artefacts import file_digest
+from recon.storage.files import read_json
+from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import MESH
+from recon.surface import SurfaceParameters
+from recon.validation.truth.vertex_errors import signed_errors
+
+WHOLE_WAY = """
+import sys
+from pathlib import Path
+from recon.flythrough import RenderOptions
+from recon.pipeline import ReconstructOptions, reconstruct, render
+
+capture, run, stimuli = map(Path, sys.argv[1:])
+reconstruct(capture, run, ReconstructOptions(depths=("id",)))
+render([run], stimuli, RenderOptions(size=(96, 64), seconds=2.4, renderer="software"))
+"""
+LONG = RenderOptions(size=(96, 64), seconds=2.4, renderer="software")  # in two parts
+SMALL = RenderOptions(size=(96, 64), seconds=0.4, renderer="software")
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("studio") / "ball"
+    return synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=2, size=(320, 240), noise=0.5))
+
+
+@pytest.fixture(scope="module")
+def run(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    reconstruct(capture.folder, folder, ReconstructOptions(depths=("id",)))
+    return folder
+
+
+def digests(folder: Path, pattern: str) -> dict[str, str]:
+    return {str(path.relative_to(folder)): file_digest(path) for path in sorted(folder.rglob(pattern))}
+
+
+@pytest.mark.slow
+def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
+    described = read_run(run)
+    assert described.approaches == ("id_fa", "id_fb")
+    assert described.frames == (0, 1)
+    assert len(digests(run / "meshes", "*.ply")) == 4
+    assert len(digests(run / "clouds", "*.ply")) == 4
+
+
+@pytest.mark.slow
+def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: Capture, tmp_path: Path) -> None:
+    write_models([run], tmp_path, None, lambda *_: None)
+    found = read_models(tmp_path)
+    assert {(one.dataset, one.condition, one.kind) for one in found} == {
+        ("ball", approach, kind) for approach in ("id_fa", "id_fb") for kind in ("mesh", "cloud")
+    }
+    mesh = next(one for one in found if (one.condition, one.kind) == ("id_fb", "mesh"))
+    errors = np.abs(signed_errors(read_mesh(mesh.path), read_mesh(capture.folder / MESH.format(frame=1))))
+    assert mesh.error_limit_mm == pytest.approx(np.percentile(errors, 95), rel=0.1)
+    with pytest.raises(ValueError, match="has no frame 7; it has 0 to 1"):
+        write_models([run], tmp_path, 7, lambda *_: None)
+
+
+@pytest.mark.slow
+def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
+    sheet = read_image(run / "previews/0000.png")
+    assert sheet.shape[0] > 2 * 480  # a row of four pictures for each of two approaches
+    assert sheet.shape[1] > 4 * 480
+    assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000
+
+
+@pytest.mark.slow
+def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Capture, run: Path) -> None:
+    before = digests(run, "*.ply")
+    lost = run / "clouds/id/S1/0001.ply"
+    lost.unlink()
+    n_made = len((run / "log.jsonl").read_text().splitlines())
+    reconstruct(capture.folder, run, ReconstructOptions(depths=("id",)))
+    assert len((run / "log.jsonl").read_text().splitlines()) == n_made + 1
+    assert digests(run, "*.ply") == before
+
+
+def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, tmp_path: Path) -> None:
+    again = tmp_path / "run"
+    copytree(run, again)
+    n_made = len((again / "log.jsonl").read_text().splitlines())
+    options = ReconstructOptions(depths=("id",), surface=SurfaceParameters(voxel_mm=60.0))
+    reconstruct(capture.folder, again, options)
+    made = (again / "log.jsonl").read_text().splitlines()[n_made:]
+    assert len(made) == 4
+    assert all("meshes/" in line for line in made)
+
+
+def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path) -> None:
+    for path in (run / "depth/id").rglob("*.npy"):
+        disparity = np.load(path)
+        assert np.array_equal(disparity, np.rint(disparity), equal_nan=True)
+
+
+def test_balanced_colours_make_other_colours_and_the_same_shapes(capture: Capture, run: Path, tmp_path: Path) -> None:
+    again = Path(copytree(run, tmp_path / "run"))
+    reconstruct(capture.folder, again, ReconstructOptions(depths=("id",), balance_colours=True))
+    gain = np.array(read_json(again / "colours.json")["gain"])
+    assert gain.shape == (2, 3)
+    assert np.allclose(gain.mean(axis=0), 1)
+    before, after = (read_mesh(folder / "meshes/id_fb/0000.ply") for folder in (run, again))
+    assert np.array_equal(before.vertices, after.vertices)
+    assert not np.array_equal(before.colours, after.colours)
+
+
+@pytest.mark.slow
+def test_worker_processes_make_the_same_files(capture: Capture, run: Path, tmp_path: Path) -> None:
+    reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("id",), workers=2))
+    assert digests(tmp_path / "run", "*.ply") == digests(run, "*.ply")
+
+
+@pytest.mark.slow
+def test_runs_killed_at_random_moments_end_with_the_same_files(capture: Capture, tmp_path: Path, run: Path) -> None:
+    """`kill -9` of the whole command, again and again, then one that is left alone."""
+    again, stimuli = tmp_path / "run", tmp_path / "set"
+    command = [sys.executable, "-c", WHOLE_WAY, str(capture.folder), str(again), str(stimuli)]
+    rng = np.random.default_rng(7)
+    for _ in range(6):
+        started = subprocess.Popen(command)
+        with suppress(subprocess.TimeoutExpired):
+            started.wait(timeout=rng.uniform(1.0, 5.0))
+        started.kill()
+        started.wait()
+    assert subprocess.run(command).returncode == 0
+    render([run], tmp_path / "alone", LONG)
+    assert digests(again, "*.ply") == digests(run, "*.ply")
+    assert digests(stimuli, "*.mp4") == digests(tmp_path / "alone", "*.mp4")
+    assert not list(tmp_path.rglob(".*.part*"))
+
+
+@pytest.mark.slow
+def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tmp_path: Path) -> None:
+    manifest = read_json(render([run], tmp_path / "set", SMALL))
+    assert [entry["approach"] for entry in manifest["stimuli"]] == ["id_fa", "id_fb"]
+    assert manifest["factors"] == {"depth": ["id"], "fusion": ["fa", "fb"]}
+    for entry in manifest["stimuli"]:
+        facts = probe_video(tmp_path / "set" / entry["video"])
+        assert (facts.width, facts.height, facts.n_frames, facts.fps) == (96, 64, 10, 25.0)
+        assert entry["sha256"] == file_digest(tmp_path / "set" / entry["video"])
+        assert probe_video(tmp_path / "set" / entry["master"]).n_frames == 10
+        assert entry["model_frames"] == 2
+
+
+@pytest.mark.slow
+def test_rendering_again_makes_the_same_videos(run: Path, tmp_path: Path) -> None:
+    render([run], tmp_path / "one", SMALL)
+    render([run], tmp_path / "two", SMALL)
+    assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+
+
+@pytest.mark.slow
+def test_worker_processes_share_a_video_and_make_the_same_bytes(run: Path, tmp_path: Path) -> None:
+    render([run], tmp_path / "one", LONG)
+    seen: list[tuple[str, int, int]] = []
+    render([run], tmp_path / "two", replace(LONG, workers=2), lambda *event: seen.append(event))
+    assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+    assert seen[0] == ("video frames", 0, 120)
+    assert seen[-1] == ("video frames", 120, 120)
+    assert not (tmp_path / "two/.parts").exists()
+
+
+@pytest.mark.slow
+def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: Path) -> None:
+    films = [Film(read_run(run), approach, LONG) for approach in ("id_fa", "id_fb")]
+    make_part(films[0], tmp_path / "set", films[0].parts[1], threads=1)
+    part = tmp_path / "set" / films[0].names(films[0].parts[1])[0]
+    written = part.stat().st_mtime_ns
+
+    def stop(_what: str, done: int, _total: int) -> None:
+        if done == 60:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render([run], tmp_path / "set", LONG, stop)
+    assert part.stat().st_mtime_ns == written
+    seen: list[int] = []
+    manifest = read_json(render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done)))
+    assert [entry["n_frames"] for entry in manifest["stimuli"]] == [60, 60]
+    seen.clear()
+    render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done))
+    assert seen == [0], "nothing is rendered again"
+
+
+def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is not a finished run"):
+        render([tmp_path], tmp_path / "set", SMALL)
+
+
+def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="has frames 0 to 1, none of them in"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=range(5, 9)))
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_method_is_named_before_anything_is_made(capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="unknown depth method 'xx'"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("xx",)))
+    assert not (tmp_path / "run").exists()
+
+
+@given(st.integers(1, 9), st.integers(1, 60), st.floats(0.05, 3), st.sampled_from(["repeat", "bounce", "static"]))
+def test_a_video_shows_only_frames_that_were_recorded(n_recorded: int, n_shown: int, step: float, loop: str) -> None:
+    shown = shown_frames(n_recorded, n_shown, step, loop)
+    assert len(shown) == n_shown
+    assert shown[0] == 0
+    assert set(shown) <= set(range(n_recorded))
+
+
+def test_a_recording_is_played_again_or_back_and_forth_or_not_at_all() -> None:
+    assert shown_frames(3, 8, 1.0, "repeat") == [0, 1, 2, 0, 1, 2, 0, 1]
+    assert shown_frames(3, 8, 1.0, "bounce") == [0, 1, 2, 1, 0, 1, 2, 1]
+    assert shown_frames(3, 4, 0.5, "bounce") == [0, 0, 1, 1]
+    assert shown_frames(3, 3, 1.0, "static") == [0, 0, 0]

@@ -1,0 +1,81 @@
+"""Files are whole or absent."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from recon.storage.files import STALE_S, read_json, remove_leftovers, whole_file, write_json
+
+
+def test_a_file_appears_only_when_the_block_ends(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.txt"
+    with whole_file(path) as temporary:
+        temporary.write_text("content")
+        assert temporary.suffix == path.suffix
+        assert not path.exists()
+    assert path.read_text() == "content"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def fail() -> None:
+        with whole_file(path) as temporary:
+            temporary.write_text("half")
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        fail()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    (tmp_path / "a").mkdir()
+    left, in_use, kept = tmp_path / "a/0001.ply", tmp_path / "0002.ply", tmp_path / "a/0003.ply"
+    kept.touch()
+    with whole_file(left) as temporary, whole_file(in_use) as used:
+        temporary.touch()
+        used.touch()
+        left_by_another = temporary.with_name(temporary.name.replace(str(os.getpid()), str(ended.pid)))
+        temporary.rename(left_by_another)
+        remove_leftovers(tmp_path)
+        assert [path.exists() for path in (left_by_another, used, kept)] == [False, True, True]
+        temporary.touch()
+
+
+def test_what_another_host_writes_is_left_alone_until_nobody_writes_it(tmp_path: Path) -> None:
+    path = tmp_path / ".0001.elsewhere-1.part.ply"
+    path.touch()
+    remove_leftovers(tmp_path)
+    assert path.exists()
+    long_ago = time.time() - 2 * STALE_S
+    os.utime(path, (long_ago, long_ago))
+    remove_leftovers(tmp_path)
+    assert not path.exists()
+
+
+def test_json_comes_back_as_it_was(tmp_path: Path) -> None:
+    content = {"a": [1, 2.5, None], "b": {"c": "é"}}
+    write_json(tmp_path / "a.json", content)
+    assert read_json(tmp_path / "a.json") == content
+
+
+@pytest.mark.parametrize(("text", "problem"), [(None, "no such file"), ("{", "not readable"), ("[1]", "JSON object")])
+def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, problem: str) -> None:
+    path = tmp_path / "a.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ValueError, match=problem) as raised:
+        read_json(path)
+    assert str(path) in str(raised.value)

@@ -1,0 +1,82 @@
+"""Tasks give the same results here, in worker processes and on a cluster, also when workers die."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from recon.workers import LOSSES, LocalProcesses, open_pool
+
+TASKS = [partial(math.factorial, n) for n in range(6)]
+
+
+def die_once(mark: Path) -> str:
+    """Kill the process that runs this, the first time."""
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_every_task_yields_its_result_once_and_a_pool_takes_more_tasks(workers: int) -> None:
+    with open_pool(workers) as pool:
+        for _ in range(2):
+            assert sorted(pool.run(TASKS)) == [1, 1, 2, 6, 24, 120]
+        assert list(pool.run([])) == []
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_tasks_error_reaches_the_caller(workers: int) -> None:
+    with open_pool(workers) as pool, pytest.raises(ValueError, match="factorial"):
+        list(pool.run([*TASKS, partial(math.factorial, -1)]))
+
+
+@pytest.mark.slow
+def test_the_tasks_of_a_worker_that_dies_are_run_again(tmp_path: Path) -> None:
+    with open_pool(2) as pool:
+        results = list(pool.run([*TASKS, partial(die_once, tmp_path / "mark")]))
+    assert sorted(map(str, results)) == ["1", "1", "120", "2", "24", "6", "alive"]
+
+
+@pytest.mark.slow
+def test_tasks_that_kill_their_workers_again_and_again_are_given_up() -> None:
+    pool = LocalProcesses(1)
+    with pytest.raises(RuntimeError, match=f"died {LOSSES} times, 1 tasks are not done"):
+        list(pool.run([partial(die)]))
+    pool.close()
+
+
+PROGRAM = """
+import cv2
+import numba  # before the workers are told of their threads: they load this program, too
+from functools import partial
+from recon.execute import open_pool
+if __name__ == "__main__":
+    with open_pool(2) as pool:
+        print(*pool.run([partial(numba.get_num_threads), partial(cv2.getNumThreads)]))
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1", "1"]
+
+
+def test_no_workers_is_an_error() -> None:
+    with pytest.raises(ValueError, match="at least 1, found 0"), open_pool(0):
+        pass

@@ -1,0 +1,291 @@
+"""The evaluation on many placed balls: tables, exclusion, report."""
+
+from __future__ import annotations
+
+import csv
+import html
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from recon.capture.format import Capture, read_frame
+from recon.capture.importing.json_file import import_json
+from recon.capture.importing.sources import ImportOptions
+from recon.capture.rectify import rectify, rectify_images
+from recon.cli.main import app
+from recon.cli.validate import parse_thresholds, parse_viewpoint
+from recon.geometry.mesh import Cloud, write_cloud
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
+from recon.pipeline.run import cloud_name
+from recon.surface import SurfaceParameters
+from recon.validation.clouds import FitError, named_clouds, read_measured
+from recon.validation.page import curve_chart, write_figure
+from recon.validation.sphere.consensus import fit_sphere
+from recon.validation.sphere.evaluation import measure_spheres
+from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
+from recon.validation.sphere.methods import SphereSettings
+from recon.validation.sphere.report import write_sphere_report
+from recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
+from recon.validation.sphere.visibility import missing_share
+
+SETTINGS = SphereSettings(150.0, (5.0, 12.5, 50.0))
+SENSORS = ("S1", "S2", "S3")
+HALL_MM = 8000.0  # depth of the hall that the silver ball stands in
+
+
+def write_caps(
+    folder: Path, n_samples: int = 2, spoilt: tuple[int, int] | None = None, spoil: str = "patch"
+) -> list[Path]:
+    """Text clouds of balls, each seen by three sensors; at most one cap is spoilt."""
+    paths = []
+    for sample in range(n_samples):
+        place = np.random.default_rng(sample).uniform(-300, 300, 3)
+        for index, azimuth in enumerate(np.deg2rad((-42.0, 0.0, 42.0))):
+            kind = spoil if (sample, index) == spoilt else "none"
+            parameters = CapParameters(n_points=6000, outliers=0.1, spoil=kind)
+            towards = np.array([np.sin(azimuth), 0.1, np.cos(azimuth)])
+            points, centre = simulate_cap(parameters, np.random.default_rng((sample, index)), towards)
+            paths.append(folder / f"{sample}_{index}.xyz")
+            np.savetxt(paths[-1], points - centre + place, fmt="%.4f")
+    return paths
+
+
+def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
+    paths = [Path(name) for name in "abcd"]
+    assert [cloud.name for cloud in named_clouds(paths, ("L", "R"))] == ["1/L", "1/R", "2/L", "2/R"]
+    assert [cloud.name for cloud in named_clouds(paths, ("L", "L", "R", "R"))] == ["1/L", "2/L", "1/R", "2/R"]
+    assert [cloud.name for cloud in named_clouds(paths, ())] == ["1/S1", "2/S1", "3/S1", "4/S1"]
+    with pytest.raises(ValueError, match="4 clouds cannot be shared among 3 sensors"):
+        named_clouds(paths, SENSORS)
+
+
+@pytest.mark.slow
+def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
+    paths = write_caps(tmp_path)
+    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
+    for row in report["reconstructions"]:
+        place = np.random.default_rng(row["sample"] - 1).uniform(-300, 300, 3)
+        errors = np.linalg.norm(read_measured(Path(row["file"])) - place, axis=1) - 150
+        assert np.linalg.norm(np.array(row["centre_mm"]) - place) < 1.0
+        assert row["inliers"] == pytest.approx(np.mean(np.abs(errors) <= 12.5), abs=0.01)
+    assert report["excluded"] == []
+    assert {row["sensor"] for row in report["table"]} == {*SENSORS, "combined"}
+
+
+@pytest.mark.slow
+def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None:
+    report = measure_spheres(named_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
+    for sensor in (*SENSORS, "combined"):
+        rows = [row for row in report["curve"] if row["sensor"] == sensor and row["subset"] == "used"]
+        assert [row["inliers"] for row in rows] == sorted(row["inliers"] for row in rows)
+        assert all(row["ci_low"] <= row["inliers"] <= row["ci_high"] for row in rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spoil", ["wedge", "patch", "pushed"])
+def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Path, spoil: str) -> None:
+    clouds = named_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
+    report = measure_spheres(clouds, SETTINGS)
+    assert [row["name"] for row in report["excluded"]] == ["1/S2"]
+    assert report["excluded"][0]["reasons"]
+    used = {row["sensor"] for row in report["table"] if row["subset"] == "used"}
+    assert "S2" not in used
+    assert "S2" in {row["sensor"] for row in report["table"] if row["subset"] == "all"}
+    kept = measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2",)))
+    assert kept["excluded"] == []
+    assert next(row for row in kept["reconstructions"] if row["name"] == "1/S2")["reasons"]
+
+
+def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit() -> None:
+    points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
+    offsets = (points - centre).astype(np.float32)
+    good = fit_sphere(offsets, 150.0)
+    assert all(finding.is_remark for finding in findings({"S1": good}, {"S1": examine_parts(offsets, good)})["S1"])
+    is_wrong = np.arctan2(offsets[:, 1], offsets[:, 0]) > 1.8
+    offsets[is_wrong] *= np.float32(162 / 150)  # too far off to pull the fit
+    fit = fit_sphere(offsets, 150.0)
+    assert np.linalg.norm(fit.centre - good.centre) < 0.5
+    (reason,) = [f for f in findings({"S1": fit}, {"S1": examine_parts(offsets, fit)})["S1"] if not f.is_remark]
+    assert "off together" in reason.sentence
+
+
+def test_what_most_samples_of_a_sensor_show_is_said_and_what_single_ones_show_leaves_them_out() -> None:
+    points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
+    fits = {"S1": fit_sphere(points - centre, 150.0)}
+    coarse = [Parts(1.5, 1.0, 1.0), Parts(2.5, 1.2, 0.8), Parts(2.0, 0.9, 1.1), Parts(12.0, 1.0, 1.0)]
+    usual = usual_parts(coarse)
+    assert usual == Parts(1.875, 0.975, 0.95)
+    (finding,) = findings(fits, {"S1": coarse[1]}, {"S1": usual})["S1"]
+    assert finding.is_remark
+    assert finding.sentence.endswith("by 2.50 mm, over 1 mm, but three in four samples of this sensor reach 1.88 mm")
+    (finding,) = findings(fits, {"S1": coarse[3]}, {"S1": usual})["S1"]
+    assert not finding.is_remark
+    assert usual_parts(coarse[:3]) is None
+    (finding,) = findings(fits, {"S1": Parts(0.7, 1.0, 1.0)})["S1"]
+    assert finding.is_remark
+    assert finding.sentence.endswith("by 0.70 mm, near the limit of 1 mm")
+    sound = Parts(0.3, 0.4, 0.5)  # below half of its limit: that of a sound sensor
+    (finding,) = findings(fits, {"S1": Parts(1.2, 0.4, 0.5)}, {"S1": sound})["S1"]
+    assert not finding.is_remark
+
+
+def semi_global_clouds(capture: Capture, folder: Path) -> list[Path]:
+    """What OpenCV's semi-global matching makes of each frame of a capture's first sensor."""
+    rectification = rectify(capture.sensors[0].sensor, capture.bounds)
+    n_disparities = -(-rectification.n_disparities // 16) * 16
+    matcher = cv2.StereoSGBM.create(0, n_disparities, 5, 200, 800, 1, 63, 10, 100, 2, cv2.STEREO_SGBM_MODE_HH)
+    left, paths = rectification.left, []
+    for frame in range(capture.n_frames):
+        pair = rectify_images(rectification, *read_frame(capture, capture.sensors[0].id, frame))
+        disparity = matcher.compute(*(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pair)) / 16.0
+        depth = rectification.depth(np.where(disparity >= 0, disparity, np.nan))
+        rows, columns = np.nonzero(depth < HALL_MM)
+        pixels = np.column_stack([columns, rows, np.ones(len(rows))])
+        in_camera = pixels @ np.linalg.inv(left.K).T * depth[rows, columns, None]
+        points = (in_camera - left.cam_from_world[:3, 3]) @ left.rotation
+        paths.append(folder / f"{frame + 1}.ply")
+        normals, colours = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros((len(points), 3), np.uint8)
+        write_cloud(paths[-1], Cloud(points.astype(np.float32), normals.astype(np.float32), colours))
+    return paths
+
+
+@pytest.mark.slow
+def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out(
+    real_data: Path, tmp_path: Path
+) -> None:
+    bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
+    capture = import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
+    clouds = named_clouds(semi_global_clouds(capture, tmp_path), ("S1",))
+    report = measure_spheres(clouds, SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    assert report["failed"] == []
+    assert [row["name"] for row in report["excluded"]] == ["3/S1"]
+    assert all(row["remarks"] for row in report["reconstructions"][:2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["id", "dr"])
+def test_of_real_shots_of_a_ball_by_our_matchers_the_bad_one_is_flagged_with_numbers(
+    real_data: Path, tmp_path: Path, method: str
+) -> None:
+    bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
+    import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
+    options = ReconstructOptions((method,), ("fb",), temporal=None, surface=SurfaceParameters(voxel_mm=30.0))
+    reconstruct(tmp_path / "capture", tmp_path / "run", options)
+    clouds = named_clouds([tmp_path / "run" / cloud_name(method, "S1", shot) for shot in range(4)], ("S1",))
+    settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
+    report = measure_spheres(clouds, settings)
+    page = write_sphere_report(report, tmp_path / "report").read_text(encoding="utf-8")
+    flagged = {row["name"]: row["remarks"] for row in report["flagged"]}
+    assert any(remark.startswith("without its inner or outer half") for remark in flagged["3/S1"])
+    assert any("of the ball's picture there are no points" in remark for remark in flagged["3/S1"])
+    assert all(html.escape(remark) in page for remark in flagged["3/S1"])
+
+
+def test_what_a_sensor_leaves_out_of_the_balls_picture_is_told() -> None:
+    points, centre = simulate_cap(
+        CapParameters(n_points=20_000, outliers=0.0, opening_deg=170), np.random.default_rng(1)
+    )
+    towards = (points - centre).mean(axis=0)
+    viewpoint = centre + 2000 * towards / np.linalg.norm(towards)
+    assert missing_share(points, viewpoint, centre, 150.0) < 0.02
+    place = centre + 150 * towards / np.linalg.norm(towards)
+    is_left = np.linalg.norm(points - place, axis=1) > 60  # a hole whose share of the picture is (60 / 150)^2 / 0.9^2
+    assert missing_share(points[is_left], viewpoint, centre, 150.0) == pytest.approx(0.2, abs=0.04)
+    assert missing_remark(None) == missing_remark(0.04) == []
+    (finding,) = missing_remark(0.2)
+    assert finding.is_remark
+    assert "20% of the ball's picture" in finding.sentence
+
+
+def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
+    clouds = named_clouds(write_caps(tmp_path, 1), SENSORS)
+    report = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))
+    assert report["excluded"] == [{"name": "1/S3", "reasons": ["left out on request"]}]
+    with pytest.raises(ValueError, match="no reconstruction 9/S1"):
+        measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("9/S1",)))
+
+
+@pytest.mark.slow
+def test_a_cloud_without_a_sphere_is_a_failure_beside_the_others(tmp_path: Path) -> None:
+    paths = write_caps(tmp_path, 1)
+    np.savetxt(paths[1], np.random.default_rng(0).uniform(-300, 300, (5000, 3)))
+    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
+    assert report["failed"] == ["1/S2"]
+    with pytest.raises(FitError, match="no sphere was found in any of 1 clouds"):
+        measure_spheres(named_clouds(paths[1:2], ()), SETTINGS)
+
+
+@pytest.mark.parametrize("content", ["", "1 2\n3 4\n", "a b c\n", "ply\nformat ascii 1.0\n"])
+@pytest.mark.parametrize("suffix", [".ply", ".xyz"])
+def test_an_unreadable_cloud_is_named(tmp_path: Path, content: str, suffix: str) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(ValueError, match=f"cloud{suffix}"):
+        measure_spheres(named_clouds([path], ()), SETTINGS)
+
+
+@pytest.mark.slow
+def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
+    report = measure_spheres(named_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
+    page = write_sphere_report(report, tmp_path / "out").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "out/report.json").read_text())["table"] == report["table"]
+    with (tmp_path / "out/sensors.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(report["table"])
+    for name in ("curve.svg", "curve.png", "curve.pdf", "curve.csv", "reconstructions.csv", "sphere_1_S1.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+    assert 'src="data:image/png' in page
+    assert 'src="http' not in page
+    assert "<script" not in page
+
+
+@pytest.mark.slow
+def test_the_curves_legend_names_each_sensor_once(tmp_path: Path) -> None:
+    rows = [
+        {"sensor": sensor, "threshold_mm": 5.0 * step, "inliers": 0.5, "ci_low": 0.4, "ci_high": 0.6}
+        for sensor in ("S1", "combined")
+        for step in (1, 2)
+    ]
+    svg = write_figure(tmp_path / "curve", curve_chart(rows))
+    assert (svg.count(">S1<"), svg.count(">combined<")) == (1, 1)
+
+
+@pytest.mark.slow
+def test_the_command_prints_its_report_as_json(tmp_path: Path) -> None:
+    paths = [str(path) for path in write_caps(tmp_path, 1)]
+    sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]
+    arguments = ["validate", "sphere", *paths, "--radius", "150", *sensors, "-o", str(tmp_path / "out"), "--json"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["kind"] == "sphere"
+
+
+def test_thresholds_are_steps_of_two_and_a_half_unless_asked_for() -> None:
+    assert parse_thresholds("5:100")[:3] == (5.0, 7.5, 10.0)
+    assert parse_thresholds("5:100")[-1] == 100.0
+    assert parse_thresholds("1:2:0.5") == (1.0, 1.5, 2.0)
+
+
+@pytest.mark.slow
+def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path: Path) -> None:
+    points, centre = simulate_cap(CapParameters(n_points=6000, outliers=0.0), np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([rng.uniform(-2000, 2000, (6000, 2)), np.full(6000, -1500.0)])
+    path = tmp_path / "scene.xyz"
+    np.savetxt(path, np.concatenate([points - centre, wall]))
+    settings = SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 2500.0)})
+    (row,) = measure_spheres(named_clouds([path], ()), settings)["reconstructions"]
+    behind = np.hypot(wall[:, 0], wall[:, 1]) < 4000 * np.tan(np.arcsin(150 / 2500))
+    assert row["n_points"] == pytest.approx(6000 + behind.sum(), abs=3)
+    with pytest.raises(ValueError, match="inside the fitted sphere"):
+        measure_spheres(named_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    with pytest.raises(ValueError, match="viewpoints are given for S7"):
+        measure_spheres(named_clouds([path], ()), SphereSettings(150.0, (12.5,), viewpoints={"S7": (0.0, 0.0, 1e3)}))
+
+
+def test_a_viewpoint_names_its_sensor_or_means_the_only_one() -> None:
+    assert parse_viewpoint("S2=1,-2,3.5") == ("S2", (1.0, -2.0, 3.5))
+    assert parse_viewpoint("0,0,0") == ("S1", (0.0, 0.0, 0.0))

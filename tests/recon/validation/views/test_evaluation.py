@@ -1,0 +1,171 @@
+"""A run against its own sensors and photographs, with depth whose errors are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from shutil import move
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from recon.capture.format import Capture
+from recon.capture.masks.segment import segment_capture
+from recon.capture.rectify import rectify
+from recon.cli.main import app
+from recon.cloud import CloudParameters
+from recon.geometry.mesh import read_mesh
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
+from recon.pipeline.run import read_run, recorded_in
+from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import MESH, read_depth
+from recon.surface import SurfaceParameters
+from recon.validation.truth.evaluation import Shape, distances_to
+from recon.validation.views.between_sensors import cross_sensor_rows, depth_gaps, depth_points
+from recon.validation.views.evaluation import FLOOR, ViewSettings, measure_views
+from recon.validation.views.image_quality import BEST_PSNR_DB, gradient_map, psnr, ssim_map
+from recon.validation.views.novel_view import (
+    HELD_OUT,
+    Photograph,
+    photographs,
+    rendered,
+    true_disparity,
+    true_mesh,
+    view_rows,
+)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("studio") / "sphere"
+    synthesise(folder, SynthParameters(scene="sphere", n_sensors=2, n_frames=1, size=(320, 240), noise=0.5))
+    return segment_capture(folder)
+
+
+@pytest.fixture(scope="module")
+def run(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    reconstruct(capture.folder, folder, ReconstructOptions(depths=("id",), fusions=("fb",), temporal=None))
+    return folder
+
+
+def photograph(size: int = 64, **changes: object) -> Photograph:
+    pixels = np.random.default_rng(1).integers(0, 256, (size, size, 3)).astype(np.uint8)
+    mask = np.zeros((size, size), bool)
+    mask[16:48, 16:48] = True
+    shot = Photograph("S1/left", HELD_OUT, 0, None, pixels, mask)  # type: ignore[arg-type]  # no camera is needed here
+    return replace(shot, **changes)  # type: ignore[arg-type]  # of its fields
+
+
+def test_psnr_is_that_of_the_mean_square_error_in_the_region() -> None:
+    grey, lighter = np.full((8, 8, 3), 100, np.uint8), np.full((8, 8, 3), 110, np.uint8)
+    lighter[0] = 255
+    region = np.ones((8, 8), bool)
+    region[0] = False
+    assert psnr(lighter, grey, region) == pytest.approx(20 * np.log10(25.5))
+    assert psnr(grey, grey, region) == BEST_PSNR_DB
+    assert psnr(grey, grey, np.zeros((8, 8), bool)) is None
+
+
+def test_structure_measures_are_one_for_the_same_and_less_for_the_blurred() -> None:
+    sharp = np.random.default_rng(1).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    flat = np.full_like(sharp, 128)
+    for measure in (ssim_map, gradient_map):
+        assert measure(sharp, sharp).min() == pytest.approx(1.0, abs=1e-4)
+        assert measure(flat, sharp).mean() < 0.5
+
+
+def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
+    shot = photograph()
+    covered = np.zeros((64, 64), bool)
+    covered[16:48, 32:64] = True  # half of the object, and as much beside it
+    whole, rim, inside = view_rows(shot.pixels, covered, shot)
+    assert (whole["coverage"], whole["spill"]) == (0.5, 0.5)
+    assert whole["psnr_db"] == BEST_PSNR_DB
+    assert whole["n_pixels"] == rim["n_pixels"] + inside["n_pixels"] == 32 * 16
+    (unmasked,) = view_rows(shot.pixels, covered, photograph(mask=None))
+    assert (unmasked["coverage"], unmasked["spill"], unmasked["n_pixels"]) == (None, None, 32 * 32)
+
+
+def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
+    shot = next(one for one in photographs(capture, [0]) if one.kind == HELD_OUT)
+    assert shot.mask is not None
+    _, covered = rendered(mesh, shot.camera)
+    assert np.count_nonzero(covered & shot.mask) / np.count_nonzero(covered | shot.mask) > 0.98
+
+
+def test_true_depth_becomes_the_disparity_that_gives_it_back(capture: Capture) -> None:
+    stream = capture.sensors[0]
+    view = rectify(stream.sensor, capture.bounds)
+    disparity = true_disparity(read_depth(capture, stream.id, "left", 0), stream.left.camera, view)
+    points = depth_points(disparity, view, capture.bounds)
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
+    distances = distances_to(Shape(mesh.vertices.astype(np.float64), mesh.faces), points)
+    assert len(points) > 500
+    assert np.percentile(distances, 90) < 0.3
+
+
+def test_true_depths_of_two_sensors_agree_and_shifted_ones_are_off_by_the_shift(capture: Capture) -> None:
+    views = [rectify(stream.sensor, capture.bounds) for stream in capture.sensors]
+    maps = [
+        true_disparity(read_depth(capture, stream.id, "left", 0), stream.left.camera, view)
+        for stream, view in zip(capture.sensors, views, strict=True)
+    ]
+    points = depth_points(maps[0], views[0], capture.bounds)
+    gaps = depth_gaps(points, maps[1], views[1])
+    near = gaps[np.abs(gaps) < 20]
+    assert len(near) > 300
+    assert np.median(np.abs(near)) < 0.5
+    towards = views[1].left.rotation[2]
+    shifted = depth_gaps(points - 10 * towards, maps[1], views[1])
+    assert np.median(shifted[np.abs(shifted) < 30]) == pytest.approx(-10, abs=1.0)
+
+
+@pytest.mark.slow
+def test_the_floor_is_nearer_to_the_truth_than_the_model(capture: Capture, run: Path) -> None:
+    mesh = true_mesh(capture, 0, "fb", CloudParameters(), SurfaceParameters(voxel_mm=12.0))
+    truth = read_mesh(capture.folder / MESH.format(frame=0))
+    shape = Shape(truth.vertices.astype(np.float64), truth.faces)
+    assert np.percentile(distances_to(shape, mesh.vertices.astype(np.float64)), 90) < 2.0
+    report, shown = measure_views(run, ViewSettings())
+    means = {row["approach"]: row for row in report["means"] if (row["kind"], row["region"]) == (HELD_OUT, "all")}
+    assert set(means) == {"id_fb", FLOOR}
+    assert means[FLOOR]["psnr_db"] > means["id_fb"]["psnr_db"]
+    assert means[FLOOR]["spill"] < means["id_fb"]["spill"]
+    assert shown[0].photograph.kind == HELD_OUT
+    measures = {row["measure"]: row for row in report["measures"]}
+    assert measures["novel view PSNR"]["value"] == means["id_fb"]["psnr_db"]
+    assert {(row["dataset"], row["approach"]) for row in report["measures"]} == {("sphere", "id_fb")}
+
+
+def test_sensors_of_a_run_are_compared_in_both_directions(run: Path) -> None:
+    rows = cross_sensor_rows(read_run(run), [0], 40.0)
+    assert [(row["of"], row["by"]) for row in rows] == [("S1", "S2"), ("S2", "S1")]
+    assert all(row["agree"] > 0.5 and row["agree"] + row["in_front"] <= 1 for row in rows)
+
+
+@pytest.mark.slow
+def test_the_command_finds_the_recording_and_writes_a_report(run: Path, capture: Capture, tmp_path: Path) -> None:
+    assert recorded_in(read_run(run)).resolve() == capture.folder.resolve()
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["validate", "views", str(run), "-o", str(out), "--frames", "0:1", "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["settings"]["has_floor"] is True
+    for name in ("report.json", "views.csv", "means.csv", "sensors.csv", "psnr.svg", "report.html"):
+        assert (out / name).stat().st_size > 0
+    assert len(list(out.glob("view_*.png"))) > 0
+
+
+def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="none of them in"):
+        measure_views(run, ViewSettings(frames=range(5, 9)))
+    with pytest.raises(ValueError, match="--capture FOLDER"):
+        measure_views(run, ViewSettings(capture=tmp_path))
+    move(str(capture.folder), str(tmp_path / "moved"))
+    try:
+        assert measure_views(run, ViewSettings(capture=tmp_path / "moved"))[0]["views"]
+    finally:
+        move(str(tmp_path / "moved"), str(capture.folder))
