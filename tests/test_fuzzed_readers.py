@@ -22,7 +22,8 @@ from PIL import Image
 
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes
-from app.intake.stimuli import decode, read_stimulus_set
+from app.ffmpeg import decode
+from app.intake.stimuli import read_stimulus_set
 from app.operations.create import read_options
 from app.study.study_file import parse_study_file
 from recon.capture.format import read_draft

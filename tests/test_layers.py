@@ -41,7 +41,7 @@ HOMES = {
     "pyrender": ("recon/",),
     "cv2": ("recon/",),
     "numba": ("recon/",),
-    "imageio_ffmpeg": ("recon/render/video.py", "app/intake/stimuli.py"),
+    "imageio_ffmpeg": ("recon/render/video.py", "app/ffmpeg.py"),
 }
 PURE = {"numpy", "scipy", "app"}
 PURE_EXCEPTIONS = {

@@ -15,8 +15,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.errors import StimuliError
+from app.ffmpeg import Progress, in_parallel, no_progress, run_ffmpeg
+from app.files import file_digest
 from app.films.strips import GUARD_ROWS, H264, SINGLE, Strips, film_key, make_film
-from app.intake.stimuli import Progress, Stimulus, StimulusSet, file_digest, in_parallel, no_progress, run_ffmpeg
+from app.intake.stimuli import Stimulus, StimulusSet
 
 PRACTICE_S = 2  # of the videos made for practice; they are played over and over
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes

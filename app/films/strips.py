@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.errors import StimuliError
+from app.ffmpeg import VideoFacts, decode, run_ffmpeg
 from app.files import whole_file
-from app.intake.stimuli import FPS_TOLERANCE, Stimulus, VideoFacts, decode, run_ffmpeg
+from app.intake.stimuli import FPS_TOLERANCE, Stimulus
 
 GUARD_ROWS = 16  # two macroblock halves: what a deblocking filter or a scaler can reach
 GOP = 25

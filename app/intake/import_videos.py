@@ -12,17 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import StimuliError
-from app.files import whole_file, write_json
-from app.intake.stimuli import (
-    MANIFEST,
-    Progress,
-    StimulusSet,
-    decode,
-    file_digest,
-    in_parallel,
-    no_progress,
-    read_stimulus_set,
-)
+from app.ffmpeg import Progress, decode, in_parallel, no_progress
+from app.files import file_digest, whole_file, write_json
+from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".webm", ".mov", ".avi")
 CONDITIONS = "conditions.csv"

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.intake.stimuli import file_digest
+from app.files import file_digest
 
 Kind = Literal["mesh", "cloud"]
 FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import re
-import subprocess
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-import imageio_ffmpeg
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.errors import StimuliError
+from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
+from app.files import file_digest
 
 MANIFEST = "manifest.json"
-WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
 TOGETHER = "all"  # what results call all datasets, or all that is compared
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 
-Progress = Callable[[int, int, str], None]  # done, total, what
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-
-
-def no_progress(done: int, total: int, what: str) -> None:
-    """Say nothing."""
 
 
 class Stimulus(BaseModel):
@@ -107,16 +97,6 @@ class StimulusSet:
         return self.folder / (stimulus.master or stimulus.video)
 
 
-@dataclass(frozen=True)
-class VideoFacts:
-    """What a whole video was found to hold when it was decoded."""
-
-    width: int
-    height: int
-    fps: float
-    n_frames: int
-
-
 def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusSet:
     """Read a stimulus set and check every video in it by decoding it.
 
@@ -148,36 +128,6 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
     every = (*stimulus_set.stimuli, *stimulus_set.practice)
     in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
     return stimulus_set
-
-
-def decode(path: Path) -> VideoFacts:
-    """Decode a whole video and say what was in it.
-
-    Raises
-    ------
-    StimuliError
-        If there is no such file, it does not decode from beginning to end, or its frames are not equally far apart.
-    """
-    if not path.is_file():
-        raise StimuliError(f"{path}: there is no such file")
-    command = ["-xerror", "-i", str(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
-    text = run_ffmpeg(command, f"{path}: cannot be decoded as a video")
-    size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
-    base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
-    times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
-    if not size or not base or not times:
-        raise StimuliError(f"{path}: holds no picture")
-    steps = {later - earlier for earlier, later in pairwise(times)} or {1}
-    if len(steps) > 1:
-        raise StimuliError(f"{path}: its frames are {sorted(steps)} ticks apart, expected one constant frame rate")
-    fps = int(base[2]) / int(base[1]) / steps.pop()
-    return VideoFacts(int(size[1]), int(size[2]), fps, len(times))
-
-
-def file_digest(path: Path) -> str:
-    """The SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _read_manifest(path: Path) -> tuple[_Manifest, str]:
@@ -253,28 +203,3 @@ def _check_facts(path: Path, found: VideoFacts, stimulus: Stimulus) -> None:
             raise StimuliError(f"{path}: {fact} is {getattr(found, fact)}, the manifest says {getattr(stimulus, fact)}")
     if abs(found.fps - stimulus.fps) > FPS_TOLERANCE * stimulus.fps:
         raise StimuliError(f"{path}: fps is {found.fps:g}, the manifest says {stimulus.fps:g}")
-
-
-def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
-    """Run ffmpeg and return what it prints; the complaint goes before what it says went wrong."""
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
-    quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder tells of errors only
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, env=quiet)
-    if done.returncode != 0 or done.stderr.strip():
-        reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[0]
-        raise StimuliError(f"{complaint}: {reason}")
-    return done.stdout
-
-
-def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
-    """Run jobs that wait for a process each; the first error stops those that have not begun."""
-    progress(0, len(jobs), "")
-    with ThreadPoolExecutor(WORKERS) as pool:
-        names = {pool.submit(job): name for name, job in jobs}
-        try:
-            for done, future in enumerate(as_completed(names), start=1):
-                future.result()
-                progress(done, len(jobs), names[future])
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise

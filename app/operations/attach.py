@@ -14,10 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.files import whole_file
+from app.files import file_digest, whole_file
 from app.intake.models import Model, holds_models, read_models
 from app.intake.reports import Measure, Report, expanded, read_report, report_files
-from app.intake.stimuli import file_digest
 from app.settings import Settings
 from app.store.attached_models import replace_models
 from app.store.attached_reports import replace_report

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
-from app.files import whole_file
+from app.files import file_digest, whole_file
 from app.intake.reports import PLAIN_NAME
-from app.intake.stimuli import file_digest
 from app.operations.attach import digest_of, model_file, report_folder
 from app.settings import Settings
 from app.store.attached_models import model_digests

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.ffmpeg import Progress, no_progress
+from app.files import file_digest
 from app.films.object_store import MediaStore
 from app.films.pairs import (
     NO_REFERENCES,
@@ -21,7 +23,7 @@ from app.films.pairs import (
     prepare_practice,
     split_reference,
 )
-from app.intake.stimuli import MANIFEST, Progress, StimulusSet, file_digest, no_progress, read_stimulus_set
+from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
 from app.operations.manage import opened_store
 from app.settings import Settings
 from app.store import studies

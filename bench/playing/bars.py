@@ -12,7 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
-from app.intake.stimuli import file_digest
+from app.files import file_digest
 
 SIZE, FPS, SECONDS = (1920, 1080), 25, 15
 N_FRAMES = FPS * SECONDS

@@ -13,7 +13,7 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from app.intake.stimuli import run_ffmpeg
+from app.ffmpeg import run_ffmpeg
 from app.main import running_server
 from app.operations.create import create_study
 from app.operations.manage import add_token

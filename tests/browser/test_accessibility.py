@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
 from app.operations.manage import add_invitation
 from app.settings import Settings
 from app.study.options import parse_options
+from tests.browser.accessibility import check_accessibility
 from tests.browser.visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
-
-SERIOUS = ("serious", "critical")
 
 
 def test_axe_finds_nothing_serious_from_the_entrance_to_the_thanks(
@@ -69,17 +67,6 @@ SHOW = """(name) => {
     for (const view of document.querySelectorAll("[data-view]")) view.hidden = view.dataset.view !== name;
     document.getElementById("study").className = name === "trial" ? "dark" : "light";
 }"""
-
-# What fades in is pale until then; what is to appear after seconds is not waited for.
-ARRIVED = """Promise.all(document.getAnimations()
-    .filter(one => one.effect.getComputedTiming().endTime < 1500).map(one => one.finished))"""
-
-
-def check_accessibility(page: Page) -> None:
-    page.evaluate(ARRIVED)
-    results = Axe().run(page).response
-    serious = [violation for violation in results["violations"] if violation["impact"] in SERIOUS]
-    assert serious == []
 
 
 def test_nothing_moves_on_the_light_pages_when_less_motion_is_preferred(

@@ -8,10 +8,10 @@ from typing import Any
 import httpx
 import pytest
 from playwright.sync_api import Page, expect
-from test_accessibility import check_accessibility
 
 from app.study.options import parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
+from tests.browser.accessibility import check_accessibility
 from tests.browser.films import squares
 from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
-from test_accessibility import check_accessibility
 
 from app.study.options import parse_options
 from app.study.pictures import read_png
+from tests.browser.accessibility import check_accessibility
 from tests.browser.eyes import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
 from tests.browser.visitor import NewStudy, Study, Visitor
 

@@ -158,7 +158,7 @@ def test_a_task_that_fails_is_tried_again_unless_its_input_is_wrong(cluster: Loc
 
 
 def test_an_address_where_no_scheduler_is_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recon.execute.CONNECT_S", 1)
+    monkeypatch.setattr("recon.workers.CONNECT_S", 1)
     with (
         pytest.raises(ValueError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9'"),
         open_pool(cluster="tcp://127.0.0.1:9"),
@@ -167,7 +167,7 @@ def test_an_address_where_no_scheduler_is_is_named(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_scheduler_without_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recon.execute.CONNECT_S", 1)
+    monkeypatch.setattr("recon.workers.CONNECT_S", 1)
     with (
         LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as empty,
         pytest.raises(ValueError, match="has no worker after 1 s; start some with `dask worker"),

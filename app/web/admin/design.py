@@ -10,8 +10,8 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
+from app.files import file_digest
 from app.films.strips import write_still
-from app.intake.stimuli import file_digest
 from app.store.designs import conditions_of, pair_records, stimulus_records
 from app.store.orders import study_plan, taken_orders
 from app.study.balance import balance_report

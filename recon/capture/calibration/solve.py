@@ -1,7 +1,7 @@
 """Calibration by pictures of a board: every camera, every stereo pair, then all sensors in one world.
 
 Convention: without a pose of its own, the world is the first sensor's left camera turned by half a circle about x (x
-right, y up), as in `recon.capture.opencv`.
+right, y up), as in `recon.capture.importing.opencv`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
+import numpy as np
+from numpy.typing import NDArray
+
+from app.ffmpeg import decode
 
 WIDTH, HEIGHT, FPS, N_FRAMES = 64, 48, 25, 10
 APPROACHES = ("id_fa", "id_fb", "pm_fb")
@@ -71,3 +75,11 @@ def write_manifest(folder: Path, stimuli: list[dict[str, Any]], **changes: Any) 
     path = folder / "manifest.json"
     path.write_text(json.dumps(content | changes), encoding="utf-8")
     return path
+
+
+def frames(path: Path) -> NDArray[np.uint8]:
+    """All frames of a video, decoded to grey: (n, H, W)."""
+    facts = decode(path)
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path)]
+    raw = subprocess.run([*command, "-pix_fmt", "gray", "-f", "rawvideo", "-"], capture_output=True, check=True).stdout
+    return np.frombuffer(raw, np.uint8).reshape(facts.n_frames, facts.height, facts.width)

@@ -13,13 +13,13 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from app.errors import StimuliError
 from app.films.pairs import FilmMaker, prepare_pairs
 from app.films.strips import GUARD_ROWS, check_strip
-from app.intake.stimuli import StimulusSet, decode, read_stimulus_set
+from app.intake.stimuli import StimulusSet, read_stimulus_set
 from tests.app.intake import clips
+from tests.app.intake.clips import frames
 
 Spoil = Callable[[Path, list[dict[str, Any]]], None]
 
@@ -31,14 +31,6 @@ def folder(stimulus_set: Path, tmp_path: Path) -> Path:
 
 def entries(folder: Path) -> list[dict[str, Any]]:
     return [clips.stimulus(folder, dataset, a) for dataset in ("ball", "box") for a in ("id_fa", "id_fb", "pm_fb")]
-
-
-def frames(path: Path) -> NDArray[np.uint8]:
-    """All frames of a video, decoded to grey: (n, H, W)."""
-    facts = decode(path)
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path)]
-    raw = subprocess.run([*command, "-pix_fmt", "gray", "-f", "rawvideo", "-"], capture_output=True, check=True).stdout
-    return np.frombuffer(raw, np.uint8).reshape(facts.n_frames, facts.height, facts.width)
 
 
 def test_a_set_is_read_from_its_folder_or_its_manifest(folder: Path) -> None:

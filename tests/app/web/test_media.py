@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.intake.stimuli import file_digest
+from app.files import file_digest
 from app.settings import Settings
 from app.web.media import Film
 from tests.app.web.http_checks import ask, is_problem

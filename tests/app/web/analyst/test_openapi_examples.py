@@ -52,7 +52,7 @@ def test_the_example_of_a_table_has_every_column(described: dict[str, Any]) -> N
         content = described["paths"][path]["get"]["responses"]["200"]["content"]
         (row,) = content[JSON]["example"]
         assert list(row) == list(columns), path
-        assert set(columns) <= set(ROW), f"app/web/analyst/openapi_examples.py has no example of {set(columns) - set(ROW)}"
+        assert set(columns) <= set(ROW), f"no example of {set(columns) - set(ROW)}"
         assert content["text/csv"]["example"].splitlines()[0] == ",".join(columns), path
 
 

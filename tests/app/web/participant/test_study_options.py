@@ -13,15 +13,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.ffmpeg import decode
 from app.films.pairs import FilmMaker, prepare_pairs, split_reference
 from app.films.strips import GUARD_ROWS
-from app.intake.stimuli import decode, read_stimulus_set
+from app.intake.stimuli import read_stimulus_set
 from app.operations import manage
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.study.options import parse_options
 from tests.app.intake import clips
+from tests.app.intake.clips import frames
 from tests.app.web.admin.dashboard import signed_in
 from tests.app.web.http_checks import is_problem
 
@@ -104,8 +106,6 @@ def test_a_reference_that_was_not_there_cannot_have_been_looked_at(
 
 @pytest.mark.slow
 def test_each_strip_of_a_film_is_its_stimulus(stimulus_set: Path, tmp_path: Path) -> None:
-    from test_stimuli import frames
-
     compared, references = split_reference(read_stimulus_set(stimulus_set), "pm_fb")
     for pair in prepare_pairs(compared, FilmMaker(tmp_path), references):
         film = frames(tmp_path / pair.file)
@@ -123,8 +123,6 @@ def test_free_exposure_is_told_to_every_client(client: httpx.Client, create: Cre
 
 
 def decoded(client: httpx.Client, url: str, folder: Path) -> NDArray[np.uint8]:
-    from test_stimuli import frames
-
     (folder / "film.mp4").write_bytes(client.get(url).content)
     return frames(folder / "film.mp4")
 

@@ -1,0 +1,83 @@
+"""Videos through the ffmpeg program that imageio-ffmpeg brings."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import imageio_ffmpeg
+
+from app.errors import StimuliError
+
+WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
+
+Progress = Callable[[int, int, str], None]  # done, total, what
+
+
+def no_progress(done: int, total: int, what: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class VideoFacts:
+    """What a whole video was found to hold when it was decoded."""
+
+    width: int
+    height: int
+    fps: float
+    n_frames: int
+
+
+def decode(path: Path) -> VideoFacts:
+    """Decode a whole video and say what was in it.
+
+    Raises
+    ------
+    StimuliError
+        If there is no such file, it does not decode from beginning to end, or its frames are not equally far apart.
+    """
+    if not path.is_file():
+        raise StimuliError(f"{path}: there is no such file")
+    command = ["-xerror", "-i", str(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
+    text = run_ffmpeg(command, f"{path}: cannot be decoded as a video")
+    size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
+    base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
+    times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
+    if not size or not base or not times:
+        raise StimuliError(f"{path}: holds no picture")
+    steps = {later - earlier for earlier, later in pairwise(times)} or {1}
+    if len(steps) > 1:
+        raise StimuliError(f"{path}: its frames are {sorted(steps)} ticks apart, expected one constant frame rate")
+    fps = int(base[2]) / int(base[1]) / steps.pop()
+    return VideoFacts(int(size[1]), int(size[2]), fps, len(times))
+
+
+def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
+    """Run ffmpeg and return what it prints; the complaint goes before what it says went wrong."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
+    quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder tells of errors only
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, env=quiet)
+    if done.returncode != 0 or done.stderr.strip():
+        reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[0]
+        raise StimuliError(f"{complaint}: {reason}")
+    return done.stdout
+
+
+def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
+    """Run jobs that wait for a process each; the first error stops those that have not begun."""
+    progress(0, len(jobs), "")
+    with ThreadPoolExecutor(WORKERS) as pool:
+        names = {pool.submit(job): name for name, job in jobs}
+        try:
+            for done, future in enumerate(as_completed(names), start=1):
+                future.result()
+                progress(done, len(jobs), names[future])
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
