@@ -11,24 +11,41 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 
-# Left to right; a stage may import its own and those before it.
-STAGES = [
-    {"rig", "geometry", "storage", "workers"},
-    {"capture"},
-    {"studio"},
-    {"depth"},
-    {"cloud"},
-    {"surface"},
-    {"fusion"},
-    {"approaches"},
-    {"render"},
-    {"pipeline"},
-    {"validation"},
-    {"export_models"},
-    {"experiment"},
-    {"cli"},
-]
-RANK = {stage: rank for rank, stages in enumerate(STAGES) for stage in stages}
+# Floor by floor from the bottom; a room may import its own floor and those below. docs/architecture.md shows the same.
+FLOORS = {
+    "recon": [
+        {"rig", "geometry", "storage", "workers"},
+        {"capture"},
+        {"depth", "studio"},
+        {"cloud"},
+        {"surface"},
+        {"fusion"},
+        {"approaches"},
+        {"render"},
+        {"pipeline", "validation"},
+        {"experiment", "export_models"},
+        {"cli"},
+    ],
+    "app": [
+        {"errors", "files", "settings"},
+        {"study"},
+        {"analysis", "ffmpeg"},
+        {"intake"},
+        {"films"},
+        {"store"},
+        {"operations"},
+        {"simulation", "web"},
+        {"main"},
+        {"experiment"},
+        {"cli"},
+    ],
+}
+RANKS = {
+    package: {room: rank for rank, floor in enumerate(floors) for room in floor} for package, floors in FLOORS.items()
+}
+WITHOUT_CIRCLES = ["app", "app/store", "app/web", "recon", "recon/capture"]
+EASY_TO_WALK = ["app", "app/web", "recon/capture", "recon/validation"]
+MOST_ROOMS = 15
 
 # Third-party packages and where alone they may be imported.
 HOMES = {
@@ -66,7 +83,21 @@ def imported_modules(path: Path) -> Iterator[str]:
             assert node.level == 0, f"{path}: relative import"
             assert node.module is not None
             yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names if node.module == "recon")
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def imports_between_rooms(folder: Path) -> dict[str, set[str]]:
+    """Return what each room of a folder, a module or a folder of them, imports of the others."""
+    prefix = folder.relative_to(ROOT).as_posix().replace("/", ".") + "."
+    imports: dict[str, set[str]] = {}
+    for path in python_files(folder.relative_to(ROOT).as_posix()):
+        room = Path(path.relative_to(folder).parts[0]).stem
+        if room != "__init__":
+            names = {
+                name.removeprefix(prefix).split(".")[0] for name in imported_modules(path) if name.startswith(prefix)
+            }
+            imports.setdefault(room, set()).update(names - {room})
+    return {room: others & imports.keys() for room, others in imports.items()}
 
 
 def name_of(path: Path) -> str:
@@ -84,11 +115,38 @@ def test_in_app_only_the_command_line_imports_recon(path: Path) -> None:
         assert not [name for name in imported_modules(path) if name.split(".")[0] == "recon"]
 
 
-@pytest.mark.parametrize("path", [p for p in python_files("recon") if name_of(p) != "recon/__init__.py"], ids=name_of)
-def test_a_stage_imports_only_stages_to_its_left(path: Path) -> None:
-    own = Path(path.relative_to(ROOT / "recon").parts[0]).stem
-    stages = {name.split(".")[1] for name in imported_modules(path) if name.startswith("recon.")}
-    assert not [stage for stage in stages if RANK[stage] > RANK[own]]
+@pytest.mark.parametrize(
+    "path", [path for path in python_files("recon", "app") if path.stem != "__init__"], ids=name_of
+)
+def test_a_room_imports_only_its_own_floor_and_those_below(path: Path) -> None:
+    package, room = path.relative_to(ROOT).parts[:2]
+    ranks = RANKS[package]
+    rooms = {name.split(".")[1] for name in imported_modules(path) if name.startswith(f"{package}.")}
+    assert not [other for other in rooms if ranks[other] > ranks[Path(room).stem]]
+
+
+@pytest.mark.parametrize("folder", WITHOUT_CIRCLES)
+def test_rooms_of_a_folder_do_not_import_each_other_in_a_circle(folder: str) -> None:
+    imports = {room: set(others) for room, others in imports_between_rooms(ROOT / folder).items()}
+    while free := [room for room, others in imports.items() if not others & imports.keys()]:
+        for room in free:
+            del imports[room]
+    assert not imports
+
+
+@pytest.mark.parametrize("folder", EASY_TO_WALK)
+def test_a_folder_has_few_rooms_on_its_first_floor(folder: str) -> None:
+    assert len(imports_between_rooms(ROOT / folder)) <= MOST_ROOMS
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_the_floors_the_picture_and_the_page_name_every_room(package: str) -> None:
+    rooms = set(imports_between_rooms(ROOT / package))
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    picture = (ROOT / "docs" / "pictures" / "house.svg").read_text(encoding="utf-8")
+    assert rooms == RANKS[package].keys()
+    assert not [room for room in rooms if f">{room}</text>" not in picture]
+    assert not [room for room in rooms if f"`{package}/{room}" not in page]
 
 
 @pytest.mark.parametrize("path", python_files("app", "recon", "migrations"), ids=name_of)
@@ -104,5 +162,5 @@ def test_study_and_analysis_are_pure(path: Path) -> None:
         assert package not in IMPURE_STANDARD_LIBRARY, f"{name}: a clock, randomness or the network"
         allowed = PURE | PURE_EXCEPTIONS.get(name_of(path), set()) | set(sys.stdlib_module_names)
         assert package in allowed, f"{name} in a pure module"
-        if package == "app" and name != "app.files":
+        if package == "app" and not name.startswith("app.files"):
             assert name.startswith(("app.study", "app.analysis")), f"{name} in a pure module"
