@@ -33,7 +33,13 @@ DEFAULTS: dict[str, IdParameters | PmParameters] = {"id": IdParameters(), "dr": 
 
 
 def matched(method: str, pair: StereoPair) -> tuple[NDArray[np.float32], list[str]]:
-    """The disparities of a method in `MATCHERS`, float32 (H, W), and what it warned of."""
+    """Match a pair with a method of `MATCHERS`.
+
+    Returns
+    -------
+    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
+    warnings : the method's warnings, a sentence each
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoTextureWarning)
         disparity = MATCHERS[method](pair)

@@ -17,14 +17,17 @@ BLUR = 1.0  # pixels: a second code is taken from a blurred image, which noise h
 
 
 def grey_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Luma (H, W) of an sRGB image (H, W, 3); a grey image as it is."""
+    """Convert an sRGB image, uint8 (H, W, 3), to luma, uint8 (H, W); a grey image (H, W) stays as it is."""
     if image.ndim == 2:
         return np.ascontiguousarray(image)
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def fine_grey_image(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Luma (H, W) in 256ths of a grey level: averages of weak texture survive where whole levels would hide them."""
+    """Convert an image, uint8 (H, W, 3) or (H, W), to luma in 256ths of a grey level, uint16 (H, W).
+
+    Blurring weak texture gives fractions of a grey level, which whole levels would hide.
+    """
     weights = LUMA_256THS if image.ndim == 3 else np.array([256], np.uint16)
     grey = np.empty(image.shape[:2], np.uint16)
     _grey_kernel(image.reshape(*image.shape[:2], -1), weights, grey)
@@ -43,7 +46,7 @@ def _grey_kernel(image: NDArray[np.uint8], weights: NDArray[np.uint16], grey: ND
 
 
 def census_pair(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
-    """Census codes (2, H, W) of an image as it is and of the blurred image.
+    """Compute the census codes, uint32 (2, H, W), of an image, uint16 (H, W), as it is and blurred.
 
     The sharp code places edges, the blurred one carries weak texture through noise: with both added, sensor noise of
     4 grey levels costs half as many matches as with the sharp code alone (measured, see docs/depth.md).
@@ -55,7 +58,7 @@ def census_pair(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
 
 
 def census(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
-    """The census code of every pixel: one bit for each neighbour in a 5x5 window that is darker than the centre.
+    """Compute every pixel's census code: one bit for each neighbour in a 5x5 window that is darker than the centre.
 
     Parameters
     ----------

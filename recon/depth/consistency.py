@@ -12,7 +12,7 @@ Disparities = NDArray[np.int32] | NDArray[np.float32]
 def consistent(
     view: Disparities, mirrored: Disparities, *, min_disparity: int = 0, threshold: float = 0
 ) -> NDArray[np.bool_]:
-    """Where a view's disparity is confirmed by the pixel of the other view that it points to.
+    """Check each disparity of a view against the pixel of the other view that it points to.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def consistent(
 
 
 def lands_inside(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Where a disparity (H, W), pixels, points to a pixel of the other image, bool (H, W)."""
+    """Tell where a disparity, float32 (H, W), pixels, points inside the other image: bool (H, W)."""
     width = disparity.shape[1]
     matched = np.arange(width, dtype=np.float32) - disparity
     return np.asarray((matched >= -0.5) & (matched <= width - 0.5))

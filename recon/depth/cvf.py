@@ -61,19 +61,22 @@ class IdParameters:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """What one view found, mirrored in the right view.
+    """The matches of one view; those of the right view are mirrored.
 
-    found : float32 (H, W), disparity minus the smallest, at the vertex of the costs' parabola; index : int32 (H, W),
-    the same, whole; valid : bool (H, W), where the other view agrees.
+    Parameters
+    ----------
+    vertex : float32 (H, W), disparity minus the smallest, pixels, at the vertex of the costs' parabola
+    index : int32 (H, W), the same as a whole number
+    valid : bool (H, W), True where the other view agrees
     """
 
-    found: NDArray[np.float32]
+    vertex: NDArray[np.float32]
     index: NDArray[np.int32]
     valid: NDArray[np.bool_]
 
 
 def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDArray[np.float32]:
-    """Whole-numbered disparities of the left image by cost-volume filtering.
+    """Match the left image by cost-volume filtering (ID): whole disparities.
 
     Returns
     -------
@@ -109,7 +112,7 @@ class DrParameters(IdParameters):
 
 
 def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDArray[np.float32]:
-    """Refined disparities of the left image by cost-volume filtering.
+    """Match the left image by cost-volume filtering with refinement (DR): subpixel disparities.
 
     As ID, then the parabola's vertex, holes filled, and the costs aggregated once more along the surface found. A
     filled disparity is kept where the right view agrees; what only the left view sees stays unmatched.
@@ -136,9 +139,21 @@ def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDA
 def refined(
     views: tuple[View, View], left: Matches, right: Matches, parameters: DrParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The left view's refined surface, float32 (H, W) disparity indices, dense, and where it counts."""
+    """Refine the left view's matches to a dense surface.
+
+    Parameters
+    ----------
+    views : left and right
+    left, right : their matches
+    parameters : of DR
+
+    Returns
+    -------
+    surface : float32 (H, W), disparity indices
+    valid : bool (H, W), False where the right view contradicts
+    """
     n_disparities = views[0].level.n_disparities
-    surface = without_specks(filled(left.found, left.valid, in_bands), in_bands)
+    surface = without_specks(filled(left.vertex, left.valid, in_bands), in_bands)
     surface = aggregate_along_surface(
         views[0].codes,
         views[1].framed_codes,
@@ -156,7 +171,7 @@ def refined(
 def _kept(
     surface: NDArray[np.float32], left: Matches, right: Matches, min_disparity: int, parameters: DrParameters
 ) -> NDArray[np.bool_]:
-    """Where a surface's match is in the other image, and agrees with what either view found."""
+    """Tell where a surface points inside the other image and agrees with the matches of either view."""
     valid = np.empty(surface.shape, np.bool_)
 
     def check(first: int, last: int) -> None:
@@ -164,7 +179,7 @@ def _kept(
         agrees = consistent(
             surface[rows], right.index[rows], min_disparity=min_disparity, threshold=parameters.fill_threshold
         )
-        agrees |= left.valid[rows] & (np.abs(surface[rows] - left.found[rows]) <= SURFACE_STEP)
+        agrees |= left.valid[rows] & (np.abs(surface[rows] - left.vertex[rows]) <= SURFACE_STEP)
         valid[rows] = agrees & lands_inside(surface[rows] + np.float32(min_disparity))
 
     in_bands(len(valid), check)
@@ -172,7 +187,7 @@ def _kept(
 
 
 def has_texture(pair: StereoPair) -> bool:
-    """Whether both images have anything to match; warns if not."""
+    """Tell whether both images have anything to match; warn if not."""
     for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
         grey = grey_image(image)
         if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
@@ -183,33 +198,33 @@ def has_texture(pair: StereoPair) -> bool:
 
 
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
-    """Both views' matches, from the coarsest level to the finest."""
+    """Match both views, from the coarsest level of the hierarchy to the finest."""
     level = views[0].level
     coarser: tuple[Matches, Matches] | tuple[None, None] = (None, None)
     if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
         coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
         coarser = match_views((views[0].halved(), views[1].halved()), coarse)
     in_both(lambda side: views[side].framed_codes)
-    found = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
-    index = [np.rint(vertices).astype(np.int32) for vertices in found]
+    vertices = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
+    index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
     valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
-    return Matches(found[0], index[0], valid[0]), Matches(found[1], index[1], valid[1])
+    return Matches(vertices[0], index[0], valid[0]), Matches(vertices[1], index[1], valid[1])
 
 
 def _search(view: View, other: View, coarser: Matches | None) -> NDArray[np.float32]:
-    """The vertex of the parabola at the cheapest disparity index of every pixel, float32 (H, W)."""
+    """Search every pixel's cheapest disparity index; return its parabola's vertex, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
-    best, found = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
+    best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     n_held = rows_held(*view.shape)
     for windows in _windows(view, coarser):
-        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, n_held, best, found)
-    return found
+        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, n_held, best, vertex)
+    return vertex
 
 
 def _windows(view: View, coarser: Matches | None) -> Iterator[tuple[NDArray[np.int32], int]]:
-    """Where the windows of sixteen disparities of each tile begin, and the tiles' size in bits.
+    """Yield where the windows of sixteen disparities of each tile begin, and the tiles' size in bits.
 
     From far to near, in the right view from near to far. A full search has one tile; its windows overlap by the two
     lanes that only serve as neighbours.

@@ -74,7 +74,7 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
 
 
 def colour_preview(disparity: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Colours (H, W, 3) sRGB of a disparity map: near is warm, far is cold, unmatched is black."""
+    """Colour a disparity map (H, W) as sRGB, uint8 (H, W, 3): near is warm, far is cold, unmatched is black."""
     valid = np.isfinite(disparity)
     if not valid.any():
         return np.zeros((*disparity.shape, 3), dtype=np.uint8)
@@ -128,7 +128,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
 
 
 def _header_length(content: bytes) -> int:
-    """The position after the one white-space byte that ends the fourth field: floats may look like white space."""
+    """Return the position after the one white-space byte that ends the fourth field: floats may look like spaces."""
     position = 0
     for _ in range(4):
         while content[position : position + 1].isspace():

@@ -24,7 +24,7 @@ NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median abs
 
 
 def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
-    """Standard deviation of an image's noise, grey levels, between 0.1 and 8.
+    """Estimate the standard deviation of the noise of an image, uint8 (H, W): grey levels, between 0.1 and 8.
 
     Source: Immerkaer, Fast noise variance estimation, Computer Vision and Image Understanding 64, 1996, with the
     median in place of the mean, so that texture counts little.
@@ -37,7 +37,7 @@ def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) 
 
 
 def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
-    """The image whose edges stop the flow: noise taken out, edges kept.
+    """Make the image whose edges stop the flow of costs: noise taken out, edges kept.
 
     A 3x3 median, then a bilateral filter as wide as the noise, twice if that is strong: noise left in the guide closes
     every passage, and a second narrow pass loses fewer edges than one wide pass.
@@ -66,7 +66,7 @@ class Passages(NamedTuple):
 
 
 def permeabilities(guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.bool_] | None = None) -> Passages:
-    """How freely costs pass between neighbours; not at all beyond the last column and the last row.
+    """Compute how freely costs pass between neighbours; none pass beyond the last column and the last row.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Hierarchical matching: where a finer level has to search.
 
 The coarsest level is searched in full. A finer level searches two windows of sixteen disparities around everything
-that was found in a pixel's surroundings: one from the farthest, one from the nearest. So a large jump is covered from
+seen in a pixel's surroundings: one from the farthest, one from the nearest. So a large jump is covered from
 both sides, and a thin structure by what its neighbours saw of it.
 """
 
@@ -28,25 +28,25 @@ UNKNOWN = np.int32(np.iinfo(np.int32).max)
 
 
 def halved(image: NDArray[Depth]) -> NDArray[Depth]:
-    """An image of half the size, rounded up: the means of 2x2 pixels, the last row and column repeated if odd."""
+    """Halve an image (H, W) or (H, W, 3), rounded up: means of 2x2 pixels, an odd last row or column repeated."""
     even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
     size = (even.shape[1] // 2, even.shape[0] // 2)
     return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), dtype=image.dtype)
 
 
 def halved_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask of half the size, rounded up: foreground where at least half of the 2x2 pixels are."""
+    """Halve a mask, bool (H, W), rounded up: foreground where at least half of the 2x2 pixels are."""
     return np.asarray(halved(mask.view(np.uint8) * np.uint8(254)) >= 127)
 
 
 def search_windows(
-    found: NDArray[np.int32], valid: NDArray[np.bool_], shape: tuple[int, int], n_disparities: int, *, shift: int
+    coarse: NDArray[np.int32], valid: NDArray[np.bool_], shape: tuple[int, int], n_disparities: int, *, shift: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Where the two windows of sixteen disparities of each tile of the finer level begin.
+    """Choose the two windows of sixteen disparities that each tile of the finer level searches.
 
     Parameters
     ----------
-    found : int32 (h, w), disparity indices of the coarser level
+    coarse : int32 (h, w), disparity indices of the coarser level
     valid : bool (h, w), where they count; where none counts nearby, all do
     shape : (H, W) of the finer level
     n_disparities : of the finer level
@@ -59,14 +59,14 @@ def search_windows(
     """
     n_rows, n_columns = -(-shape[0] // (2 * TILE)), -(-shape[1] // (2 * TILE))
     starts = np.empty((2, n_rows, n_columns), np.int32)
-    votes = np.empty(int(found.max()) + 1, np.int32)
-    _window_kernel(found, valid, shift, max(n_disparities - N_LANES, 0), votes, starts)
+    votes = np.empty(int(coarse.max()) + 1, np.int32)
+    _window_kernel(coarse, valid, shift, max(n_disparities - N_LANES, 0), votes, starts)
     return starts[0], starts[1]
 
 
 @njit(cache=True, nogil=True)
 def _window_kernel(
-    found: NDArray[np.int32],
+    coarse: NDArray[np.int32],
     valid: NDArray[np.bool_],
     shift: int,
     last_start: int,
@@ -76,15 +76,15 @@ def _window_kernel(
     for row in range(starts.shape[1]):
         for column in range(starts.shape[2]):
             everything = False
-            low, high = _range(found, valid, row, column, everything)
+            low, high = _range(coarse, valid, row, column, everything)
             if low > high:
                 everything = True
-                low, high = _range(found, valid, row, column, everything)
+                low, high = _range(coarse, valid, row, column, everything)
             far, near = 2 * low + shift - MARGIN, 2 * high + shift + MARGIN + 2 - N_LANES
             if near <= far:
                 far = near = (far + near) // 2
             elif near > far + N_LANES:
-                _count(found, valid, row, column, everything, low, votes[: high - low + 1])
+                _count(coarse, valid, row, column, everything, low, votes[: high - low + 1])
                 first, second = _fullest_two(votes[: high - low + 1])
                 far, near = 2 * (low + first) + shift - MARGIN, 2 * (low + second) + shift - MARGIN
             starts[0, row, column] = min(max(far, 0), last_start)
@@ -93,19 +93,19 @@ def _window_kernel(
 
 @njit(inline="always")
 def _range(
-    found: NDArray[np.int32], valid: NDArray[np.bool_], row: int, column: int, everything: bool
+    coarse: NDArray[np.int32], valid: NDArray[np.bool_], row: int, column: int, everything: bool
 ) -> tuple[np.int32, np.int32]:
     low, high = UNKNOWN, -UNKNOWN
-    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, found.shape[0])):
-        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, found.shape[1])):
+    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, coarse.shape[0])):
+        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, coarse.shape[1])):
             if everything or valid[y, x]:
-                low, high = min(low, found[y, x]), max(high, found[y, x])
+                low, high = min(low, coarse[y, x]), max(high, coarse[y, x])
     return low, high
 
 
 @njit(inline="always")
 def _count(
-    found: NDArray[np.int32],
+    coarse: NDArray[np.int32],
     valid: NDArray[np.bool_],
     row: int,
     column: int,
@@ -113,18 +113,18 @@ def _count(
     low: int,
     votes: NDArray[np.int32],
 ) -> None:
-    """How many pixels around a tile have each disparity from `low` on; the tile's own count several times."""
+    """Count the pixels around a tile that have each disparity from `low` on; the tile's own count several times."""
     votes[:] = 0
-    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, found.shape[0])):
-        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, found.shape[1])):
+    for y in range(max(row * TILE - REACH, 0), min((row + 1) * TILE + REACH, coarse.shape[0])):
+        for x in range(max(column * TILE - REACH, 0), min((column + 1) * TILE + REACH, coarse.shape[1])):
             if everything or valid[y, x]:
                 is_own = y // TILE == row and x // TILE == column
-                votes[found[y, x] - low] += OWN_VOTES if is_own else 1
+                votes[coarse[y, x] - low] += OWN_VOTES if is_own else 1
 
 
 @njit(inline="always")
 def _fullest_two(votes: NDArray[np.int32]) -> tuple[int, int]:
-    """Where the two runs of disparities begin that a window covers each and that together have the most votes."""
+    """Find the two runs of disparities, each as long as a window covers, that together have the most votes."""
     votes_of_first, votes_of_second = 0, 0  # as both windows slide
     for k in range(COVERED):
         votes_of_first += int(votes[k])

@@ -1,6 +1,6 @@
 """Sixteen float32 side by side in a register, for kernels in which a disparity is a lane.
 
-numba's vectoriser does not see through recursions along a row; with these few words such a kernel says itself what
+numba's vectoriser does not see through recursions along a row. With these functions a kernel states itself what
 happens to sixteen disparities at once, and runs seven times faster (measured on a Teddy-size pair).
 A lane operation compiles to the processor's instruction where it has one and to several where it has not; the
 results are the same. Arrays must be contiguous; an index counts elements of the flat array and is not checked.
@@ -41,13 +41,13 @@ class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]  # numba carries
 
 @intrinsic
 def zeros(_typing: Any) -> Any:
-    """Zero in every lane."""
+    """Return zero in every lane."""
     return _LANES(), lambda _context, _builder, _signature, _arguments: ir.Constant(_FLOATS, [0.0] * N_LANES)
 
 
 @intrinsic
 def load(_typing: Any, array: Any, _index: Any) -> Any:
-    """`array[index : index + 16]` of a float32 array."""
+    """Return `array[index : index + 16]` of a float32 array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         return builder.load(_pointer(context, builder, signature.args[0], arguments, _FLOATS), align=4)
@@ -57,7 +57,7 @@ def load(_typing: Any, array: Any, _index: Any) -> Any:
 
 @intrinsic
 def store(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
-    """`array[index : index + 16] = lanes` of a float32 array."""
+    """Set `array[index : index + 16] = lanes` of a float32 array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         builder.store(arguments[2], _pointer(context, builder, signature.args[0], arguments, _FLOATS), align=4)
@@ -68,7 +68,7 @@ def store(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def load_eight(_typing: Any, array: Any, _index: Any) -> Any:
-    """`array[index : index + 8]` of a float32 array in the first lanes, zero in the others."""
+    """Return `array[index : index + 8]` of a float32 array in the first lanes, zero in the others."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         eight = builder.load(_pointer(context, builder, signature.args[0], arguments, _EIGHT), align=4)
@@ -79,7 +79,7 @@ def load_eight(_typing: Any, array: Any, _index: Any) -> Any:
 
 @intrinsic
 def store_eight(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
-    """`array[index : index + 8]` = the first eight lanes, of a float32 array."""
+    """Set `array[index : index + 8]` of a float32 array to the first eight lanes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         first = ir.Constant(ir.VectorType(_WORD, 8), _EVERY_LANE[:8])
@@ -92,13 +92,13 @@ def store_eight(_typing: Any, array: Any, _index: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def add(_typing: Any, _first: Any, _second: Any) -> Any:
-    """Lane by lane `first + second`."""
+    """Return `first + second` lane by lane."""
     return _LANES(_LANES, _LANES), lambda _context, builder, _signature, arguments: builder.fadd(*arguments)
 
 
 @intrinsic
 def add_scaled(_typing: Any, _lanes: Any, _factor: Any, _others: Any) -> Any:
-    """Lane by lane `lanes + factor * others` with one rounding; the factor is one float32."""
+    """Return `lanes + factor * others` lane by lane with one rounding; the factor is one float32."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         lanes, factor, others = arguments
@@ -110,7 +110,7 @@ def add_scaled(_typing: Any, _lanes: Any, _factor: Any, _others: Any) -> Any:
 
 @intrinsic
 def spread_lane(_typing: Any, _lanes: Any, _which: Any) -> Any:
-    """One lane's number in every lane."""
+    """Return one lane's number in every lane."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         number = builder.extract_element(arguments[0], builder.trunc(arguments[1], _WORD))
@@ -121,7 +121,7 @@ def spread_lane(_typing: Any, _lanes: Any, _which: Any) -> Any:
 
 @intrinsic
 def moved_down(_typing: Any, _lanes: Any) -> Any:
-    """In every lane the number of the next one; the last keeps its own."""
+    """Return in every lane the number of the next one; the last keeps its own."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         places = ir.Constant(_WORDS, [*_EVERY_LANE[1:], N_LANES - 1])
@@ -132,7 +132,7 @@ def moved_down(_typing: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def hamming(_typing: Any, _code: Any, codes: Any, _index: Any) -> Any:
-    """How many bits of a uint32 code differ from each of `codes[index : index + 16]`."""
+    """Count the bits in which a uint32 code differs from each of `codes[index : index + 16]`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         pointer = _pointer(context, builder, signature.args[1], arguments[1:], _WORDS)
@@ -145,7 +145,7 @@ def hamming(_typing: Any, _code: Any, codes: Any, _index: Any) -> Any:
 
 @intrinsic
 def lowest(_typing: Any, _lanes: Any, _first: Any, _last: Any, _flip: Any) -> Any:
-    """The lowest of the lanes `first` to `last`, which must not be negative, as one int32.
+    """Return the lowest of the lanes `first` to `last`, which must not be negative, as one int32.
 
     Its upper 28 bits are those of the float32 and order as it does; its lower 4 are the lane, exclusive-or `flip`,
     so that of equal lanes the first wins with a flip of 0, the last with a flip of 15.
@@ -168,7 +168,7 @@ def lowest(_typing: Any, _lanes: Any, _first: Any, _last: Any, _flip: Any) -> An
 
 @intrinsic
 def gather(_typing: Any, words: Any, _first: Any, _step: Any, _last: Any, _start: Any) -> Any:
-    """`words[start + clip(round(first + k * step), 0, last)]` in lane k, their bits as they are.
+    """Return `words[start + clip(round(first + k * step), 0, last)]` in lane k, their bits as they are.
 
     `words` has elements of 32 bits; `first` and `step` are float32.
     """
@@ -187,7 +187,7 @@ def gather(_typing: Any, words: Any, _first: Any, _step: Any, _last: Any, _start
 
 @intrinsic
 def look_up(_typing: Any, table: Any, _lanes: Any) -> Any:
-    """`table[lanes]`, the lanes cut to whole numbers, which are not checked."""
+    """Return `table[lanes]`, the lanes cut to whole numbers, which are not checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
         index = builder.fptosi(arguments[1], _WORDS)
@@ -199,7 +199,7 @@ def look_up(_typing: Any, table: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def lower_half(_typing: Any, _lanes: Any) -> Any:
-    """The lower 16 bits of every lane as an unsigned whole number."""
+    """Return the lower 16 bits of every lane as an unsigned whole number."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         words = builder.bitcast(arguments[0], _WORDS)
@@ -210,7 +210,7 @@ def lower_half(_typing: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def upper_half(_typing: Any, _lanes: Any) -> Any:
-    """The upper 16 bits of every lane as a signed whole number."""
+    """Return the upper 16 bits of every lane as a signed whole number."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         words = builder.bitcast(arguments[0], _WORDS)
@@ -221,14 +221,14 @@ def upper_half(_typing: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def byte_distance(_typing: Any, _word: Any, _lanes: Any) -> Any:
-    """The sum over the four bytes of |byte of a uint32 - byte of the lane's bits|."""
+    """Return the sum over the four bytes of |byte of a uint32 - byte of the lane's bits|."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
-        one, words = _spread(builder, arguments[0], _WORDS), builder.bitcast(arguments[1], _WORDS)
+        word, words = _spread(builder, arguments[0], _WORDS), builder.bitcast(arguments[1], _WORDS)
         absolute = _llvm(builder, "llvm.abs.v16i32", _WORDS, _WORDS, ir.IntType(1))
         total = ir.Constant(_WORDS, [0] * N_LANES)
         for shift in (0, 8, 16, 24):
-            bytes_ = [_byte(builder, operand, shift) for operand in (one, words)]
+            bytes_ = [_byte(builder, operand, shift) for operand in (word, words)]
             difference = builder.call(absolute, [builder.sub(*bytes_), ir.Constant(ir.IntType(1), 0)])
             total = builder.add(total, difference)
         return builder.sitofp(total, _FLOATS)
@@ -238,7 +238,7 @@ def byte_distance(_typing: Any, _word: Any, _lanes: Any) -> Any:
 
 @intrinsic
 def truncated_difference(_typing: Any, _first: Any, _second: Any, _limit: Any) -> Any:
-    """Lane by lane `min(|first - second|, limit)`."""
+    """Return `min(|first - second|, limit)` lane by lane."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         absolute = _llvm(builder, "llvm.fabs.v16f32", _FLOATS, _FLOATS)
@@ -251,13 +251,13 @@ def truncated_difference(_typing: Any, _first: Any, _second: Any, _limit: Any) -
 
 @intrinsic
 def multiply(_typing: Any, _first: Any, _second: Any) -> Any:
-    """Lane by lane `first * second`."""
+    """Return `first * second` lane by lane."""
     return _LANES(_LANES, _LANES), lambda _context, builder, _signature, arguments: builder.fmul(*arguments)
 
 
 @intrinsic
 def total(_typing: Any, _lanes: Any) -> Any:
-    """The sum of all lanes, always added in the same order."""
+    """Return the sum of all lanes, always added in the same order."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
         lanes, n_left = arguments[0], N_LANES
@@ -285,7 +285,7 @@ def _clipped(builder: Any, words: Any, last: Any) -> Any:
 
 
 def _gathered(context: Any, builder: Any, array_type: Any, array: Any, index: Any, start: Any) -> Any:
-    """The 32-bit elements at `start + index`."""
+    """Return the 32-bit elements at `start + index`."""
     data = context.make_array(array_type)(context, builder, array).data
     address = ir.IntType(64)
     addresses = ir.VectorType(address, N_LANES)
@@ -314,7 +314,7 @@ def _spread(builder: Any, number: Any, vector: Any) -> Any:
 
 
 def _llvm(builder: Any, name: str, result: Any, *operands: Any) -> Callable[..., Any]:
-    """An LLVM intrinsic on vectors, which llvmlite cannot name by itself."""
+    """Declare an LLVM intrinsic on vectors, which llvmlite cannot name by itself."""
     function: Callable[..., Any] = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(result, operands), name
     )

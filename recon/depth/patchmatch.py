@@ -75,7 +75,7 @@ class PmParameters:
 
 
 def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDArray[np.float32]:
-    """Disparities of the left image by PatchMatch over slanted planes.
+    """Match the left image by PatchMatch over slanted planes (PM): float disparities.
 
     Returns
     -------
@@ -92,12 +92,12 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
     views = views_of(pair, parameters.seed.sigma)
     planes = _seeded(views, parameters.seed) if parameters.is_seeded else _random(views)
     if planes is not None:
-        found = [field_[..., 0] for field_ in _swept(views, planes, parameters)]
-        valid = consistent(found[0], found[1], threshold=parameters.consistency_threshold)
+        left, right = (swept[..., 0] for swept in _swept(views, planes, parameters))
+        valid = consistent(left, right, threshold=parameters.consistency_threshold)
         if views[0].mask is not None:
             valid &= views[0].mask
         if valid.any():
-            surface = without_specks(filled(found[0], valid, in_bands), in_bands)
+            surface = without_specks(filled(left, valid, in_bands), in_bands)
             disparity[pair.foreground()] = np.where(valid & lands_inside(surface), surface, np.nan)
     return disparity
 
@@ -105,7 +105,7 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
 def _seeded(
     views: tuple[View, View], parameters: DrParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-    """Planes (H, W, 3) of both views along DR's surface; None where nothing was matched."""
+    """Return planes, float32 (H, W, 3), of both views along DR's surface; None if nothing was matched."""
     left, right = match_views(views, parameters)
     if not (left.valid.any() and right.valid.any()):
         return None
@@ -118,7 +118,7 @@ def _seeded(
 
 
 def _planes_along(surface: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Planes (H, W, 3) of a surface (H, W), their slopes averaged where it does not jump."""
+    """Return the planes, float32 (H, W, 3), of a surface (H, W), their slopes averaged where it does not jump."""
     planes = np.empty((*surface.shape, 3), np.float32)
     planes[..., 0] = surface
     for part, axis in ((1, 1), (2, 0)):
@@ -132,7 +132,7 @@ def _planes_along(surface: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _random(views: tuple[View, View]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Random planes (H, W, 3) of both views, always the same."""
+    """Return random planes, float32 (H, W, 3), of both views, always the same."""
     level = views[0].level
     lowest = (level.min_disparity, -SLOPE_SHARE, -SLOPE_SHARE)
     highest = (level.min_disparity + level.n_disparities - 1, SLOPE_SHARE, SLOPE_SHARE)
@@ -146,7 +146,7 @@ def _swept(
     planes: tuple[NDArray[np.float32], NDArray[np.float32]],
     parameters: PmParameters,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The planes after all sweeps."""
+    """Run all sweeps; return the planes of both views."""
     textures = [texture_of(view) for view in views]
     affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
     settings = _settings(views[0].level, parameters)
@@ -162,7 +162,7 @@ def _swept(
 
 
 def _unknown_costs(view: View) -> NDArray[np.float32]:
-    """-1 where a plane's cost is to be found, infinity on the background, which keeps its planes."""
+    """Return -1 where a plane's cost is not yet known, infinity on the background, which keeps its planes."""
     costs = np.full(view.shape, -1, np.float32)
     if view.mask is not None:
         costs[~view.mirrored(view.mask)] = np.inf

@@ -24,7 +24,7 @@ WORST = np.int32(0x7F800000)  # the bits of infinity
 
 @njit(inline="always")
 def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes have no Python type
-    """The lanes moved down by `shift` places, the outermost repeated: another window on the same costs."""
+    """Move the lanes down by `shift` places, the outermost repeated: another window on the same costs."""
     store(scratch, 0, spread_lane(lanes, 0))
     store(scratch, N_LANES, lanes)
     store(scratch, 2 * N_LANES, spread_lane(lanes, N_LANES - 1))
@@ -32,7 +32,7 @@ def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes ha
 
 
 def rows_held(height: int, width: int) -> int:
-    """How many rows' flows to hold: all, or a few where memory is farther than computing twice."""
+    """Choose how many rows' flows to hold: all, or a few where recomputing is faster than reading memory."""
     return height if height * width * N_LANES <= MAX_HELD else FEW_ROWS
 
 
@@ -48,7 +48,7 @@ def aggregate_and_choose(
     flip: int,
     n_held: int,
     best: NDArray[np.int32],
-    found: NDArray[np.float32],
+    chosen: NDArray[np.float32],
 ) -> None:
     """Aggregate sixteen Hamming costs for every pixel and keep the cheapest if it beats the best so far.
 
@@ -69,7 +69,7 @@ def aggregate_and_choose(
     flip : 0, the first of equally cheap disparities wins; 15, the last
     n_held : rows, see `rows_held`; changes nothing but memory and time
     best : int32 (H, W), the winner's cost so far, see `lanes.lowest`; updated
-    found : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
+    chosen : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
         rounds to the winner; updated
     """
     height, width = passages.across.shape
@@ -90,7 +90,7 @@ def aggregate_and_choose(
         if chunk + 1 < n_chunks:
             _copy(checkpoints, chunk * pitch, held, 0, pitch)
             _flow_down(view, first, last, held)
-        _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, found)
+        _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, chosen)
 
 
 @njit(cache=True, nogil=True)
@@ -102,7 +102,7 @@ def _copy(source: NDArray[np.float32], begin: int, target: NDArray[np.float32], 
 
 @njit(cache=True, nogil=True)
 def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tuple of arrays
-    """The costs of rows first to last, aggregated along rows and from above; held[0] is the row above the first."""
+    """Aggregate the costs of rows first to last along rows and from above; held[0] is the row above the first."""
     codes, facing_codes, origin, (across, down, passage), start, tile_bits = view
     width, pitch = across.shape[1], facing_codes.shape[2]
     sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
@@ -140,7 +140,7 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
 
 
 @njit(cache=True, nogil=True)
-def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, found):  # type: ignore[no-untyped-def]  # a tuple of arrays
+def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, chosen):  # type: ignore[no-untyped-def]  # a tuple of arrays
     """Add what flows up to rows last to first, and keep each pixel's cheapest disparity; `upward` is carried on."""
     _, _, _, (_, down, passage), start, tile_bits = view
     height, width = down.shape
@@ -167,7 +167,7 @@ def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, be
             if key & ~LANE_BITS < best[y, x] & ~LANE_BITS:
                 lane = (key & LANE_BITS) ^ np.int32(flip)
                 best[y, x] = key
-                found[y, x] = np.float32(window + lane)
+                chosen[y, x] = np.float32(window + lane)
                 if 0 < window + lane < n_disparities - 1:
                     store(scratch, 0, total)
-                    found[y, x] += vertex(scratch, lane)
+                    chosen[y, x] += vertex(scratch, lane)

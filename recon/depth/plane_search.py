@@ -41,7 +41,7 @@ FAR_NEIGHBOUR = 5  # pixels: planes come from the next pixels and from these
 
 
 class Settings(NamedTuple):
-    """What a sweep is told, every number a float32; grey levels in 256ths."""
+    """The numbers that a sweep needs, each a float32; grey levels in 256ths."""
 
     lowest: np.float32
     highest: np.float32
@@ -103,7 +103,7 @@ def sweep(seen, passages, settings, others, turn, seed, planes, costs, first, la
 
 @njit(cache=True, nogil=True)
 def _better(trial, plane, best, taps, target, planes, passages, place, settings):  # type: ignore[no-untyped-def]  # tuples
-    """Of two planes the one of lower energy, with its window's cost and its energy; `best` are those of `plane`."""
+    """Return the plane of lower energy with its window's cost and its energy; `best` are those of `plane`."""
     trial = (
         min(max(trial[0], settings.lowest), settings.highest),
         min(max(trial[1], np.float32(-MAX_SLOPE)), np.float32(MAX_SLOPE)),
@@ -146,7 +146,7 @@ def _take_window(seen, y, x, taps):  # type: ignore[no-untyped-def]  # tuples
 
 @njit(cache=True, nogil=True)
 def _window_cost(taps, target, plane, place, settings, enough):  # type: ignore[no-untyped-def]  # tuples
-    """The mean cost of a window along a plane, from its middle row outwards; infinity once it is above `enough`."""
+    """Compute a window's mean cost along a plane, from its middle row outwards; infinity once above `enough`."""
     y, x, height, width, weight = place
     pitch = FINE * (width - 1) + 1
     step = np.float32(2 * FINE) * (plane[1] - np.float32(1))
@@ -177,13 +177,13 @@ def _plane_at(planes, y, x):  # type: ignore[no-untyped-def]  # tuples
 
 @njit(cache=True, nogil=True)
 def _extended(plane, u, v):  # type: ignore[no-untyped-def]  # tuples
-    """The same plane at a pixel u columns and v rows away."""
+    """Return the same plane at a pixel u columns and v rows away."""
     return plane[0] + plane[1] * np.float32(u) + plane[2] * np.float32(v), plane[1], plane[2]
 
 
 @njit(cache=True, nogil=True)
 def _seen_from_other(plane, u):  # type: ignore[no-untyped-def]  # tuples
-    """A plane of the other view as a pixel of this view sees it.
+    """Return a plane of the other view as a pixel of this view sees it.
 
     u : mirrored columns from the plane's pixel to the one that the pixel would match at disparity 0. With n for the
     distance of a mirrored column from there, d(n) = plane(u + n), and this view's pixel lies on it where n = d.
@@ -194,7 +194,7 @@ def _seen_from_other(plane, u):  # type: ignore[no-untyped-def]  # tuples
 
 @njit(cache=True, nogil=True)
 def _changed(plane, step, state):  # type: ignore[no-untyped-def]  # tuples
-    """A plane changed at random by at most `step`, and the next state of Marsaglia's xorshift."""
+    """Change a plane at random by at most `step`; return it and the next state of Marsaglia's xorshift."""
     disparity_state = _next_random(state)
     column_state = _next_random(disparity_state)
     row_state = _next_random(column_state)
@@ -215,7 +215,7 @@ def _next_random(state):  # type: ignore[no-untyped-def]  # tuples
 
 @njit(cache=True, nogil=True)
 def _signed_unit(state):  # type: ignore[no-untyped-def]  # tuples
-    """A number from -1 to 1."""
+    """Return a number from -1 to 1."""
     return np.float32(state >> np.uint32(8)) / np.float32(1 << 23) - np.float32(1)
 
 
@@ -238,7 +238,7 @@ def _roughness(planes, plane, passages, place, settings):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def _gap(plane, neighbour, u, v, limit):  # type: ignore[no-untyped-def]  # tuples
-    """Distance between two planes at both pixels, truncated."""
+    """Measure the distance between two planes at both pixels, truncated."""
     there = abs(plane[0] + plane[1] * np.float32(u) + plane[2] * np.float32(v) - neighbour[0])
     here = abs(neighbour[0] - neighbour[1] * np.float32(u) - neighbour[2] * np.float32(v) - plane[0])
     return min(there + here, limit)

@@ -23,9 +23,19 @@ RIDGE = 1e-2  # pixels squared, towards fronto-parallel where the support is a l
 
 
 def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
-    """Holes filled with the smaller of the nearest valid disparities left and right: what is hidden lies behind.
+    """Fill holes with the smaller of the nearest valid disparities left and right: what is hidden lies behind.
 
-    A row without any takes the row above, the first rows the first that has one. At least one pixel must be valid.
+    A row without any takes the row above, the first rows the first that has one.
+
+    Parameters
+    ----------
+    disparity : float32 (H, W)
+    valid : bool (H, W), at least one pixel of it True
+    in_bands : see `bands.in_bands`
+
+    Returns
+    -------
+    dense : float32 (H, W)
     """
     rows = np.flatnonzero(valid.any(axis=1))
     dense = np.empty(disparity.shape, np.float32)
@@ -55,7 +65,7 @@ def _fill_kernel(
 
 
 def without_specks(disparity: NDArray[np.float32], in_bands: Bands) -> NDArray[np.float32]:
-    """The median of 3x3 pixels."""
+    """Filter a disparity map, float32 (H, W), by a median of 3x3 pixels."""
     smooth = np.empty(disparity.shape, np.float32)
 
     def smoothe(first: int, last: int) -> None:
@@ -70,14 +80,14 @@ def without_specks(disparity: NDArray[np.float32], in_bands: Bands) -> NDArray[n
 def local_planes(
     disparity: NDArray[np.float32], valid: NDArray[np.bool_], n_disparities: int, in_bands: Bands
 ) -> NDArray[np.float32]:
-    """The disparity of the plane through each pixel's surroundings.
+    """Fit a plane to each pixel's surroundings and return its disparity there.
 
     Parameters
     ----------
     disparity : float32 (H, W), disparity indices, dense
     valid : bool (H, W), the pixels that planes are fitted to
     n_disparities : planes are cut to 0 and this less one
-    in_bands : does the work given for rows first to last, in as many parts as there are threads
+    in_bands : see `bands.in_bands`
 
     Returns
     -------
@@ -151,7 +161,7 @@ def _add_row(row: NDArray[np.float32], v: np.float32, centre: NDArray[np.float32
 def _planes_at_centre(
     sums: NDArray[np.float32], centre: NDArray[np.float32], highest: np.float32, planes: NDArray[np.float32]
 ) -> None:
-    """The planes that solve the normal equations, by Cramer's rule on centred moments, at their own pixels."""
+    """Solve the normal equations by Cramer's rule on centred moments; write each plane's disparity at its pixel."""
     for x in range(centre.shape[0]):
         is_enough = sums[0, x] >= np.float32(MIN_SUPPORT)
         share = np.float32(1) / (sums[0, x] if is_enough else np.float32(1))

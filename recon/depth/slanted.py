@@ -53,7 +53,8 @@ def aggregate_along_surface(
     ----------
     codes, facing_codes, origin, passages : as in `aggregate_and_choose`
     surface : float32 (H, W), disparity indices
-    in_bands : does the work given for rows or columns first to last, in as many parts as there are threads
+    n_disparities : how many are searched
+    in_bands : see `bands.in_bands`
 
     Returns
     -------
@@ -78,7 +79,7 @@ def _flow_along_rows(
     first: int,
     last: int,
 ) -> None:
-    """Costs of rows first to last along the surface, aggregated along each row: N_KEPT flows a pixel."""
+    """Aggregate the costs around the surface along rows first to last: N_KEPT flows a pixel."""
     across, passage = passages.across, passages.passage
     width = surface.shape[1]
     pitch = facing_codes.shape[2]
@@ -144,5 +145,5 @@ def _flow_along_columns(
                 store_eight(upward, (x - begin) * N_KEPT, without_above)
                 lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
                 store(scratch, 0, total)
-                found = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
-                refined[y, x] = min(max(found, np.float32(0)), np.float32(n_disparities - 1))
+                moved = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
+                refined[y, x] = min(max(moved, np.float32(0)), np.float32(n_disparities - 1))

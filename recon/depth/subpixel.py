@@ -1,4 +1,4 @@
-"""Between whole disparities: where a parabola through three costs is lowest."""
+"""Subpixel disparities: the vertex of a parabola through three costs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ MAX_OFFSET = 0.4999  # pixels from a winner to its parabola's vertex: the vertex
 
 @njit(inline="always")
 def vertex(costs: NDArray[np.float32], lane: int) -> np.float32:
-    """Where the parabola through a lane and its two neighbours is lowest, pixels from the lane, less than a half."""
+    """Return the vertex of the parabola through costs, float32 (n,), at a lane and its two neighbours.
+
+    In pixels from the lane, less than a half.
+    """
     before, here, after = costs[lane - 1], costs[lane], costs[lane + 1]
     bend = before - np.float32(2) * here + after
     if bend <= 0:

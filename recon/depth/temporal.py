@@ -24,6 +24,7 @@ from recon.depth.pair import StereoPair
 
 NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
 STILL = 0.75  # permeability above which a picture counts as still, so that a memory is worth more than what is seen
+ONE_FRAME = np.float32(1)  # what a frame adds to a memory's strength
 NEIGHBOURHOOD = 5  # pixels: the picture counts as changed where the mean over the census window has
 
 
@@ -52,7 +53,14 @@ class TemporalParameters:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What the filter looks at: guide uint8 (H, W, 3) or (H, W), its image's noise in grey levels, mask bool (H, W)."""
+    """A frame as the filter sees it.
+
+    Parameters
+    ----------
+    guide : uint8 (H, W, 3) or (H, W), the image without its noise
+    noise : of the image, standard deviation, grey levels
+    mask : bool (H, W), True on the foreground; None: everything is foreground
+    """
 
     guide: NDArray[np.uint8]
     noise: float
@@ -61,10 +69,13 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What is known after some frames.
+    """What the filter remembers after some frames.
 
-    frame : the last; disparity : float32 (H, W), pixels, NaN where nothing is remembered; strength : float32 (H, W),
-    frames
+    Parameters
+    ----------
+    frame : the last
+    disparity : float32 (H, W), pixels, NaN where nothing is remembered
+    strength : float32 (H, W), how many frames speak for it
     """
 
     frame: Frame
@@ -80,7 +91,7 @@ class TemporalFilter:
     memory: Memory | None = None
 
     def __call__(self, pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The filtered disparity float32 (H, W) of the next frame, NaN where neither it nor the memory knows."""
+        """Filter the next frame's disparity, float32 (H, W); NaN where neither it nor the memory knows."""
         noise = noise_level(grey_image(pair.left))
         frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
         self.memory = remembered(self.memory, frame, disparity, self.parameters)
@@ -92,9 +103,19 @@ def match_sequence(
     matcher: Callable[[StereoPair], NDArray[np.float32]],
     parameters: TemporalParameters = TemporalParameters(),
 ) -> Iterator[NDArray[np.float32]]:
-    """Disparities float32 (H, W) of one sensor's frames, filtered in time.
+    """Match one sensor's frames and filter their disparities in time.
 
     A matcher whose disparities are whole keeps them whole.
+
+    Parameters
+    ----------
+    pairs : the frames in their order
+    matcher : see `recon.depth.MATCHERS`
+    parameters : of the filter
+
+    Yields
+    ------
+    disparity : float32 (H, W), pixels, NaN where unknown
 
     Raises
     ------
@@ -112,7 +133,14 @@ def match_sequence(
 def remembered(
     before: Memory | None, frame: Frame, disparity: NDArray[np.float32], parameters: TemporalParameters
 ) -> Memory:
-    """The memory after one more frame.
+    """Update the memory with one more frame.
+
+    Parameters
+    ----------
+    before : the memory so far; None before the first frame
+    frame : the next frame
+    disparity : float32 (H, W), its disparity, pixels, NaN where unmatched
+    parameters : of the filter
 
     Raises
     ------
@@ -139,10 +167,19 @@ def remembered(
 
 
 def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[np.float32]:
-    """How freely a memory passes between two frames, float32 (H, W); not at all outside the foreground.
+    """Compute how freely a memory passes between two frames; nothing passes outside the foreground.
 
     exp(-change / sigma), where the change is that of the channel that changed most, averaged over a census window,
     because an edge that moves past changes what is seen around it; less what noise alone explains.
+
+    Parameters
+    ----------
+    before, frame : two frames in a row
+    sigma : grey levels
+
+    Returns
+    -------
+    passage : float32 (H, W), 0 to 1
     """
     change = cv2.absdiff(before.guide, frame.guide)
     most = change if change.ndim == 2 else change.max(axis=2)
@@ -162,22 +199,21 @@ def _remember_kernel(
     out: NDArray[np.float32],
     out_strength: NDArray[np.float32],
 ) -> None:
-    one = np.float32(1)
     for y in range(new.shape[0]):
         for x in range(new.shape[1]):
             weight = passage[y, x] * strength[y, x]
-            value, found = old[y, x], new[y, x]
-            gap = abs(found - value)
+            value, seen = old[y, x], new[y, x]
+            gap = abs(seen - value)
             if weight > 0 and gap <= np.float32(2) * sigma:
                 weight *= np.exp(-gap / sigma)
-                value = (found + weight * value) / (one + weight)
-                weight = min(one + weight, memory)
-            elif weight > one and passage[y, x] > np.float32(
+                value = (seen + weight * value) / (ONE_FRAME + weight)
+                weight = min(ONE_FRAME + weight, memory)
+            elif weight > ONE_FRAME and passage[y, x] > np.float32(
                 STILL
             ):  # another disparity, or none: the memory holds, weaker
-                weight -= one
-            elif np.isnan(found):
+                weight -= ONE_FRAME
+            elif np.isnan(seen):
                 value, weight = np.float32(np.nan), np.float32(0)
             else:
-                value, weight = found, one
+                value, weight = seen, ONE_FRAME
             out[y, x], out_strength[y, x] = value, weight

@@ -34,7 +34,7 @@ class Texture:
 
 
 def texture_of(view: View) -> Texture:
-    """What windows read of a view; the gradient always points to the right of the scene."""
+    """Pack what windows read of a view; the gradient always points to the right of the scene."""
     grey, mask = view.mirrored(view.grey), None if view.mask is None else view.mirrored(view.mask)
     scale = -0.5 if view.is_right else 0.5
     slope = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=scale, borderType=cv2.BORDER_REPLICATE)
@@ -62,14 +62,14 @@ def _words(grey: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.
 
 
 def _at_columns(values: NDArray[np.float32], places: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Values (H, W) at fine places (n,) of a row, linear between columns."""
+    """Interpolate values (H, W) linearly at fine places (n,) of a row."""
     before = np.minimum(places // FINE, values.shape[1] - 2)
     part = (places / FINE - before).astype(np.float32)
     return np.asarray(values[:, before] * (1 - part) + values[:, before + 1] * part, dtype=np.float32)
 
 
 def _by_parity(values: NDArray[Any]) -> NDArray[Any]:
-    """Even columns, then odd ones, (H, 2, half), with room for a last load."""
+    """Sort even columns, then odd ones, into (H, 2, half), with room for a last load."""
     height, width = values.shape
     half = width // 2 + N_LANES + 1
     sorted_ = np.zeros((height, 2, half), values.dtype)

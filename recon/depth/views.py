@@ -28,19 +28,19 @@ class Level:
     min_disparity: int
 
     def halved(self) -> Level:
-        """The same disparities at half the size."""
+        """Return the level that searches the same disparities at half the size."""
         lowest = self.min_disparity // 2
         highest = -(-(self.min_disparity + self.n_disparities - 1) // 2)
         return Level(highest - lowest + 1, lowest)
 
     @property
     def before(self) -> int:
-        """Places needed before a row of the other view."""
+        """Columns of padding before a row of the other view."""
         return max(-self.min_disparity, 0) + FRAME
 
     @property
     def after(self) -> int:
-        """Places needed after a row of the other view."""
+        """Columns of padding after a row of the other view."""
         return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + FRAME
 
 
@@ -65,11 +65,11 @@ class View:
         return self.image.shape[0], self.image.shape[1]
 
     def mirrored(self, image: NDArray[Any]) -> NDArray[Any]:
-        """The image as it is in the left view, its columns from right to left in the right view."""
+        """Return an image (H, W, ...) as it is in the left view, its columns from right to left in the right."""
         return np.ascontiguousarray(image[:, ::-1] if self.is_right else image)
 
     def halved(self) -> View:
-        """The view at the next coarser level."""
+        """Return the view at the next coarser level."""
         mask = None if self.mask is None else halved_mask(self.mask)
         return View(
             halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.level.halved(), self.is_right
@@ -77,7 +77,7 @@ class View:
 
     @cached_property
     def framed_codes(self) -> NDArray[np.uint32]:
-        """Census codes (2, H, before + W + after), mirrored in the right view, flagged on the background.
+        """Census codes, uint32 (2, H, before + W + after), mirrored in the right view, flagged on the background.
 
         Beyond the image the outermost code is repeated: no disparity is favoured there, and ties remain ties.
         """
@@ -89,12 +89,12 @@ class View:
 
     @property
     def codes(self) -> NDArray[np.uint32]:
-        """Census codes (2, H, W), mirrored in the right view."""
+        """Census codes, uint32 (2, H, W), mirrored in the right view."""
         return self.framed_codes[:, :, self.level.before : self.level.before + self.shape[1]]
 
     @property
     def origin(self) -> int:
-        """Where in the framed codes the last pixel of a row of the other view finds disparity index 0."""
+        """Column of the padded codes that faces the last pixel of a row of the other view at disparity index 0."""
         return self.level.before + self.level.min_disparity
 
     @cached_property
@@ -105,7 +105,7 @@ class View:
 
 
 def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
-    """The left and the right view of the part of a pair that is matched."""
+    """Return the left and the right view of the part of a pair that is matched."""
     box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
     return (
         _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, level, is_right=False),
