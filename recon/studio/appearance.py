@@ -41,7 +41,7 @@ def _step(value: float, low: float, high: float) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: float, footprint: float) -> float:
-    """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
+    """Sample noise with features of `cell` mm; a cell under half a pixel is averaged away."""
     if cell < 0.5 * footprint:
         return 0.0
     inverse = 1.0 / cell
@@ -51,13 +51,13 @@ def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: floa
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _wave(u: float, period: float, footprint: float) -> float:
-    """A soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
+    """Return a soft square wave of u, -1 to 1, faded where a pixel cannot hold it."""
     return float(_step(period / footprint, 1.5, 4.0) * min(1.0, max(-1.0, 3.0 * _zigzag(u / period))))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _zigzag(u: float) -> float:
-    """A triangle wave of period 1, -1 to 1: a sine's cheap stand-in."""
+    """Return a triangle wave of period 1, -1 to 1: a cheap stand-in for a sine."""
     return float(4.0 * abs(u - np.floor(u + 0.5)) - 1.0)
 
 
@@ -104,7 +104,7 @@ def _skin(
 def _eye(
     look: NDArray[np.float64], ax: float, x: float, y: float, z: float, fp: float, r: float, g: float, b: float
 ) -> tuple[float, float, float]:
-    """White, iris, pupil and lids; look[19] is how far the lids are closed."""
+    """Colour an eye: white, iris, pupil and lids; look[19] is how far the lids are closed."""
     ex, ey = ax - 32.0, y - 1666.5
     if abs(ex) > 17.0 or abs(ey) > 12.0 or z < 60.0:
         return r, g, b
@@ -198,7 +198,7 @@ def _hair(
 def _person(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    """Colour and gloss of a person at a place of the rest body; the borders are those of `person.cloth_thickness`."""
+    """Return colour and gloss of a person at a place of the rest body; borders as in `person.cloth_thickness`."""
     ax = abs(x)
     along = (ax - 180.0) * 0.683 - (y - 1412.0) * 0.730
     soft = 0.5 + 0.5 * fp
@@ -255,7 +255,7 @@ def _person(
 def _ball(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    """Six panels in three colours with dark seams, scuffed."""
+    """Colour a ball: six panels in three colours with dark seams, scuffed."""
     angle = np.arctan2(z, x)
     panel = int(np.floor(3.0 * angle / 3.14159265)) % 3
     base = 1 + 3 * panel
@@ -275,7 +275,7 @@ def _ball(
 def _box(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    """Cardboard with flutes, a strip of tape and a printed label on each side."""
+    """Colour a box: cardboard with flutes, a strip of tape and a printed label on each side."""
     tone = 1.0 + 0.10 * _layer(volume, x, y, z, 60.0, fp) + 0.10 * _layer(volume, x, y, z, 15.0, fp)
     tone += 0.14 * _layer(volume, x, y * 0.3, z, 4.0, fp) + 0.16 * _layer(volume, x, y, z, 1.4, fp)
     r, g, b = look[1] * tone, look[2] * tone, look[3] * tone
@@ -301,7 +301,7 @@ def _box(
 def _target(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    """Colourful blots of every size: features for matching at any distance."""
+    """Colour a validation object: blots of every size, features for matching at any distance."""
     s = look[20]
     wx, wy = (
         x + 6.0 * _noise(volume, x / 13.0, y / 13.0, z / 13.0),
@@ -343,7 +343,20 @@ def vertex_albedo(
     volume: NDArray[np.float32],
     footprint: float,
 ) -> NDArray[np.float32]:
-    """Linear colours (N, 3) at places (N, 3) of the rest bodies whose looks are rows `owners` (N,) of `looks`."""
+    """Compute the colours of vertices without any light.
+
+    Parameters
+    ----------
+    places : float64 (N, 3), mm, on the rest bodies
+    owners : int64 (N,), the row of `looks` for each place
+    looks : float64 (M, N_LOOK), see `looks`
+    volume : float32 (S, S, S), noise
+    footprint : mm, features below this size are averaged away
+
+    Returns
+    -------
+    float32 (N, 3), linear RGB
+    """
     colours = np.empty((len(places), 3), np.float32)
     for i in range(len(places)):
         r, g, b, _ = _albedo(looks[owners[i]], volume, places[i, 0], places[i, 1], places[i, 2], footprint)
@@ -402,7 +415,7 @@ def shade(
     volume: NDArray[np.float32],
     spread: float,
 ) -> NDArray[np.float32]:
-    """Linear colour and coverage of the window that a camera sees the actors in.
+    """Colour the window in which a camera sees the actors.
 
     Parameters
     ----------

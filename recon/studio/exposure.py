@@ -11,13 +11,13 @@ CURVE_STEPS = 4096
 
 
 def display_curve() -> NDArray[np.float32]:
-    """Display values 0 to 255 of linear intensities 0 to 1, float32 (CURVE_STEPS + 2,), with a soft shoulder."""
+    """Tabulate display values 0 to 255 of linear intensities 0 to 1, softly cut: float32 (CURVE_STEPS + 2,)."""
     light = np.arange(CURVE_STEPS + 2) / CURVE_STEPS
     return (255.0 * np.minimum(light, 1.0) ** (1 / GAMMA)).astype(np.float32)
 
 
 def plate_values(plate: NDArray[np.float32], gains: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Display values 0 to 255, not rounded, of a linear plate (H, W, 3) at a camera's gains (3,)."""
+    """Convert a linear plate, float32 (H, W, 3), at gains (3,) to display values 0 to 255, not rounded."""
     return (255.0 * np.clip(plate * gains.astype(np.float32), 0, 1) ** np.float32(1 / GAMMA)).astype(np.float32)
 
 
@@ -34,7 +34,7 @@ def expose(
     noise: float,
     key: np.uint64,
 ) -> NDArray[np.uint8]:
-    """The picture that a camera writes, uint8 (H, W, 3) in the order blue, green, red.
+    """Make the picture that a camera writes, uint8 (H, W, 3) in the order blue, green, red.
 
     Parameters
     ----------

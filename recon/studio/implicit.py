@@ -42,7 +42,7 @@ class Part:
     carve: bool = False
 
     def mirrored(self) -> Part:
-        """The same part on the other side of the plane x = 0; a bone `name_l` becomes `name_r`."""
+        """Return the same part on the other side of the plane x = 0; a bone `name_l` becomes `name_r`."""
         flip = np.array([-1.0, 1.0, 1.0])
         bone = f"{self.bone[:-2]}_r" if self.bone.endswith("_l") else self.bone
         b = None if self.b is None else tuple(flip * self.b)
@@ -51,7 +51,7 @@ class Part:
 
 
 def part_table(parts: Sequence[Part]) -> NDArray[np.float64]:
-    """Parts as the rows (P, N_COLUMNS) that the kernels read."""
+    """Convert parts to the rows, float64 (P, N_COLUMNS), that the kernels read."""
     table = np.zeros((len(parts), N_COLUMNS))
     for row, part in zip(table, parts, strict=True):
         row[0] = ELLIPSOID if part.b is None else CONE
@@ -99,7 +99,19 @@ def split_long_edges(
     faces: NDArray[np.int32],
     wanted_edge: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Put a vertex on the middle of every edge that is longer than wanted there; a closed mesh stays closed."""
+    """Split every edge that is longer than wanted at its middle; a closed mesh stays closed.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), mm
+    faces : int32 (M, 3)
+    wanted_edge : longest edge wanted (N,) at places (N, 3), mm
+
+    Returns
+    -------
+    vertices : float64 (N', 3), mm, the old ones first
+    faces : int32 (M', 3)
+    """
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, place = np.unique(edges[:, 0].astype(np.int64) * len(vertices) + edges[:, 1], return_inverse=True)
     a, b = vertices[unique // len(vertices)], vertices[unique % len(vertices)]
@@ -110,7 +122,7 @@ def split_long_edges(
 
 
 def _split_faces(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Faces (M, 3) with the new vertices (M, 3) on their edges 01, 12, 20, -1 where an edge stays whole."""
+    """Split faces (M, 3) at the new vertices (M, 3) on their edges 01, 12, 20; -1 where an edge stays whole."""
     n_split = (middles >= 0).sum(axis=1)
     parts = [faces[n_split == 0]]
     for count in (1, 2, 3):
@@ -131,7 +143,7 @@ def _split_faces(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArra
 
 
 def _extent(table: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest corner of a box around all parts, mm."""
+    """Return the lowest and the highest corner of a box around all parts, mm."""
     is_cone = table[:, 0] == CONE
     ends = np.concatenate([table[:, 3:6], table[is_cone, 6:9]])
     reach = np.concatenate([table[:, 9:11].max(axis=1), table[is_cone, 9:11].max(axis=1)])[:, None]
@@ -161,7 +173,7 @@ def _part_distance(row: NDArray[np.float64], x: float, y: float, z: float) -> fl
 
 @numba.njit(cache=True, nogil=True)
 def _blend(d: float, e: float, k: float, op: float) -> float:
-    """Polynomial smooth minimum of d and e, or smooth maximum of d and -e."""
+    """Return the polynomial smooth minimum of d and e, or the smooth maximum of d and -e."""
     if op > 0.0:
         h = max(k - abs(d - e), 0.0) / k
         return min(d, e) - 0.25 * h * h * k
@@ -180,7 +192,7 @@ def _distance(table: NDArray[np.float64], near: NDArray[np.int64], n_near: int, 
 
 @numba.njit(cache=True, nogil=True)
 def distance(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Smooth signed distances (N,) of points (N, 3), negative inside, mm."""
+    """Compute smooth signed distances, float64 (N,), of points (N, 3), negative inside, mm."""
     everything = np.arange(len(table))
     result = np.empty(len(points))
     for i in range(len(points)):
@@ -190,7 +202,7 @@ def distance(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray
 
 @numba.njit(cache=True, nogil=True)
 def part_distances(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances (N, P) of points (N, 3) to every part alone, mm."""
+    """Compute distances, float64 (N, P), of points (N, 3) to every part alone, mm."""
     result = np.empty((len(points), len(table)))
     for i in range(len(points)):
         for j in range(len(table)):
@@ -227,7 +239,17 @@ def project_to_surface(table: NDArray[np.float64], points: NDArray[np.float64]) 
 def grid_distance(
     table: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64], zs: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Distances float32 (X, Y, Z) on a rectilinear grid; blocks far from the surface hold one rough value."""
+    """Compute distances on a rectilinear grid; blocks far from the surface hold one rough value.
+
+    Parameters
+    ----------
+    table : float64 (P, N_COLUMNS), see `part_table`
+    xs, ys, zs : float64 (X,), (Y,), (Z,), the grid's coordinates, mm
+
+    Returns
+    -------
+    float32 (X, Y, Z), mm, negative inside
+    """
     result = np.empty((len(xs), len(ys), len(zs)), np.float32)
     n = len(table)
     everything = np.arange(n)

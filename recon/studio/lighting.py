@@ -1,7 +1,8 @@
-"""The light on actors and objects, and what of it glossy ones send to a camera.
+"""The light on actors and objects, and the highlights that glossy ones send to a camera.
 
-Light changes slowly over a body, so it is worked out at the vertices and drawn out between them; `appearance` does
-the same for colours at every pixel. Lights are rows as in `looks`.
+Light changes slowly over a body, so it is computed at the vertices and interpolated between them; `appearance` computes
+colours at every pixel. Lights are rows as in `looks`.
+
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ N_LIT = 7  # numbers per vertex that `appearance.shade` reads
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def lit(surface: NDArray[np.float32], lights: NDArray[np.float64], eye: NDArray[np.float64]) -> NDArray[np.float32]:
-    """What a camera needs to know of every vertex.
+    """Light every vertex as a camera sees it.
 
     Parameters
     ----------

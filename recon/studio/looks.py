@@ -1,7 +1,8 @@
-"""How actors, objects and lights are described: looks, and the rows of numbers that the kernels read.
+"""Descriptions of actors, objects and lights: looks, and the rows of numbers that the kernels read.
 
 The row of a look: 0 kind, 1-15 five colours (linear), 16 pattern, 17 sleeve, 18 long hair, 19 how far the eyes are
 closed, 20 shift, 21-23 half size.
+
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Light:
     softness: float = 0.25
 
     def table(self) -> NDArray[np.float64]:
-        """Rows (2 + lights, 6) for the kernels: above and below, then direction and power of each light."""
+        """Convert the light to rows, float64 (2 + lights, 6): above and below, then directions and powers."""
         rows: list[tuple[float, ...]] = [(*self.above, *self.below), (self.softness, 0.0, 0.0, 0.0, 0.0, 0.0)]
         for direction, power in zip(self.directions, self.powers, strict=True):
             unit = np.asarray(direction) / np.linalg.norm(direction)
@@ -71,12 +72,12 @@ class Light:
 
 
 def linear(colour: Colour) -> NDArray[np.float64]:
-    """Linear intensities of display colours."""
+    """Convert a display colour, sRGB 0 to 1, to linear intensities, float64 (3,)."""
     return np.power(np.asarray(colour, dtype=np.float64), 2.2)
 
 
 def look_row(look: Look) -> NDArray[np.float64]:
-    """A look as the row (N_LOOK,) that the kernels read."""
+    """Convert a look to the row, float64 (N_LOOK,), that the kernels read."""
     row = np.zeros(N_LOOK)
     row[0] = look.kind
     for i, colour in enumerate((look.first, look.second, look.third, look.fourth, look.fifth)):
@@ -87,5 +88,5 @@ def look_row(look: Look) -> NDArray[np.float64]:
 
 
 def noise_volume(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Periodic white noise (S, S, S), standard deviation 0.5, at most 1, for smooth interpolation."""
+    """Draw periodic white noise, float32 (S, S, S), standard deviation 0.5, at most 1, for smooth interpolation."""
     return np.clip(rng.normal(0.0, 0.5, (NOISE_SIZE,) * 3), -1.0, 1.0).astype(np.float32)

@@ -11,7 +11,7 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 def ball(radius: float, edge: float) -> Mesh:
-    """A sphere from a subdivided icosahedron with edges of at most `edge` mm."""
+    """Make a sphere from a subdivided icosahedron with edges of at most `edge` mm."""
     vertices, faces = _icosahedron()
     while radius * LONGEST_ARC > edge:
         vertices, faces = _subdivided(vertices, faces)
@@ -20,7 +20,7 @@ def ball(radius: float, edge: float) -> Mesh:
 
 
 def box(size: tuple[float, float, float], edge: float) -> Mesh:
-    """A box with sharp edges: each side has its own vertices, at most `edge` mm apart."""
+    """Make a box with sharp edges: each side has its own vertices, at most `edge` mm apart."""
     half = np.asarray(size) / 2
     vertices: list[NDArray[np.float64]] = []
     faces: list[NDArray[np.int64]] = []
@@ -51,7 +51,7 @@ def _icosahedron() -> Mesh:
 
 
 def _subdivided(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
-    """Every triangle of a unit sphere in four."""
+    """Split every triangle of a unit sphere in four."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, inverse = np.unique(edges, axis=0, return_inverse=True)
     middles = vertices[unique].sum(axis=1)

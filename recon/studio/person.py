@@ -66,7 +66,7 @@ class RestBody:
 
 
 def person_parts(build: Build) -> list[Part]:
-    """All parts of a clothed person, from the trunk outwards; the order is that of the smooth union."""
+    """List all parts of a clothed person, from the trunk outwards; the order is that of the smooth union."""
     g, hips, shoulders = build.girth, build.hips, build.shoulders
     trunk = [
         Part("pelvis", (0, 955, -4), None, (150 * g * hips, 120, 108 * g), 60),
@@ -87,7 +87,7 @@ def person_parts(build: Build) -> list[Part]:
 
 
 def head_parts(*, ears: bool) -> list[Part]:
-    """Skull and face, and ears where hair does not cover them; the features are 2 to 10 mm deep."""
+    """List skull and face, and ears where hair does not cover them; the features are 2 to 10 mm deep."""
     middle = [
         Part("head", (0, 1690, -10), None, (76, 90, 96), 20),
         Part("head", (0, 1640, 28), None, (63, 88, 66), 30),
@@ -140,7 +140,7 @@ def rest_body(parts: list[Part], *, cell: float, noise: NDArray[np.float32]) -> 
 
 
 def cloth_thickness(points: NDArray[np.float64], noise: NDArray[np.float32]) -> NDArray[np.float64]:
-    """How far clothes and hair stand off the body (N,), mm: hems, folds and locks."""
+    """Compute how far clothes and hair stand off the body at points (N, 3): float64 (N,), mm."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     along = (x - 180.0) * ARM[0] + (y - 1412.0) * ARM[1]
     hand = _step(along, 500.0, 512.0) * (x > 250)
@@ -154,7 +154,7 @@ def cloth_thickness(points: NDArray[np.float64], noise: NDArray[np.float32]) -> 
 
 
 def hair(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How full the hair is (N,), 0 to 1, thin along the hairline; `appearance` colours the same region."""
+    """Compute how full the hair is, float64 (N,), 0 to 1, at points (N, 3); `appearance` colours the same region."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     line = 1731.0 - 0.004 * x * x - 1.15 * np.maximum(0.0, 42.0 - z) - 0.35 * np.maximum(0.0, -10.0 - z)
     around_ears = 1588.0 + 102.0 * (_step(z, -50.0, -28.0) - 0.3 * _step(z, 14.0, 26.0)) * _step(x, 52.0, 62.0)
@@ -215,7 +215,7 @@ def _ear_turn() -> NDArray[np.float64]:
 
 
 def _wanted_edge(cell: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Edges of the trunk are left as they are, those of hands and head are halved, those of the face quartered."""
+    """Return the wanted edges: as they are on the trunk, half at hands and head, a quarter in the face."""
 
     def wanted(places: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y, z = np.abs(places[:, 0]), places[:, 1], places[:, 2]
@@ -229,7 +229,7 @@ def _wanted_edge(cell: float) -> Callable[[NDArray[np.float64]], NDArray[np.floa
 def _openness(
     table: NDArray[np.float64], vertices: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Ambient light that reaches each vertex, from distances along its normal."""
+    """Estimate the ambient light that reaches each vertex from distances along its normal."""
     closed = np.zeros(len(vertices))
     for reach, weight in ((12.0, 0.30), (35.0, 0.40), (90.0, 0.45)):
         closed += weight * np.clip(1.0 - distance(table, vertices + reach * normals) / reach, 0.0, 1.0)
@@ -239,7 +239,7 @@ def _openness(
 def _bind(
     parts: list[Part], table: NDArray[np.float64], vertices: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The four strongest bones of each vertex and their weights."""
+    """Return the four strongest bones of each vertex and their weights."""
     to_part = part_distances(table, vertices)
     owner = np.array([BONES.index(part.bone) for part in parts])
     carved = np.array([part.carve for part in parts])
@@ -267,7 +267,7 @@ def _open_jaw(vertices: NDArray[np.float64], weights: NDArray[np.float64]) -> No
 
 
 def _folds(points: NDArray[np.float64], noise: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Creases of cloth (N,), about -1 to 1: ridged noise, drawn out across the pull of the cloth."""
+    """Compute creases of cloth (N,), about -1 to 1: ridged noise, drawn out across the pull of the cloth."""
     warp = 14.0 * np.stack([_sample(noise, points / 60.0 + shift) for shift in (3.1, 17.7, 31.3)], axis=1)
     broad = _sample(noise, (points + warp) / (55.0, 34.0, 55.0))
     fine = 1.0 - 2.0 * np.abs(_sample(noise, (points + warp) / (38.0, 17.0, 38.0) + 9.0))

@@ -1,6 +1,7 @@
-"""Which triangle a camera sees at each pixel: five samples per pixel, one of them at its centre.
+"""Visibility: which triangle a camera sees at each pixel, by five samples, one of them at its centre.
 
 The centre's sample is the ground truth (a pixel is where its centre's ray goes); the other four smooth the outlines.
+
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
 def _project(
     vertices: NDArray[np.float64], pose: NDArray[np.float64], K: NDArray[np.float64], dist: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Column, row and 1 / z (N, 3) of world points, and the lowest and highest (2, 3) column, row and z."""
+    """Project points to column, row and 1 / z (N, 3); return also the lowest and highest (2, 3) column, row, z."""
     pixels = np.empty((len(vertices), 3))
     extent = np.empty((2, 3))
     k1, k2, p1, p2, k3 = dist[0], dist[1], dist[2], dist[3], dist[4]

@@ -19,7 +19,7 @@ MISALIGNED_DEG = 0.25  # standard deviation of a mounted camera's direction
 
 @dataclass(frozen=True)
 class Field:
-    """What every camera must show.
+    """The place that every camera must show.
 
     Parameters
     ----------
@@ -33,31 +33,59 @@ class Field:
 
 
 def arc_rig(field: Field, *, n_sensors: int, size: tuple[int, int], rng: np.random.Generator) -> Rig:
-    """Sensors S1, S2, ... from the actors' right to their left; distances, baselines and mounting vary by `rng`."""
+    """Place sensors S1, S2, ... from the actors' right to their left.
+
+    Parameters
+    ----------
+    field : the place that all cameras show
+    n_sensors : how many stereo sensors
+    size : (width, height) of the images, pixels
+    rng : varies distances, baselines and mounting
+    """
     apart = min(APART_DEG, 360.0 / n_sensors)
     azimuths = (np.arange(n_sensors) - (n_sensors - 1) / 2) * apart + rng.uniform(-2.0, 2.0, n_sensors)
     return Rig(tuple(_sensor(f"S{i + 1}", field, float(a), size, rng) for i, a in enumerate(azimuths)))
 
 
 def disturbed(rig: Rig, error_px: float, rng: np.random.Generator) -> Rig:
-    """A rig as a calibration with errors would describe it: rotations and principal points off by about `error_px`."""
+    """Disturb a rig as a calibration with errors would describe it.
+
+    Parameters
+    ----------
+    rig : the true one
+    error_px : by about which rotations and principal points are off, pixels
+    rng : draws the errors
+    """
     return Rig(
         tuple(Sensor(s.id, _disturbed(s.left, error_px, rng), _disturbed(s.right, error_px, rng)) for s in rig.sensors)
     )
 
 
 def distorted(rig: Rig, k1: float, rng: np.random.Generator) -> Rig:
-    """A rig with lenses of about the same distortion each, k2 against k1 and a little tangential, as real ones have."""
+    """Give a rig's lenses about the same distortion each, as real ones have.
+
+    Parameters
+    ----------
+    rig : without distortion
+    k1 : OpenCV's first coefficient, about; k2 acts against it, and a little is tangential
+    rng : draws each lens
+    """
 
     def lens(camera: Camera) -> Camera:
-        own = k1 * (1.0 + 0.05 * rng.normal())
-        return replace(camera, dist=np.array([own, -0.3 * own, *rng.normal(0.0, 2e-4, 2), 0.0]))
+        first = k1 * (1.0 + 0.05 * rng.normal())
+        return replace(camera, dist=np.array([first, -0.3 * first, *rng.normal(0.0, 2e-4, 2), 0.0]))
 
     return Rig(tuple(Sensor(s.id, lens(s.left), lens(s.right)) for s in rig.sensors))
 
 
 def between(first: Sensor, second: Sensor, field: Field) -> Camera:
-    """A camera half way between two sensors, for photographs that no sensor uses."""
+    """Place a camera half way between two sensors, for photographs that no sensor uses.
+
+    Parameters
+    ----------
+    first, second : sensors
+    field : the place that the camera shows
+    """
     centre = np.asarray(field.centre)
     places = [sensor.left.centre + sensor.right.centre - 2 * centre for sensor in (first, second)]
     direction = sum(place / np.linalg.norm(place) for place in places)

@@ -56,7 +56,7 @@ def _step(value: float, low: float, high: float) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _layer(volume: NDArray[np.float32], x: float, y: float, z: float, cell: float, footprint: float) -> float:
-    """Noise with features of `cell` mm; a cell under half a pixel is averaged away."""
+    """Sample noise with features of `cell` mm; a cell under half a pixel is averaged away."""
     if cell < 0.5 * footprint:
         return 0.0
     inverse = 1.0 / cell
@@ -77,7 +77,7 @@ def room_plate(
     shift: float,
     volume: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Linear colours float32 (H, W, 3) of the empty studio.
+    """Colour the empty studio, linear, float32 (H, W, 3).
 
     Parameters
     ----------

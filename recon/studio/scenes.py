@@ -1,6 +1,7 @@
-"""The scenes that can be recorded: who acts, with what, and how they move.
+"""The scenes that can be recorded: actors, objects, and how they move.
 
 A scene's motion is a function of the phase, 0 to 1, and returns to its start: any number of frames makes a loop.
+
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ def _ball_scene(_position: Vector) -> Scene:
 
 
 def _ball_moment(phase: float) -> Moment:
-    """For half a period the ball swings from side to side, then it is thrown up and caught."""
+    """Swing the ball from side to side for half a period, then throw it up and catch it."""
     flight = max(0.0, (phase - 0.55) / 0.45)
     thrown = 4 * flight * (1 - flight)
     swing = _wave(phase / 0.55) if phase < 0.55 else 0.0
@@ -165,7 +166,7 @@ def _box_scene(_position: Vector) -> Scene:
 
 
 def _box_moment(phase: float) -> Moment:
-    """The box is lifted from the belt to the chest, turned, tilted and lowered again."""
+    """Lift the box from the belt to the chest, turn and tilt it, lower it again."""
     lift = 0.5 - 0.5 * float(np.cos(TAU * phase))
     turn = rotation((-10.0 * lift, 24.0 * _wave(phase, 2), 7.0 * _wave(phase)))
     centre = np.array([55.0 * _wave(phase), 1015.0 + 270.0 * lift, 385.0 - 25.0 * lift])
@@ -189,7 +190,7 @@ def _people_scene(_position: Vector) -> Scene:
 
 
 def _people_moment(phase: float) -> Moment:
-    """One explains with both hands, the other nods and waves it off."""
+    """Let one person explain with both hands and the other nod and wave it off."""
     beat = _wave(phase, 2)
     talker = Controls(
         pelvis=(10.0 * _wave(phase), -8.0, 0.0),
@@ -219,7 +220,7 @@ def _standing_scene(_position: Vector) -> Scene:
 
 
 def _standing_moment(phase: float) -> Moment:
-    """Weight shifts from foot to foot, the head looks around, the chest breathes."""
+    """Shift weight from foot to foot, look around, breathe."""
     breath = _wave(phase, 2)
     controls = Controls(
         pelvis=(22.0 * _wave(phase), -6.0, 3.0 * breath),
@@ -236,7 +237,7 @@ def _face_scene(_position: Vector) -> Scene:
 
 
 def _face_moment(phase: float) -> Moment:
-    """Head and shoulders, talking and turning."""
+    """Move head and shoulders, talking and turning."""
     controls = Controls(
         spine_turn=(1.0 - _wave(phase, 2), 5.0 * _wave(phase, shift=0.05), 1.5 * _wave(phase)),
         head_turn=(5.0 * _wave(phase, 2, 0.1), 21.0 * _wave(phase), 4.0 * _wave(phase, shift=0.3)),
@@ -267,7 +268,7 @@ def _wave(phase: float, cycles: int = 1, shift: float = 0.0) -> float:
 
 
 def _blink(phase: float, at: float) -> float:
-    """Closed for a moment around the phase `at`."""
+    """Return how far eyes are closed around the phase `at`."""
     away = abs((phase - at + 0.5) % 1.0 - 0.5)
     return float(np.clip(1.5 - away / 0.02, 0.0, 1.0))
 

@@ -1,4 +1,4 @@
-"""Shadows: what the key light sees, and how much light the actors take from the floor."""
+"""Shadows: what the key light reaches, and how much light the actors take from the floor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,13 @@ LIFT_MM = 4.0  # a surface is compared from so far outside it
 def cast(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], direction: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """The key light's map of nearest surfaces.
+    """Map the surfaces nearest to the key light.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), mm, world
+    faces : int32 (M, 3)
+    direction : float64 (3,), towards the light
 
     Returns
     -------
@@ -41,7 +47,18 @@ def cast(
 
 
 def floor_shade(vertices: NDArray[np.float64], floor_y: float, direction: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Factor on the floor's display values, float32 (FLOOR_CELLS, FLOOR_CELLS) over z (rows) and x (columns)."""
+    """Compute how much the actors darken the floor.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), mm, world
+    floor_y : mm
+    direction : float64 (3,), towards the key light
+
+    Returns
+    -------
+    float32 (FLOOR_CELLS, FLOOR_CELLS), factor on the floor's display values, over z (rows) and x (columns)
+    """
     height = vertices[:, 1] - floor_y
     x, z = vertices[:, 0] - height * direction[0] / direction[1], vertices[:, 2] - height * direction[2] / direction[1]
     low, contact = height < LOW_MM, height < CONTACT_MM
@@ -60,7 +77,18 @@ def key_share(
     faces: NDArray[np.int32],
     direction: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Share of the key light that reaches each vertex, float32 (N,), 0 to 1, soft at the shadow's edge."""
+    """Compute the share of the key light that reaches each vertex, soft at the shadow's edge.
+
+    Parameters
+    ----------
+    vertices, normals : float64 (N, 3), mm, world
+    faces : int32 (M, 3)
+    direction : float64 (3,), towards the light
+
+    Returns
+    -------
+    float32 (N,), 0 to 1
+    """
     nearest, frame = cast(vertices, faces, direction)
     return np.asarray(_key_share(vertices + LIFT_MM * normals, nearest, frame))
 
@@ -69,7 +97,7 @@ def key_share(
 def _key_share(
     points: NDArray[np.float64], nearest: NDArray[np.float32], frame: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """16 comparisons with the map of nearest surfaces for each point."""
+    """Compare each point 16 times with the map of nearest surfaces."""
     h, w = nearest.shape
     share = np.ones(len(points), np.float32)
     for p in range(len(points)):

@@ -48,7 +48,7 @@ FULL_REACH = 0.985  # of the limb's length: a knee or elbow never locks
 
 @dataclass(frozen=True)
 class Controls:
-    """What an animation steers; everything in the frame of a person 1780 mm tall who faces +z.
+    """The controls of an animation, in the frame of a person 1780 mm tall who faces +z.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Controls:
 
 
 def rotation(turn_deg: ArrayLike) -> Vector:
-    """Rotation (3, 3) about x, then z, then y by angles (x, y, z) in degrees."""
+    """Return the rotation, float64 (3, 3), about x, then z, then y by angles (x, y, z) in degrees."""
     x, y, z = np.radians(np.asarray(turn_deg, dtype=np.float64))
     cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
@@ -82,14 +82,14 @@ def rotation(turn_deg: ArrayLike) -> Vector:
 
 
 def axis_rotation(axis: ArrayLike, angle: float) -> Vector:
-    """Rotation (3, 3) by `angle` radians about `axis` (Rodrigues)."""
+    """Return the rotation, float64 (3, 3), by `angle` radians about `axis` (Rodrigues)."""
     x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def rotation_between(a: Vector, b: Vector) -> Vector:
-    """The smallest rotation (3, 3) that turns direction a into direction b."""
+    """Return the smallest rotation, float64 (3, 3), that turns direction a (3,) into direction b (3,)."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)
@@ -99,7 +99,7 @@ def rotation_between(a: Vector, b: Vector) -> Vector:
 
 
 def pose(controls: Controls) -> NDArray[np.float64]:
-    """Bone transforms (B, 3, 4) in the order of BONES: person's frame from rest frame."""
+    """Compute bone transforms, float64 (B, 3, 4), in the order of BONES: person's frame from rest frame."""
     turns: dict[str, Vector] = {}
     joints: dict[str, Vector] = {}
     _pose_trunk(controls, turns, joints)
@@ -160,7 +160,7 @@ def _pose_leg(controls: Controls, side: str, turns: dict[str, Vector], joints: d
 
 
 def _two_bones(start: Vector, end: Vector, first: Vector, second: Vector, pole: Vector) -> tuple[Vector, Vector]:
-    """Middle and end joint of a limb that reaches for `end`, bent towards `pole` (law of cosines)."""
+    """Place middle and end joint of a limb that reaches for `end`, bent towards `pole` (law of cosines)."""
     a, b = float(np.linalg.norm(first)), float(np.linalg.norm(second))
     reach = end - start
     length = float(np.clip(np.linalg.norm(reach), abs(a - b) + 1.0, FULL_REACH * (a + b)))
@@ -173,7 +173,7 @@ def _two_bones(start: Vector, end: Vector, first: Vector, second: Vector, pole: 
 
 
 def _twist(palm: Vector, towards: Vector, axis: Vector) -> float:
-    """Angle about `axis` that brings `palm` to `towards`, radians; relaxed where no forearm turns so far.
+    """Return the angle about `axis` that brings `palm` to `towards`, radians; relaxed where no forearm turns so far.
 
     It is continuous everywhere: it fades out where the target lies along the axis, and beyond MAX_TWIST it returns to
     zero at half a turn.
@@ -194,7 +194,19 @@ def skin(
     weights: NDArray[np.float64],
     transforms: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Move rest vertices (N, 3) with their four bones (N, 4) and weights (N, 4): float64 (N, 3)."""
+    """Move rest vertices with their bones (linear blend skinning).
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), mm, rest frame
+    bones : int64 (N, 4), indices into BONES
+    weights : float64 (N, 4), rows sum to one
+    transforms : float64 (B, 3, 4), see `pose`
+
+    Returns
+    -------
+    float64 (N, 3), mm, the person's frame
+    """
     moved = np.empty((len(vertices), 3))
     for i in range(len(vertices)):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
@@ -209,7 +221,7 @@ def skin(
 
 @numba.njit(cache=True, nogil=True)
 def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Area-weighted unit normals (N, 3) of a mesh whose faces are counter-clockwise seen from outside."""
+    """Compute area-weighted unit normals, float64 (N, 3), of vertices (N, 3) with counter-clockwise faces (M, 3)."""
     normals = np.zeros((len(vertices), 3))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

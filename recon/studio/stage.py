@@ -65,7 +65,7 @@ class Stage:
         self._albedo = vertex_albedo(self._rest, body_of_vertex, self._looks, noise, cell)
 
     def at(self, phase: float) -> Staged:
-        """The scene at a phase, 0 to 1."""
+        """Return the scene at a phase, 0 to 1."""
         moment = self._scene.moment(phase)
         vertices = np.concatenate([*self._moved_people(moment), *self._moved_things(moment)])
         normals = vertex_normals(vertices, self.faces)
@@ -80,7 +80,7 @@ class Stage:
         return Staged(surface, vertices, looks)
 
     def mesh(self, staged: Staged) -> Mesh:
-        """The ground truth at an instant, coloured as under white light from everywhere."""
+        """Return the ground truth at an instant, coloured as under white light from everywhere."""
         colours = np.rint(255 * np.clip(self._albedo, 0, 1) ** (1 / 2.2)).astype(np.uint8)
         return Mesh(staged.vertices.astype(np.float32), self.faces, staged.surface[:, 3:6].copy(), colours)
 

@@ -1,4 +1,4 @@
-"""The synthetic studio at work: a scene becomes a capture whose depth, masks and meshes are known."""
+"""The recording of the synthetic studio: a scene becomes a capture whose depth, masks and meshes are known."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class SynthParameters:
-    """What is recorded, and how well.
+    """The parameters of a synthetic recording.
 
     Parameters
     ----------
@@ -110,6 +110,12 @@ class SynthParameters:
 def synthesise(out: Path, parameters: SynthParameters, *, progress: Progress = silent) -> Capture:
     """Record a scene into a new capture folder with clean plates, held-out photographs and `truth/`.
 
+    Parameters
+    ----------
+    out : the folder, which is made
+    parameters : what is recorded
+    progress : told after each frame
+
     Raises
     ------
     ValueError
@@ -149,7 +155,7 @@ class _Recording:
         return np.random.default_rng((self._parameters.seed, stream, *more))
 
     def _cameras(self) -> dict[str, Camera]:
-        """Every camera by the name of its folder: the sensors', then one half way between each two neighbours."""
+        """Return every camera by the name of its folder: the sensors, then one half way between each two neighbours."""
         cameras = {f"{sensor.id}/{side}": getattr(sensor, side) for sensor in self._rig.sensors for side in SIDES}
         return cameras | {
             f"held_out/{first.id}_{second.id}": between(first, second, self._scene.shown)
@@ -167,7 +173,7 @@ class _Recording:
         return view
 
     def _record_frame(self, frame: int) -> NDArray[np.float64]:
-        """Write all that belongs to a frame; the actors' extent (2, 3), mm."""
+        """Write all that belongs to a frame; return the actors' extent (2, 3), mm."""
         staged = self._stage.at(frame / self._parameters.n_frames)
         floor = floor_shade(staged.vertices, self._room.floor_y, self._towards_key)
         for index, view in enumerate(self._views):
@@ -243,14 +249,14 @@ def _stream(sensor: Sensor) -> SensorStream:
 
 
 def _cell(rig: Rig) -> float:
-    """Edge of the actors' triangles on the trunk, mm."""
+    """Choose the edge of the actors' triangles on the trunk, mm."""
     camera = rig.sensors[0].left
     per_pixel = float(np.linalg.norm(camera.centre)) / camera.K[0, 0]
     return float(np.clip(CELL_PX * per_pixel, *CELLS_MM))
 
 
 def _bounds(extents: list[NDArray[np.float64]], scene: Scene) -> NDArray[np.float64]:
-    """Around the actors at all frames, as far as the cameras show them."""
+    """Return bounds around the actors at all frames, as far as the cameras show them."""
     low = np.min([extent[0] for extent in extents], axis=0) - BOUNDS_MARGIN_MM
     high = np.max([extent[1] for extent in extents], axis=0) + BOUNDS_MARGIN_MM
     half = np.array([scene.shown.width, scene.shown.height, np.inf]) / 2

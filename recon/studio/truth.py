@@ -28,7 +28,16 @@ PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG
 
 
 def write_view(folder: Path, view: str, frame: int, size: tuple[int, int], seen: Visibility) -> None:
-    """Write depth and mask of what one camera sees."""
+    """Write depth and mask of what one camera sees.
+
+    Parameters
+    ----------
+    folder : `truth/` of the capture
+    view : SENSOR/SIDE
+    frame : number, from 0
+    size : (width, height) of the camera's image, pixels
+    seen : what the camera sees
+    """
     depth, mask = np.zeros(size[::-1], np.uint16), np.zeros(size[::-1], np.uint8)
     h, w = seen.nearness.shape[:2]
     window = np.s_[seen.row : seen.row + h, seen.column : seen.column + w]
@@ -53,7 +62,18 @@ def _quantise(
 
 
 def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArray[np.float32]:
-    """True depth z in the camera's frame, float32 (H, W), mm, NaN where no actor is.
+    """Read a sensor's true depth.
+
+    Parameters
+    ----------
+    capture : a synthetic one
+    sensor_id : such as S1
+    side : left or right
+    frame : number, from 0
+
+    Returns
+    -------
+    float32 (H, W), z in the camera's frame, mm, NaN where no actor is
 
     Raises
     ------

@@ -35,7 +35,7 @@ class View:
     floor_cells: NDArray[np.float32]
 
     def as_json(self) -> dict[str, Any]:
-        """The camera's true values."""
+        """Return the camera's true values."""
         return {
             "view": self.name,
             "K": self.camera.K.tolist(),
@@ -48,7 +48,17 @@ class View:
 def empty_view(
     name: str, camera: Camera, room: Room, noise: NDArray[np.float32], rng: np.random.Generator, *, spread: float
 ) -> View:
-    """A camera with its own exposure and white balance, of standard deviation `spread` and a quarter of it."""
+    """Make a camera with its own exposure and white balance, and its picture of the empty studio.
+
+    Parameters
+    ----------
+    name : the camera's folder in the capture
+    camera : its calibration
+    room : the empty studio
+    noise : float32 (S, S, S), for the room's texture
+    rng : draws exposure and white balance
+    spread : standard deviation of the exposure, share; a quarter of it for the white balance
+    """
     exposure, red, blue = 1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25)
     gains = exposure * np.array([red, 1.0, blue])
     slopes = pixel_slopes(camera)
@@ -60,7 +70,7 @@ def empty_view(
 
 
 def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
-    """x / z and y / z (H, W, 2) of the rays through all pixels' centres, in the camera."""
+    """Compute x / z and y / z, float64 (H, W, 2), of the rays through all pixels' centres, in the camera."""
     width, height = camera.size
     pixels = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
     if not camera.dist.any():
@@ -86,7 +96,7 @@ def _cells_below(
     n_cells: int,
     half: float,
 ) -> NDArray[np.float32]:
-    """The ray eye + t d of a pixel meets the floor at t = (eye_y - floor_y) / -d_y."""
+    """Find the floor cell below each pixel: the ray eye + t d meets the floor at t = (eye_y - floor_y) / -d_y."""
     cells = np.full(slopes.shape, -1.0, np.float32)
     turn, scale = camera_to_world, n_cells / (2.0 * half)
     for row in range(slopes.shape[0]):
