@@ -1,4 +1,4 @@
-"""A recording on disk, where the way from capture to video begins: a folder with `capture.json` and its images."""
+"""The capture on disk, where the way from recording to score begins: a folder with `capture.json` and its images."""
 
 from __future__ import annotations
 
@@ -88,7 +88,17 @@ def write_capture(capture: Capture) -> Path:
 
 
 def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The images (left, right) of a sensor at a frame, RGB uint8 (H, W, 3).
+    """Read the images of a sensor at a frame.
+
+    Parameters
+    ----------
+    capture : the capture
+    sensor_id : such as S1
+    frame : number, from 0
+
+    Returns
+    -------
+    left, right : uint8 (H, W, 3), RGB
 
     Raises
     ------
@@ -101,9 +111,19 @@ def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
 
 
 def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """The foreground masks (left, right) of a sensor at a frame, bool (H, W), or None if the sensor has none.
+    """Read the foreground masks of a sensor at a frame.
 
     Foreground is where the mask's image is at least half bright.
+
+    Parameters
+    ----------
+    capture : the capture
+    sensor_id : such as S1
+    frame : number, from 0
+
+    Returns
+    -------
+    left, right : bool (H, W); None if the sensor has no masks
 
     Raises
     ------
@@ -119,7 +139,7 @@ def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
 
 
 def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """The clean plates (left, right) of a sensor, RGB uint8 (H, W, 3), or None if the sensor has none.
+    """Read the clean plates (left, right) of a sensor, RGB uint8 (H, W, 3); None if the sensor has none.
 
     Raises
     ------
@@ -134,7 +154,7 @@ def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], ND
 
 
 def read_held_out(capture: Capture, photograph: HeldOut) -> NDArray[np.uint8]:
-    """The pixels of a held-out photograph, RGB uint8 (H, W, 3).
+    """Read a held-out photograph, RGB uint8 (H, W, 3).
 
     Raises
     ------
@@ -145,23 +165,37 @@ def read_held_out(capture: Capture, photograph: HeldOut) -> NDArray[np.uint8]:
 
 
 def frame_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Picture, Picture]:
-    """What a sensor recorded at a frame (left, right)."""
+    """Return the pictures (left, right) that a sensor recorded at a frame.
+
+    Parameters
+    ----------
+    folder : the capture's
+    stream : the sensor and its images
+    frame : number, from 0
+    """
     left, right = (_picture(folder, side.image, frame, side.camera) for side in (stream.left, stream.right))
     return left, right
 
 
 def mask_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Picture, ...]:
-    """A sensor's masks at a frame (left, right); empty if it has none."""
+    """Return a sensor's masks (left, right) at a frame; empty if it has none.
+
+    Parameters
+    ----------
+    folder : the capture's
+    stream : the sensor and its images
+    frame : number, from 0
+    """
     return tuple(_picture(folder, pattern, frame, stream.left.camera) for pattern in stream.mask or ())
 
 
 def plate_pictures(folder: Path, stream: SensorStream) -> tuple[Picture, ...]:
-    """A sensor's clean plates (left, right); empty if it has none."""
+    """Return a sensor's clean plates (left, right); empty if it has none."""
     return tuple(_picture(folder, name, 0, stream.left.camera) for name in stream.plate or ())
 
 
 def expected_pictures(folder: Path, draft: Draft) -> Iterator[Picture]:
-    """Every picture that a capture, or the sound part of one, says it has."""
+    """Yield every picture that a capture, or the sound part of one, says it has."""
     for frame in range(draft.n_frames or 0):
         for stream in draft.cameras:
             yield _picture(folder, stream.image, frame, stream.camera)
@@ -174,7 +208,7 @@ def expected_pictures(folder: Path, draft: Draft) -> Iterator[Picture]:
 
 
 def read_picture(picture: Picture) -> NDArray[np.uint8]:
-    """RGB uint8 (H, W, 3) of the camera's size.
+    """Read a picture of the camera's size as RGB uint8 (H, W, 3).
 
     Raises
     ------
@@ -191,7 +225,7 @@ def read_picture(picture: Picture) -> NDArray[np.uint8]:
 
 
 def read_mask(picture: Picture) -> NDArray[np.bool_]:
-    """The foreground, bool (H, W).
+    """Read a foreground mask, bool (H, W).
 
     Raises
     ------

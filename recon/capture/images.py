@@ -1,4 +1,4 @@
-"""Pixels from files: the one reader of recorded images and videos, which raises where OpenCV would fail softly."""
+"""The one reader of recorded images and videos, which raises where OpenCV would fail softly."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class CaptureError(ValueError):
 
 
 def is_video(path: str | Path) -> bool:
-    """Whether the name is that of a video rather than of an image."""
+    """Tell whether the name is that of a video rather than of an image."""
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
@@ -45,7 +45,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def read_stored_image(path: Path) -> NDArray[np.generic]:
     """Read a PNG or JPEG with the channels and the depth it has: (H, W) if grey, (H, W, 3) RGB if not, without alpha.
 
-    For who must not take a grey or a 16-bit image for a colour image of 8 bits.
+    For callers that must not take a grey or a 16-bit image for a colour image of 8 bits.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 
 
 def video_times(path: Path) -> NDArray[np.float64]:
-    """When each frame of a video is shown, float64 (N,), s; every frame is counted, whatever its header says.
+    """Return when each frame of a video is shown, float64 (N,), s; every frame counts, whatever its header says.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Pictures:
 
     @property
     def is_video(self) -> bool:
-        """Whether the one file is a video."""
+        """True if the recording is one video."""
         return is_video(self.files[0])
 
     @property
@@ -45,7 +45,7 @@ class Pictures:
 
 
 def find_pictures(base: Path) -> Pictures:
-    """The recording at a name without suffix: a folder of images, a video, or a single image.
+    """Find the recording at a name without suffix: a folder of images, a video, or a single image.
 
     Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
 
@@ -55,15 +55,15 @@ def find_pictures(base: Path) -> Pictures:
         If there is none of them, or more than one.
     """
     files = [base.with_name(base.name + suffix) for suffix in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES)]
-    found = [path for path in (base, *files) if (path.is_dir() if path == base else path.is_file())]
-    if len(found) != 1:
-        names = ", ".join(path.name for path in found)
+    recordings = [path for path in (base, *files) if (path.is_dir() if path == base else path.is_file())]
+    if len(recordings) != 1:
+        names = ", ".join(path.name for path in recordings)
         raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")
-    return _in_folder(base) if found[0].is_dir() else Pictures((found[0],))
+    return _in_folder(base) if recordings[0].is_dir() else Pictures((recordings[0],))
 
 
 def steady_rate(path: Path) -> float:
-    """Frames a second of a video.
+    """Return the frames a second of a video.
 
     Raises
     ------

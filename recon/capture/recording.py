@@ -1,7 +1,8 @@
-"""What a recording consists of, and the rules that its values obey.
+"""The parts of a recording, and the rules that their values obey.
 
 Convention: millimetres and seconds, cameras as in `recon.rig`, world y up, frames counted from 0. All paths are
 relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` stands for the frame's number.
+
 """
 
 from __future__ import annotations
@@ -138,7 +139,7 @@ class Capture:
         return Rig(tuple(stream.sensor for stream in self.sensors))
 
     def stream(self, sensor_id: str) -> SensorStream:
-        """The sensor of that id.
+        """Return the sensor of an id.
 
         Raises
         ------
@@ -153,40 +154,54 @@ class Capture:
 
 
 def image_path(folder: Path, pattern: str, frame: int) -> Path:
-    """The file of a pattern at a frame."""
-    return folder / FRAME_FIELD.sub(lambda found: found.group().format(frame=frame), pattern)
+    """Return the file of a pattern at a frame.
+
+    Parameters
+    ----------
+    folder : the capture's
+    pattern : such as "S1/left/{frame:04d}.png"
+    frame : number, from 0
+    """
+    return folder / FRAME_FIELD.sub(lambda field: field.group().format(frame=frame), pattern)
 
 
 def check_name(name: Any) -> str:
-    """The scene's name, or a CaptureError that says what is wrong with it; likewise below."""
+    """Return the scene's name, or raise a CaptureError that says what is wrong with it."""
     if not isinstance(name, str) or not name.strip():
         raise CaptureError(f"name is {name!r}, expected the scene's name")
     return name
 
 
 def check_kind(kind: Any) -> str:
-    """One of KINDS."""
+    """Return one of KINDS, or raise a CaptureError."""
     if kind not in KINDS:
         raise CaptureError(f"kind is {kind!r}, expected one of {', '.join(KINDS)}")
     return str(kind)
 
 
 def check_fps(fps: Any) -> float:
-    """A positive number."""
+    """Return a positive number, or raise a CaptureError."""
     if not _is_number(fps) or not fps > 0:
         raise CaptureError(f"fps is {fps!r}, expected a positive number")
     return float(fps)
 
 
 def check_count(count: Any, name: str, *, at_least: int) -> int:
-    """A whole number."""
+    """Return a whole number, or raise a CaptureError.
+
+    Parameters
+    ----------
+    count : the value to check
+    name : of the value, for the message
+    at_least : smallest number allowed
+    """
     if isinstance(count, bool) or not isinstance(count, int) or count < at_least:
         raise CaptureError(f"{name} is {count!r}, expected a whole number of at least {at_least}")
     return count
 
 
 def check_bounds(bounds: Any) -> NDArray[np.float64]:
-    """Float64 (2, 3), each lowest value below its highest."""
+    """Return float64 (2, 3), each lowest value below its highest, or raise a CaptureError."""
     try:
         box = np.array(bounds, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -199,7 +214,7 @@ def check_bounds(bounds: Any) -> NDArray[np.float64]:
 
 
 def check_object(facts: Any) -> dict[str, Any]:
-    """What is known of a validation object."""
+    """Return the facts about a validation object, or raise a CaptureError."""
     if not isinstance(facts, Mapping):
         raise CaptureError(f"object is {facts!r}, expected a JSON object")
     radius, size = facts.get("radius_mm", 1.0), facts.get("size_mm", [1.0, 1.0, 1.0])

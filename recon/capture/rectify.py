@@ -58,7 +58,7 @@ class Rectification:
         return float(self.left.K[0, 2] - self.right.K[0, 2])
 
     def depth(self, disparity: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Depth along the rectified viewing direction, mm, NaN where the disparity is NaN or beyond infinity."""
+        """Convert disparities, float (H, W), to depth along the rectified view, mm; NaN beyond infinity."""
         parallax = np.asarray(disparity, dtype=np.float64) - self.offset
         return self.focal * self.baseline / np.where(parallax > 0, parallax, np.nan)
 
@@ -101,14 +101,34 @@ def rectify(sensor: Sensor, bounds: NDArray[np.floating]) -> Rectification:
 def rectify_images(
     rectification: Rectification, left: NDArray[np.uint8], right: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The pictures (H, W, 3) or (H, W) as the rectified cameras see them, black where the original saw nothing."""
+    """Warp a sensor's pictures to the rectified cameras, black where the original saw nothing.
+
+    Parameters
+    ----------
+    rectification : of the sensor
+    left, right : uint8 (H, W, 3) or (H, W), as recorded
+
+    Returns
+    -------
+    left, right : uint8 (h, w, 3) or (h, w), rectified
+    """
     return _remap(left, rectification.left_maps), _remap(right, rectification.right_maps)
 
 
 def rectify_masks(
     rectification: Rectification, left_mask: NDArray[np.bool_], right_mask: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The masks (H, W) as the rectified cameras see them, False where the original saw nothing."""
+    """Warp a sensor's masks to the rectified cameras, False where the original saw nothing.
+
+    Parameters
+    ----------
+    rectification : of the sensor
+    left_mask, right_mask : bool (H, W), as recorded
+
+    Returns
+    -------
+    left_mask, right_mask : bool (h, w), rectified
+    """
     return _remap_mask(left_mask, rectification.left_maps), _remap_mask(right_mask, rectification.right_maps)
 
 
@@ -141,7 +161,7 @@ def _depths(sensor_id: str, camera: Camera, bounds: NDArray[np.floating]) -> tup
 
 
 def _view(original: Camera, camera: Camera, bounds: NDArray[np.floating]) -> NDArray[np.float64]:
-    """What the original camera can show of the bounds: (2, 2), lowest and highest (column, row) in `camera`."""
+    """Return the part of the bounds that the original shows: (2, 2), lowest and highest (column, row) in `camera`."""
     outline = camera.project(bounds_corners(bounds))
     shown = _outline(original, camera)
     low = np.maximum(outline.min(axis=0) - MARGIN_PX, shown.min(axis=0))
@@ -150,12 +170,12 @@ def _view(original: Camera, camera: Camera, bounds: NDArray[np.floating]) -> NDA
 
 
 def _outline(original: Camera, camera: Camera) -> NDArray[np.float64]:
-    """The border of the original picture, seen by the rectified camera, (N, 2) pixels."""
+    """Return the border of the original picture as the rectified camera sees it, (N, 2) pixels."""
     width, height = original.size
     along = np.linspace(0.0, 1.0, BORDER_STEPS)
-    zero, one = np.zeros(BORDER_STEPS), np.ones(BORDER_STEPS)
+    zeros, ones = np.zeros(BORDER_STEPS), np.ones(BORDER_STEPS)
     border = np.concatenate(
-        [np.stack(edge, axis=1) for edge in ((along, zero), (along, one), (zero, along), (one, along))]
+        [np.stack(edge, axis=1) for edge in ((along, zeros), (along, ones), (zeros, along), (ones, along))]
     )
     pixels = border * (width - 1, height - 1)
     pixels[:, 0] -= original.K[0, 1] * (pixels[:, 1] - original.K[1, 2]) / original.K[1, 1]  # OpenCV knows no skew
@@ -166,7 +186,7 @@ def _outline(original: Camera, camera: Camera) -> NDArray[np.float64]:
 
 
 def _common_box(sensor_id: str, left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows that both pictures show, columns that either shows: (2, 2) whole pixels, last ones included."""
+    """Return rows that both pictures show and columns that either shows: (2, 2) whole pixels, last ones included."""
     low = np.array([min(left[0, 0], right[0, 0]), max(left[0, 1], right[0, 1])])
     high = np.array([max(left[1, 0], right[1, 0]), min(left[1, 1], right[1, 1])])
     box = np.stack([np.ceil(low), np.floor(high)])

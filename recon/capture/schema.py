@@ -1,4 +1,4 @@
-"""What `capture.json` holds: a recording from JSON, with everything that is wrong in it, and back."""
+"""The content of `capture.json`: a recording from JSON, with everything that is wrong in it, and back."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """What could be understood of a `capture.json`: the capture if nothing is wrong, else the sound parts.
+    """The understood part of a `capture.json`: the capture if nothing is wrong, else the sound parts.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
 
 
 def capture_json(capture: Capture) -> dict[str, Any]:
-    """The content of a capture's `capture.json`."""
+    """Return the content of a capture's `capture.json`."""
     return {
         "schema_version": SCHEMA_VERSION,
         "name": capture.name,

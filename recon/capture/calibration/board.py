@@ -29,7 +29,7 @@ FORMS = "chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22[:DICTIONARY
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners found in a picture: their numbers on the board (N,), and where they are, float64 (N, 2), pixels."""
+    """Corners in a picture: their numbers on the board (N,) and their places, float64 (N, 2), pixels."""
 
     ids: NDArray[np.int64]
     pixels: NDArray[np.float64]
@@ -64,7 +64,7 @@ class Board:
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """All corners on the board, (N, 3), mm."""
+        """All corners on the board, float64 (N, 3), mm."""
         if self.kind == "charuco":
             return np.asarray(self._charuco.getChessboardCorners(), dtype=np.float64)
         column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
@@ -73,11 +73,11 @@ class Board:
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether it looks the same turned by half a circle, so that nobody can tell its first corner from its last."""
+        """True if the board looks the same after half a turn: nobody can tell its first corner from its last."""
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
     def find(self, grey: NDArray[np.uint8]) -> Corners:
-        """The board's corners in a picture, uint8 (H, W).
+        """Find the board's corners in a grey picture, uint8 (H, W).
 
         Raises
         ------
@@ -93,7 +93,7 @@ class Board:
         return corners
 
     def picture(self, pixels_per_mm: float) -> NDArray[np.uint8]:
-        """The board to be printed, with a margin of one square, uint8 (H, W)."""
+        """Draw the board for printing, with a margin of one square, uint8 (H, W)."""
         edge = round(self.square_mm * pixels_per_mm)
         if self.kind == "charuco":
             size = ((self.columns + 2) * edge, (self.rows + 2) * edge)
@@ -115,15 +115,15 @@ class Board:
 
     def _find_chessboard(self, grey: NDArray[np.uint8]) -> Corners:
         flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
-        if not found:
-            raise CaptureError("the board is not found; all of it has to be in the picture")
+        is_found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
+        if not is_found:
+            raise CaptureError("the board is not is_found; all of it has to be in the picture")
         corners = self._refined(grey, np.reshape(pixels, (-1, 2)).astype(np.float32))
         is_turned = not self.is_symmetric and self._is_turned_round(grey, corners)
         return Corners(np.arange(len(corners)), corners[::-1] if is_turned else corners)
 
     def _refined(self, grey: NDArray[np.uint8], corners: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Corners (N, 2) where the edges meet: as they are found, single ones of a tilted board are off by a pixel."""
+        """Move corners (N, 2) to where the edges meet: on a tilted board some are a pixel off."""
         grid = corners.reshape(self.rows, self.columns, 2)
         nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
         reach = int(np.clip(REFINED_WITHIN * nearest, 2, 15))
@@ -131,7 +131,7 @@ class Board:
         return corners.astype(np.float64)
 
     def _is_turned_round(self, grey: NDArray[np.uint8], corners: NDArray[np.float64]) -> bool:
-        """Whether a chessboard's corners (N, 2) begin at its last one: the square after the first corner is black."""
+        """Tell whether a chessboard's corners (N, 2) begin at its last: the square after the first is black."""
         grid = corners.reshape(self.rows, self.columns, 2)
         middles = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
         columns, rows = np.moveaxis(np.round(middles).astype(int), -1, 0)
@@ -141,7 +141,7 @@ class Board:
 
 
 def parse_board(text: str) -> Board:
-    """The board of `chessboard:9x6:25` or `charuco:11x8:30:22`.
+    """Parse a board such as `chessboard:9x6:25` or `charuco:11x8:30:22`.
 
     Raises
     ------

@@ -1,7 +1,8 @@
-"""Cameras and boards refined together, by all corners that were found.
+"""Bundle adjustment: cameras and boards refined together by all corners.
 
 Source: Triggs et al., "Bundle adjustment - a modern synthesis" (1999), sections 4 and 6: Gauss-Newton steps damped
 after Levenberg and Marquardt, the boards' unknowns eliminated first, since each of them meets only the cameras'.
+
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ Cameras = dict[str, Camera]
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One camera's corners on one board.
+    """The corners of one board as one camera saw them.
 
     Parameters
     ----------
     camera, board : names
     points : float64 (N, 3), mm, corners on the board
-    pixels : float64 (N, 2), where they were found
+    pixels : float64 (N, 2), their places in the picture
     """
 
     camera: str
@@ -52,13 +53,14 @@ def adjusted(
     *,
     fixed: str,
 ) -> tuple[Cameras, Poses]:
-    """The cameras and boards nearest to the corners found: poses, focal lengths, principal points and distortion.
+    """Refine cameras and boards: poses, focal lengths, principal points and distortion.
 
     Parameters
     ----------
-    cameras : by name, to begin with, with five coefficients of distortion; where the tangential ones are zero they
+    sightings : all corners that were seen, (N, 2) each
+    cameras : initial cameras by name, with five coefficients of distortion; where the tangential ones are zero they
         stay zero, and k3 stays as it is
-    boards : `world_from_board` 4x4 by name, likewise
+    boards : initial `world_from_board`, float64 (4, 4), by name
     fixed : the camera that does not move, which ties down the world; its lens is refined as the others'
 
     Returns
@@ -92,7 +94,18 @@ def adjusted(
 
 
 def reprojection_error(sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]) -> float:
-    """Root mean square distance between where corners were found and where they should be, pixels."""
+    """Compute the root mean square distance between seen and projected corners.
+
+    Parameters
+    ----------
+    sighting : corners (N, 2) and the board's points (N, 3)
+    camera : the camera that saw them
+    world_from_board : float64 (4, 4), the board's pose
+
+    Returns
+    -------
+    pixels
+    """
     return float(np.sqrt((_errors(sighting, camera, world_from_board) ** 2).sum(axis=1).mean()))
 
 
@@ -125,9 +138,9 @@ class _System:
         self._shared[sighting.board][place] += by_camera.T @ weighted
 
     def solved(self, damping: float) -> tuple[Poses, Poses]:
-        """The steps (N_POSE + N_LENS,) of every camera, zero where it is held, and (N_POSE,) of every board."""
+        """Return the steps (N_POSE + N_LENS,) of every camera, zero where it is held, and (N_POSE,) of every board."""
         matrix, right = _damped(self._matrix, damping), self._right.copy()
-        inverses = {name: np.linalg.inv(_damped(own, damping)) for name, own in self._own.items()}
+        inverses = {name: np.linalg.inv(_damped(block, damping)) for name, block in self._own.items()}
         for name, inverse in inverses.items():
             shared = self._shared[name] @ inverse
             matrix -= shared @ self._shared[name].T
@@ -153,7 +166,7 @@ def _free_unknowns(camera: Camera, *, is_fixed: bool) -> NDArray[np.bool_]:
 def _linearised(
     sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Errors (2N,) in pixels, and their derivatives by the camera's unknowns (2N, N_POSE + N_LENS) and the board's."""
+    """Return errors (2N,), pixels, and derivatives by the camera's unknowns (2N, N_POSE + N_LENS) and the board's."""
     in_world = sighting.points @ world_from_board[:3, :3].T + world_from_board[:3, 3]
     in_camera = camera.points_in_camera(in_world)
     pixels, derivatives = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), camera.K, camera.dist)
@@ -165,7 +178,7 @@ def _linearised(
 
 
 def _by_motion(by_place: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives (2N, 6) by a turn about where `offsets` (N, 3) begin, and a shift: a point moves by w x p + t."""
+    """Differentiate (2N, 6) by a turn about the origin of `offsets` (N, 3), and a shift: a point moves by w x p + t."""
     by_turn = np.cross(offsets[:, None, :], by_place)  # row . (w x p) = w . (p x row)
     return np.concatenate([by_turn, by_place], axis=2).reshape(-1, N_POSE)
 
@@ -181,7 +194,7 @@ def _moved_camera(camera: Camera, step: NDArray[np.float64]) -> Camera:
 
 
 def _turned_board(pose: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turned about the board's own first corner, so that turn and shift hardly depend on each other."""
+    """Turn a board about its own first corner, so that turn and shift hardly depend on each other."""
     return np.asarray(rigid(cv2.Rodrigues(step[:3])[0] @ pose[:3, :3], pose[:3, 3] + step[3:]))
 
 
@@ -190,7 +203,7 @@ def _damped(matrix: NDArray[np.float64], damping: float) -> NDArray[np.float64]:
 
 
 def _cost(sightings: Sequence[Sighting], cameras: Mapping[str, Camera], boards: Poses) -> float:
-    """The soft L1 cost of all errors."""
+    """Sum the soft L1 cost of all errors."""
     total = 0.0
     for sighting in sightings:
         squares = (_errors(sighting, cameras[sighting.camera], boards[sighting.board]) / ROBUST_PX) ** 2
@@ -199,7 +212,7 @@ def _cost(sightings: Sequence[Sighting], cameras: Mapping[str, Camera], boards: 
 
 
 def _errors(sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where corners should be less where they were found (N, 2), pixels."""
+    """Return projected corners less seen corners (N, 2), pixels."""
     pose = camera.cam_from_world @ world_from_board
     pixels, _ = cv2.projectPoints(sighting.points, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3], camera.K, camera.dist)
     return np.asarray(pixels[:, 0] - sighting.pixels, dtype=np.float64)

@@ -1,8 +1,9 @@
-"""From folders or videos of a board to a calibration file with its report and drawings.
+"""Calibration from folders or videos of a board: the calibration file, its report and its drawings.
 
 Pictures of the same instant have the same name in every camera's folder, or the same number in every camera's video.
 Beside the file, `<its name>_report/` holds
 `report.json`, `corners/<sensor>/<side>/<image>.jpg` and `rectified/<sensor>.jpg`, a pair with epipolar lines.
+
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class _Shot:
 
 @dataclass(frozen=True, eq=False)
 class _Camera:
-    """What one camera recorded: the pictures' size, the corners found, and why others were rejected."""
+    """One camera's recording: the pictures' size, the corners in them, and why others were rejected."""
 
     size: tuple[int, int]
     shots: dict[str, _Shot]
@@ -87,11 +88,11 @@ class CalibrationReport:
 
     @property
     def rig(self) -> Rig:
-        """All sensors in one world."""
+        """Return all sensors in one world."""
         return Rig(tuple(pair.sensor for pair in self.pairs))
 
     def as_json(self) -> dict[str, Any]:
-        """The report as a JSON object."""
+        """Return the report as a JSON object."""
         return {
             "schema_version": SCHEMA_VERSION,
             "sensors": [_sensor_json(pair) for pair in self.pairs],
@@ -99,7 +100,7 @@ class CalibrationReport:
         }
 
     def as_text(self) -> str:
-        """One line for every camera, sensor and rejected image."""
+        """Say one line for every camera, sensor and rejected image."""
         lines = []
         for pair in self.pairs:
             lines += [_camera_line(camera) for camera in pair.cameras]
@@ -120,7 +121,9 @@ def calibrate_folders(
     ----------
     sources : one folder with `left` and `right` (folders of images, or videos `left.mp4`), or with a folder of these
         for every sensor; or the cameras' folders or videos themselves, left and right of each sensor in turn
+    board : the board in the pictures
     out : the calibration file; a report of the same name must not exist
+    progress : told after each picture
 
     Raises
     ------
@@ -138,7 +141,7 @@ def calibrate_folders(
         cameras[name] = (left, _look(pair[1], board))
         progress("Finding corners", 2 * number + 2, n_cameras)
     views = {name: (left.views, right.views) for name, (left, right) in cameras.items()}
-    pairs = calibrate_rig(board, [_pair(name, board, found) for name, found in cameras.items()], views)
+    pairs = calibrate_rig(board, [_pair(name, board, pair) for name, pair in cameras.items()], views)
     report = CalibrationReport(pairs, _rejected(cameras, pairs))
     with new_folder(out.with_name(f"{out.stem}_report")) as folder:
         write_json(folder / "report.json", report.as_json())
@@ -151,13 +154,13 @@ def calibrate_folders(
 def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
     if len(sources) == 1:
         base = sources[0]
-        if own := _sides(base):
-            return {"S1": own}
+        if sides := _sides(base):
+            return {"S1": sides}
         inside = {path.name: _sides(path) for path in sorted(base.glob("*")) if path.is_dir()}
-        found = {name: sides for name, sides in inside.items() if sides}
-        if not found:
+        sensors = {name: sides for name, sides in inside.items() if sides}
+        if not sensors:
             raise CaptureError(f"{base}: holds neither left and right nor folders with left and right in them")
-        return found
+        return sensors
     if len(sources) % 2:
         raise CaptureError(
             f"{len(sources)} folders, expected one with all cameras or a left and a right one per sensor"
@@ -166,12 +169,12 @@ def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
 
 
 def _sides(folder: Path) -> tuple[Path, Path] | None:
-    """The recordings of a sensor's cameras, folders or videos, or None if one is missing."""
-    found = []
+    """Return the recordings of a sensor's cameras, folders or videos, or None if one is missing."""
+    recordings = []
     for side in SIDES:
         names = [folder / side, *(folder / f"{side}{suffix}" for suffix in VIDEO_SUFFIXES)]
-        found += [path for path in names if path.exists()][:1]
-    return (found[0], found[1]) if len(found) == len(SIDES) else None
+        recordings += [path for path in names if path.exists()][:1]
+    return (recordings[0], recordings[1]) if len(recordings) == len(SIDES) else None
 
 
 def _shots(source: Path) -> dict[str, _Shot]:
@@ -203,23 +206,23 @@ def _look(source: Path, board: Board) -> _Camera:
     return _Camera(size, shots, views, rejected)
 
 
-def _pair(sensor_id: str, board: Board, found: tuple[_Camera, _Camera]) -> PairCalibration:
+def _pair(sensor_id: str, board: Board, cameras: tuple[_Camera, _Camera]) -> PairCalibration:
     calibrated = []
-    for camera, side in zip(found, SIDES, strict=True):
+    for camera, side in zip(cameras, SIDES, strict=True):
         try:
             calibrated.append(calibrate_camera(f"{sensor_id}/{side}", board, camera.size, camera.views))
         except CaptureError as error:
             reasons = "".join(f"; {camera.shots[name]}: {reason}" for name, reason in camera.rejected.items())
             raise CaptureError(f"{error}{reasons}") from error
-    return calibrate_pair(sensor_id, board, (calibrated[0], calibrated[1]), (found[0].views, found[1].views))
+    return calibrate_pair(sensor_id, board, (calibrated[0], calibrated[1]), (cameras[0].views, cameras[1].views))
 
 
 def _rejected(cameras: Mapping[str, tuple[_Camera, _Camera]], pairs: Sequence[PairCalibration]) -> dict[str, str]:
     reasons = {}
     for pair in pairs:
-        for found, calibrated in zip(cameras[pair.sensor.id], pair.cameras, strict=True):
-            for name, reason in {**found.rejected, **calibrated.rejected}.items():
-                reasons[str(found.shots[name])] = reason
+        for recorded, calibrated in zip(cameras[pair.sensor.id], pair.cameras, strict=True):
+            for name, reason in {**recorded.rejected, **calibrated.rejected}.items():
+                reasons[str(recorded.shots[name])] = reason
     return reasons
 
 
@@ -261,7 +264,7 @@ def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera])
 
 
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Both pictures side by side, with lines on which matching points have to lie."""
+    """Put both pictures side by side, with lines on which matching points have to lie."""
     left, right = sensor.left, sensor.right
     relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
     turns = cv2.stereoRectify(

@@ -60,7 +60,7 @@ class CameraCalibration:
 
     @property
     def error_px(self) -> float:
-        """Root mean square over all images."""
+        """Root mean square reprojection error over all images, pixels."""
         return float(np.sqrt(np.mean(np.square(list(self.errors.values())))))
 
 
@@ -81,7 +81,14 @@ class PairCalibration:
 
 
 def calibrate_camera(name: str, board: Board, size: tuple[int, int], views: Views) -> CameraCalibration:
-    """Intrinsics of one camera; images whose error is far above the others' are rejected.
+    """Calibrate one camera's intrinsics; images whose error is far above the others' are rejected.
+
+    Parameters
+    ----------
+    name : of the camera, for messages
+    board : the board in the images
+    size : (width, height), pixels
+    views : corners by image
 
     Raises
     ------
@@ -92,24 +99,24 @@ def calibrate_camera(name: str, board: Board, size: tuple[int, int], views: View
     while True:
         if len(kept) < MIN_IMAGES:
             raise CaptureError(f"{name}: {len(kept)} usable images of the board, expected at least {MIN_IMAGES}")
-        found = _solve(name, board, size, kept)
-        median = float(np.median(list(found.errors.values())))
-        worst = max(found.errors, key=found.errors.__getitem__)
-        if found.errors[worst] <= max(MIN_REJECTED_PX, MAX_ERROR_FACTOR * median):
+        fit = _solve(name, board, size, kept)
+        median = float(np.median(list(fit.errors.values())))
+        worst = max(fit.errors, key=fit.errors.__getitem__)
+        if fit.errors[worst] <= max(MIN_REJECTED_PX, MAX_ERROR_FACTOR * median):
             break
-        rejected[worst] = f"its reprojection error is {found.errors[worst]:.2f} px, the others' {median:.2f} px"
+        rejected[worst] = f"its reprojection error is {fit.errors[worst]:.2f} px, the others' {median:.2f} px"
         del kept[worst]
-    if found.tilt_deg < MIN_TILT_DEG or not found.focal_deviation < MAX_FOCAL_DEVIATION:
+    if fit.tilt_deg < MIN_TILT_DEG or not fit.focal_deviation < MAX_FOCAL_DEVIATION:
         raise CaptureError(
-            f"{name}: the views are too alike: they differ in tilt by {found.tilt_deg:.0f} degrees, the focal length "
-            f"is known to {found.focal_deviation:.1%}; tilt the board by 20 to 45 degrees in all directions, near and "
+            f"{name}: the views are too alike: they differ in tilt by {fit.tilt_deg:.0f} degrees, the focal length "
+            f"is known to {fit.focal_deviation:.1%}; tilt the board by 20 to 45 degrees in all directions, near and "
             "far, and into the corners of the picture"
         )
-    return replace(found, rejected=rejected)
+    return replace(fit, rejected=rejected)
 
 
 def _solve(name: str, board: Board, size: tuple[int, int], views: Views) -> CameraCalibration:
-    """The camera that all views make likeliest, without tangential distortion where it is not significant."""
+    """Fit the camera that all views make likeliest, without tangential distortion where it is not significant."""
     objects = [board.points[corners.ids].astype(np.float32) for corners in views.values()]
     images = [corners.pixels.astype(np.float32) for corners in views.values()]
     for flags in (FLAGS, FLAGS | cv2.CALIB_ZERO_TANGENT_DIST):
@@ -137,7 +144,7 @@ def _solve(name: str, board: Board, size: tuple[int, int], views: Views) -> Came
 
 
 def _tilt(boards: Sequence[NDArray[np.float64]]) -> float:
-    """Largest angle between the normals of two boards, degrees."""
+    """Return the largest angle between the normals of two boards, degrees."""
     normals = np.array([pose[:3, 2] for pose in boards])
     return float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
 
@@ -145,7 +152,14 @@ def _tilt(boards: Sequence[NDArray[np.float64]]) -> float:
 def calibrate_pair(
     sensor_id: str, board: Board, cameras: tuple[CameraCalibration, CameraCalibration], views: tuple[Views, Views]
 ) -> PairCalibration:
-    """The two cameras of a sensor, refined together on all their images.
+    """Calibrate a stereo sensor: its two cameras, refined together on all their images.
+
+    Parameters
+    ----------
+    sensor_id : for messages
+    board : the board in the images
+    cameras : left and right, each calibrated by itself
+    views : corners by image, left and right
 
     Raises
     ------
@@ -176,6 +190,12 @@ def calibrate_rig(
     board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
 ) -> tuple[PairCalibration, ...]:
     """Chain sensors into one world by the instants they share, then refine all cameras together.
+
+    Parameters
+    ----------
+    board : the board in the images
+    pairs : the sensors, each calibrated by itself
+    views : corners by image, left and right, of every sensor
 
     Returns
     -------
@@ -217,7 +237,7 @@ def _refined(
     from_world: Poses,
     boards: Poses,
 ) -> tuple[PairCalibration, ...]:
-    """The pairs, placed by `left_from_world` 4x4 of every sensor, refined with all boards on all that cameras saw."""
+    """Refine the pairs, placed by `left_from_world` 4x4 of every sensor, with all boards on all that cameras saw."""
     start = {
         f"{pair.sensor.id}/{side}": _placed(getattr(pair.sensor, side), from_world[pair.sensor.id])
         for pair in pairs
@@ -249,7 +269,7 @@ def _refined_pair(
 def _sightings(
     board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
 ) -> Iterator[Sighting]:
-    """The corners in all images that are used."""
+    """Yield the corners in all images that are used."""
     for pair in pairs:
         for side, camera, seen in zip(SIDES, pair.cameras, views[pair.sensor.id], strict=True):
             for name in camera.boards:

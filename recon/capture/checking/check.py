@@ -1,4 +1,4 @@
-"""Everything that is wrong with a capture, in one go, and what accuracy its geometry promises."""
+"""The check of a capture: everything that is wrong with it, in one go, and what accuracy its geometry promises."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MAX_APART_PX = 0.4  # of disparity: what two sensors may differ on a point that 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What `check_capture` found: the sound sensors' figures, and sentences on what is wrong.
+    """The result of `check_capture`: figures of the sound sensors, and sentences on what is wrong.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class CheckReport:
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """One sentence for every sensor."""
+        """Say one sentence for every sensor."""
         return tuple(sensor.verdict() for sensor in self.sensors)
 
     def as_json(self) -> dict[str, Any]:
-        """The report as a JSON object."""
+        """Return the report as a JSON object."""
         return {
             "schema_version": SCHEMA_VERSION,
             "folder": self.folder,
@@ -65,7 +65,7 @@ class CheckReport:
         }
 
     def as_text(self) -> str:
-        """Two lines for each sensor; problems and warnings are left to the caller."""
+        """Say two lines for each sensor; problems and warnings are left to the caller."""
         return "\n".join(f"{sensor.as_line()}\n{sensor.verdict()}" for sensor in self.sensors)
 
 
@@ -86,7 +86,7 @@ def check_capture(capture_folder: Path) -> CheckReport:
 
 
 def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[str]:
-    """One sentence for every two neighbouring sensors that see the same points in different places."""
+    """Say one sentence for every two neighbouring sensors that see the same points in different places."""
     return disagreements(list(_comparisons(folder, draft, checks)))
 
 
@@ -100,9 +100,9 @@ def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> I
         per_pixel = [check.report.depth_per_disparity_mm for check in (its, others)]
         if shared and None not in per_pixel:
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
-            found = compared(first.sensor, second.sensor, shared, tolerance)
-            if found is not None:
-                yield found
+            comparison = compared(first.sensor, second.sensor, shared, tolerance)
+            if comparison is not None:
+                yield comparison
 
 
 def _matched_between(folder: Path, first: SensorStream, second: SensorStream, frame: int) -> Matches:

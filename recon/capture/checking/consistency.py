@@ -1,8 +1,9 @@
-"""Whether sensors agree with each other on where things are: faults that no sensor shows by itself.
+"""Agreement of sensors on where points are: faults that no sensor shows by itself.
 
-Points that two sensors see are triangulated by each of them. If they are apart, it is found out which single fault
-brings most of them together: both focal lengths of a sensor wrong alike, its cameras turned towards each other, or a
-sensor that was moved as a whole. Which of two was moved, only a third can tell: the one with which it agrees was not.
+Two sensors triangulate the points that both see. Where these points are apart, one single fault is sought that brings
+most of them together: both focal lengths of a sensor wrong alike, its cameras turned towards each other, or a sensor
+that was moved as a whole. Which of two was moved, only a third can tell: the one with which it agrees was not.
+
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Features that two sensors have both matched: where each of them sees the same points."""
+    """Features that two sensors have both matched, and where each of them sees them."""
 
     first: Matches
     second: Matches
@@ -72,7 +73,13 @@ class Comparison:
 
 
 def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
-    """Points that both sensors have matched; `between` matches the first's right picture with the second's left."""
+    """Select the points that both sensors have matched.
+
+    Parameters
+    ----------
+    first, second : matches of each sensor's pair, (N, 2) pixels each
+    between : matches of the first's right picture with the second's left
+    """
     if min(len(first), len(second), len(between)) == 0:
         none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
         return Shared(none, none)
@@ -83,10 +90,12 @@ def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
 
 
 def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
-    """Whether two sensors agree on the points that both see; None if too few points tell.
+    """Compare where two sensors see the same points; None if there are too few points.
 
     Parameters
     ----------
+    first, second : the sensors
+    shared : points that both see
     tolerance_mm : how far apart two sensors may see the same point
     """
     a, b = (
@@ -119,7 +128,7 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
 
 
 def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    """One sentence for every two sensors that do not agree, naming the sensor that was moved where that can be told."""
+    """Say one sentence for every two sensors that do not agree, naming the one that was moved if that can be told."""
     for comparison in comparisons:
         if comparison.explanation is not None:
             reason = comparison.explanation.sentence.format(_named(comparison, comparisons))
@@ -131,24 +140,24 @@ def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
 
 
 def _named(comparison: Comparison, comparisons: Sequence[Comparison]) -> str:
-    """The one of two sensors that was moved as a whole, with what speaks for it; both where nothing does.
+    """Name the sensor of two that was moved as a whole, with what speaks for it; both where nothing does.
 
     The one that others disagree with as well is the odd one out; one that agrees with a third is not.
     """
     first, second = comparison.sensors
-    for one, other in ((first, second), (second, first)):
-        against = _third_sensors(one, other, comparisons, agreeing=False)
-        if against and not _third_sensors(other, one, comparisons, agreeing=False):
-            return f"{one}, with which {' and '.join(against)} does not agree either,"
-    for one, other in ((first, second), (second, first)):
-        in_favour = _third_sensors(other, one, comparisons, agreeing=True)
-        if in_favour and not _third_sensors(one, other, comparisons, agreeing=True):
-            return f"{one}, and not {other}, which agrees with {' and '.join(in_favour)},"
+    for sensor, other in ((first, second), (second, first)):
+        against = _third_sensors(sensor, other, comparisons, agreeing=False)
+        if against and not _third_sensors(other, sensor, comparisons, agreeing=False):
+            return f"{sensor}, with which {' and '.join(against)} does not agree either,"
+    for sensor, other in ((first, second), (second, first)):
+        in_favour = _third_sensors(other, sensor, comparisons, agreeing=True)
+        if in_favour and not _third_sensors(sensor, other, comparisons, agreeing=True):
+            return f"{sensor}, and not {other}, which agrees with {' and '.join(in_favour)},"
     return f"{first} or {second}"
 
 
 def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *, agreeing: bool) -> list[str]:
-    """The sensors beside a pair that agree with one of it, or do not."""
+    """List the sensors beside a pair that agree with one of it, or do not."""
     return [
         other
         for comparison in comparisons
@@ -159,7 +168,7 @@ def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *,
 
 
 def triangulated(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
-    """World points (N, 3) of matches, mm."""
+    """Triangulate matches: world points, float64 (N, 3), mm."""
     slopes = [
         cv2.undistortPoints(pixels[:, None], camera.K, camera.dist)[:, 0].T
         for pixels, camera in ((matches.left, sensor.left), (matches.right, sensor.right))
@@ -170,12 +179,12 @@ def triangulated(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
 
 
 def with_focal(camera: Camera, factor: float) -> Camera:
-    """A camera whose focal lengths are `factor` times as long."""
+    """Return a camera whose focal lengths are `factor` times as long."""
     return replace(camera, K=camera.K * np.array([[factor, factor, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]))
 
 
 def _found(known: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The known feature at each place asked for, -1 where there is none."""
+    """Return the index of the known feature at each place asked for, -1 where there is none."""
     distance, index = cKDTree(known).query(asked)
     return np.where(np.asarray(distance) < SAME_FEATURE_PX, np.asarray(index, dtype=np.int64), -1)
 
@@ -198,7 +207,7 @@ def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
 
 
 def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
-    """The turn of the right camera about the axis across baseline and view, which leaves all rows as they are."""
+    """Explain by a turn of the right camera about the axis across baseline and view, which leaves rows as they are."""
     across = np.cross(sensor.right.rotation[2], sensor.right.centre - sensor.left.centre)
     axis = sensor.right.rotation @ across / np.linalg.norm(across)
     counts: Mapping[float, int] = {
@@ -221,7 +230,7 @@ def _moved(
     second: NDArray[np.float64],
     tolerance_mm: float,
 ) -> Explanation:
-    """The rigid move of the second sensor's points onto the first's that most of them follow, by random triples.
+    """Explain by the rigid move of the second sensor's points onto the first's that most follow, by random triples.
 
     It is then made the best one for all that follow it.
 
@@ -248,7 +257,7 @@ def _moved(
 
 
 def _apart(first: NDArray[np.float64], second: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances (N,) of the first sensor's points from the second's moved ones, mm."""
+    """Return distances (N,) of the first sensor's points from the second's moved ones, mm."""
     return np.asarray(np.linalg.norm(first - second @ move[:3, :3].T - move[:3, 3], axis=1))
 
 

@@ -1,4 +1,4 @@
-"""What a recording shows over time: repeated frames, frozen cameras, unequal counts, jumps of the exposure."""
+"""Faults of a recording over time: repeated frames, frozen cameras, unequal counts, jumps of the exposure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MIN_FRAMES_FOR_RATE = 4
 
 @dataclass(frozen=True, eq=False)
 class Glance:
-    """What is kept of a picture.
+    """A thumbnail that stands for a picture.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ Glances = Mapping[str, Mapping[int, Glance]]
 
 
 def glance_at(picture: NDArray[np.uint8]) -> Glance:
-    """The thumbnail and checksum of a picture, uint8 (H, W, 3)."""
+    """Take the thumbnail and checksum of a picture, uint8 (H, W, 3)."""
     size = (THUMBNAIL_WIDTH, max(1, round(THUMBNAIL_WIDTH * picture.shape[0] / picture.shape[1])))
     grey = cv2.cvtColor(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     return Glance(grey.astype(np.float32), zlib.crc32(picture.tobytes()))
 
 
 def frozen_cameras(glances: Glances) -> Iterator[str]:
-    """One sentence for every camera that shows the same picture for several frames."""
+    """Say one sentence for every camera that shows the same picture for several frames."""
     for pattern, by_frame in glances.items():
         for first, last, is_frozen in _still(by_frame):
             if is_frozen:
@@ -60,7 +60,7 @@ def frozen_cameras(glances: Glances) -> Iterator[str]:
 
 
 def continuity_warnings(glances: Glances) -> Iterator[str]:
-    """One sentence for every repeated run of frames, jump of the exposure and unlike exposure."""
+    """Say one sentence for every repeated run of frames, jump of the exposure and unlike exposure."""
     for pattern, by_frame in glances.items():
         for first, last, is_frozen in _still(by_frame):
             if not is_frozen:
@@ -70,7 +70,14 @@ def continuity_warnings(glances: Glances) -> Iterator[str]:
 
 
 def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int) -> Iterator[str]:
-    """One sentence for every camera that has recorded more frames than the capture says."""
+    """Say one sentence for every camera that has recorded more frames than the capture says.
+
+    Parameters
+    ----------
+    folder : the capture's
+    cameras : all cameras
+    n_frames : as the capture says
+    """
     for camera in cameras:
         count = _count(folder, camera.image, n_frames)
         if count > n_frames:
@@ -91,7 +98,7 @@ def _count(folder: Path, pattern: str, n_frames: int) -> int:
 
 
 def _still(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, int, bool]]:
-    """Runs of equal pictures: first frame, last frame, and whether the camera was frozen then."""
+    """Yield runs of equal pictures: first frame, last frame, and whether the camera was frozen then."""
     pairs = _neighbours(by_frame)
     changes = {frame: float(np.abs(now.thumbnail - before.thumbnail).mean()) for frame, before, now in pairs}
     usual = float(np.median(list(changes.values()))) if len(changes) >= MIN_FRAMES_FOR_RATE else 0.0

@@ -1,4 +1,4 @@
-"""Which single fault explains why a sensor's calibration does not fit its pictures."""
+"""Diagnosis: the single fault that explains why a sensor's calibration does not fit its pictures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class _Explanation:
 
 
 def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
-    """What is wrong with a sensor's calibration, as sentences; none if it fits or too little is known.
+    """Say what is wrong with a sensor's calibration; nothing if it fits or too little is known.
 
     Each fault is assumed in turn: left and right are swapped, a camera's focal length is wrong, that of both is, the
     right camera was turned against the left. The one that removes most of the matches' distances from their epipolar
@@ -126,14 +126,14 @@ def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
 def _fit(
     changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches
 ) -> tuple[NDArray[np.float64], float]:
-    """The unknowns that bring the matches nearest to their epipolar lines, and the median distance left."""
+    """Fit the unknowns that bring the matches nearest to their epipolar lines; return also the median distance left."""
 
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return epipolar_errors(changed(unknown), matches)
 
     step = np.full(n_unknowns, 1e-4)
-    found = least_squares(errors, np.zeros(n_unknowns), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01)
-    return found.x, _median(epipolar_errors(changed(found.x), matches))
+    fit = least_squares(errors, np.zeros(n_unknowns), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01)
+    return fit.x, _median(epipolar_errors(changed(fit.x), matches))
 
 
 def _median(errors: NDArray[np.float64]) -> float:

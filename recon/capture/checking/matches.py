@@ -17,7 +17,7 @@ MAX_FEATURES = 4000
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Points that show the same spot, float64 (N, 2) pixels each."""
+    """Points that show the same spot in two pictures, float64 (N, 2) pixels each."""
 
     left: NDArray[np.float64]
     right: NDArray[np.float64]
@@ -31,7 +31,7 @@ def match_pictures(
     right: NDArray[np.uint8],
     masks: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None,
 ) -> Matches:
-    """SIFT features whose descriptors are mutually nearest and clearly nearer than the second nearest.
+    """Match SIFT features whose descriptors are mutually nearest and clearly nearer than the second nearest.
 
     No match is dropped for its position, so that a wrong calibration shows.
 
@@ -59,7 +59,7 @@ def match_pictures(
 
 
 def joined(several: list[Matches]) -> Matches:
-    """The matches of several pictures of the same cameras as one."""
+    """Join the matches of several pictures of the same cameras."""
     if not several:
         return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     return Matches(
@@ -68,7 +68,7 @@ def joined(several: list[Matches]) -> Matches:
 
 
 def epipolar_errors(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
-    """How far matches are from the calibration's epipolar lines, signed, (N,), pixels.
+    """Measure how far matches are from the calibration's epipolar lines, signed, float64 (N,), pixels.
 
     Source
     ------
@@ -95,5 +95,5 @@ def _features(
     sift: Any, image: NDArray[np.uint8], mask: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found, descriptors = sift.detectAndCompute(grey, mask.astype(np.uint8))
-    return np.array([feature.pt for feature in found], dtype=np.float64).reshape(-1, 2), descriptors
+    features, descriptors = sift.detectAndCompute(grey, mask.astype(np.uint8))
+    return np.array([feature.pt for feature in features], dtype=np.float64).reshape(-1, 2), descriptors

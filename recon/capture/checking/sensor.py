@@ -1,4 +1,4 @@
-"""One sensor measured: does its calibration fit its pictures, is there texture, what accuracy can be expected."""
+"""The check of one sensor: does its calibration fit its pictures, is there texture, what accuracy can be expected."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What was measured on one frame.
+    """Measurements on one frame.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class SensorCheck:
-    """What was found out about one sensor.
+    """The result of one sensor's check.
 
     Parameters
     ----------
@@ -65,7 +65,15 @@ class SensorCheck:
 
 
 def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
-    """Measure one sensor."""
+    """Measure one sensor.
+
+    Parameters
+    ----------
+    folder : the capture's
+    stream : the sensor and its images
+    n_frames : of the capture
+    bounds : float64 (2, 3), mm, of the capture; None if they are unknown
+    """
     report = SensorReport(stream.id, stream.sensor.baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
     problems = []
     if report.mask_coverage is not None and min(report.mask_coverage) == 0:
@@ -102,7 +110,7 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
 
 
 def noise_level(grey: NDArray[np.floating]) -> float:
-    """Standard deviation of a picture's noise, (H, W), grey levels; edges hardly count.
+    """Estimate the standard deviation of a picture's noise, (H, W), grey levels; edges hardly count.
 
     Source
     ------
@@ -124,7 +132,7 @@ def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[f
 
 
 def measured_frames(n_frames: int) -> list[int]:
-    """The frames that are looked at closely."""
+    """Choose the frames that are measured closely."""
     return sorted({round(frame) for frame in np.linspace(0, n_frames - 1, min(n_frames, MEASURED_FRAMES))})
 
 
@@ -138,15 +146,18 @@ def _look(
         areas = rectify_masks(rectification, *masks)
     else:
         areas = (_bounds_area(rectification.left, bounds), _bounds_area(rectification.right, bounds))
-    found = match_pictures(*pair, areas)
+    rectified = match_pictures(*pair, areas)
     matches = match_pictures(left, right)
     return _Look(
-        (found.left - found.right)[:, ::-1], matches, _ratios(left, right, matches), _textured(pair[0], areas[0])
+        (rectified.left - rectified.right)[:, ::-1],
+        matches,
+        _ratios(left, right, matches),
+        _textured(pair[0], areas[0]),
     )
 
 
 def _bounds_area(camera: Camera, bounds: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a point of the bounds can lie in a picture, bool (H, W)."""
+    """Mark where a point of the bounds can lie in a picture, bool (H, W)."""
     outline = cv2.convexHull(np.round(camera.project(bounds_corners(bounds))).astype(np.int32))
     area = np.zeros((camera.size[1], camera.size[0]), dtype=np.uint8)
     return np.asarray(cv2.fillConvexPoly(area, outline, 1) > 0)
@@ -163,7 +174,7 @@ def _ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches)
 
 
 def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float:
-    """Share of an area whose structure stands out of the noise."""
+    """Return the share of an area whose structure stands out of the noise."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     window = (TEXTURE_WINDOW, TEXTURE_WINDOW)
     variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
@@ -173,17 +184,15 @@ def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float:
 
 
 def _rows(looks: list[_Look], rectification: Rectification) -> Rows:
-    found = np.concatenate([look.rows for look in looks]) if looks else np.zeros((0, 2))
-    if len(found) == 0:
+    rows = np.concatenate([look.rows for look in looks]) if looks else np.zeros((0, 2))
+    if len(rows) == 0:
         return Rows(0, None, None)
-    inside = (found[:, 1] >= 0) & (found[:, 1] < rectification.n_disparities)
-    return Rows(
-        len(found), float(np.median(np.abs(found[:, 0]))), float(np.median(found[:, 1])), float(np.mean(inside))
-    )
+    inside = (rows[:, 1] >= 0) & (rows[:, 1] < rectification.n_disparities)
+    return Rows(len(rows), float(np.median(np.abs(rows[:, 0]))), float(np.median(rows[:, 1])), float(np.mean(inside)))
 
 
 def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
-    """How far the calibration is off, pixels: on the object, or on all of the picture where that tells more.
+    """Return how far the calibration is off, pixels: on the object, or on all of the picture where that tells more.
 
     A glossy or plain object gives few and wrong matches; the room behind it then shows that the calibration fits.
     """

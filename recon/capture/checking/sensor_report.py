@@ -1,4 +1,4 @@
-"""What is reported of one sensor: the figures of its geometry and texture, and a plain verdict of what to expect."""
+"""The report of one sensor's check: figures of geometry and texture, and a plain verdict of what to expect."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ class SensorReport:
 
     @property
     def texture(self) -> str:
-        """In one word: good, fair, poor or unknown."""
+        """Texture in one word: good, fair, poor or unknown."""
         return (
             "unknown" if self.textured is None else next(word for word, low in TEXTURES.items() if self.textured >= low)
         )
 
     def verdict(self) -> str:
-        """What accuracy to expect, in plain words."""
+        """Accuracy to expect, in plain words."""
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
@@ -66,7 +66,7 @@ class SensorReport:
         )
 
     def as_line(self) -> str:
-        """The figures in one line."""
+        """Say the figures in one line."""
         parts = [f"{self.id}: baseline {self.baseline_mm:.2f} mm"]
         if self.rectified_size is not None:
             width, height = self.rectified_size

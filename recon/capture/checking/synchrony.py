@@ -1,6 +1,7 @@
-"""Whether all cameras recorded the same instants, read off how much each picture differs from the one before.
+"""Synchrony: whether all cameras recorded the same instants.
 
 Motion makes all cameras' pictures change at the same time; where one camera's changes come later, it is late.
+
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ MIN_MARGIN = 0.15  # above the correlation without lag
 
 
 def synchrony_problems(sensors: Sequence[SensorStream], glances: Glances) -> Iterator[str]:
-    """One sentence for every sensor whose cameras, and every two neighbours that, recorded different instants."""
+    """Say one sentence for every sensor whose cameras, and every two neighbours that, recorded different instants."""
     motion = {pattern: motion_signal(by_frame) for pattern, by_frame in glances.items()}
     for stream in sensors:
         late = lag([(motion.get(stream.left.image), motion.get(stream.right.image))])
@@ -41,7 +42,7 @@ def synchrony_problems(sensors: Sequence[SensorStream], glances: Glances) -> Ite
 
 
 def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:
-    """How much each frame differs from the one before (N - 1,), grey levels, or None if frames are missing."""
+    """Measure the change from frame to frame, float64 (N - 1,), grey levels; None if frames are missing."""
     frames = sorted(by_frame)
     if len(frames) < MIN_FRAMES + MAX_LAG or frames[-1] - frames[0] + 1 != len(frames):
         return None
@@ -49,7 +50,7 @@ def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:
 
 
 def lag(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]) -> int:
-    """By how many frames the second camera of every pair is late, 0 if nothing says that it is."""
+    """Count the frames by which the second of every pair of signals (N - 1,) is late; 0 if nothing tells."""
     known = [(a, b) for a, b in pairs if a is not None and b is not None and min(a.std(), b.std()) > 0]
     if not known:
         return 0
@@ -60,7 +61,7 @@ def lag(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | 
 
 
 def _correlation(a: NDArray[np.float64], b: NDArray[np.float64], late: int) -> float:
-    """Correlation of a with what b shows `late` frames later."""
+    """Correlate a with what b shows `late` frames later."""
     n = min(len(a), len(b)) - abs(late)
     first, second = a[max(0, -late) :][:n], b[max(0, late) :][:n]
     return float(np.corrcoef(first, second)[0, 1]) if min(first.std(), second.std()) > 0 else 0.0

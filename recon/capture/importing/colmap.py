@@ -93,7 +93,7 @@ def _recorded(image: Path) -> Path:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line numbers and words of all lines but comments."""
+    """Return line numbers and words of all lines but comments."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

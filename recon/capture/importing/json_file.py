@@ -1,4 +1,4 @@
-"""Recordings that a JSON file describes: the way in for everything that no other importer reads.
+"""Recordings that a JSON file describes: for everything that no other importer reads.
 
 The full form lists `sensors`, each with `id`, `left` and `right`; a camera has `K` (3x3), `dist` (OpenCV's, optional),
 `image` (a pattern with {frame}, a list of files, a folder or a video, relative to the JSON), `plate` (optional) and
@@ -10,6 +10,7 @@ and `left_file`, `right_file`: lists of files, or objects from the shot's name t
 
 Convention: X_a = R_a_from_b X_b + t_a_from_b; pixel centres at integers; camera frames as OpenCV. Without a pose the
 world is the first left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
+
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class _Description:
     unit_mm: float
 
     def length(self, name: str) -> NDArray[np.float64] | None:
-        """The numbers at a key of lengths, mm, or None."""
+        """Return the numbers at a key of lengths, mm, or None."""
         for key, unit in ((name, self.unit_mm), *((f"{name}_{unit}", length) for unit, length in UNITS_MM.items())):
             if key in self.content:
                 return _numbers(self.content, key) * unit
@@ -65,6 +66,7 @@ def import_json(
     Parameters
     ----------
     source : the JSON file; its file names are relative to its folder
+    out : the capture's folder, absent or empty
     options : where given, they come before what the file says
     shots : of a short form, names of the shots to take as frames, in this order; None for all
 
@@ -142,7 +144,7 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
 
 
 def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """`cam_from_world` in mm; `other` is the left camera's, or the pose of a left camera that has none."""
+    """Return `cam_from_world` in mm; `other` is the left camera's, or the pose of a left camera that has none."""
     told = [key for key in POSES if key in entry]
     if not told and other is CAMERA_FROM_WORLD:
         return CAMERA_FROM_WORLD
@@ -174,12 +176,12 @@ def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
         return Pictures(_matching(folder, image), plate)
     if is_video(image) or (folder / image).is_file():
         return Pictures((folder / image,), plate)
-    found = find_pictures(folder / image)
-    return found if plate is None else replace(found, plate=plate)
+    pictures = find_pictures(folder / image)
+    return pictures if plate is None else replace(pictures, plate=plate)
 
 
 def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
-    """The files of a pattern, counted from 0 or from 1."""
+    """Return the files of a pattern, counted from 0 or from 1."""
     first = next((first for first in (0, 1) if image_path(folder, pattern, first).is_file()), None)
     if first is None:
         raise CaptureError(f"{image_path(folder, pattern, 0)}: there is no such image, nor a number 1")

@@ -103,10 +103,10 @@ def _listing(source: Path) -> Path:
         return source
     if not source.is_dir():
         raise CaptureError(f"{source}: there is no such folder")
-    found = sorted(source.glob("*_par.txt"))
-    if len(found) != 1:
-        raise CaptureError(f"{source}: holds {len(found)} files *_par.txt, expected one calibration file")
-    return found[0]
+    calibrations = sorted(source.glob("*_par.txt"))
+    if len(calibrations) != 1:
+        raise CaptureError(f"{source}: holds {len(calibrations)} files *_par.txt, expected one calibration file")
+    return calibrations[0]
 
 
 def _read_views(listing: Path) -> dict[int, _View]:
@@ -155,7 +155,7 @@ def _check_listed(listing: Path, views: Mapping[int, _View], pairs: Sequence[tup
 
 
 def _motion(views: Mapping[int, _View], view: int, frame: int) -> NDArray[np.float64]:
-    """How the object has moved at a frame in front of the fixed rig: world from world, 4x4."""
+    """Return how the object has moved at a frame in front of the fixed rig: world from world, 4x4."""
     fixed, moved = views[view].camera.cam_from_world, views[view + frame].camera.cam_from_world
     return np.asarray(np.linalg.inv(fixed) @ moved)
 
@@ -170,16 +170,18 @@ def _check_motion(
     corners = bounds_corners(bounds)
     moved = corners @ motion[:3, :3].T + motion[:3, 3]
     for view in (view for pair in pairs for view in pair):
-        fixed, own = views[view], views[view + frame]
-        error = float(np.linalg.norm(fixed.camera.project(moved) - own.camera.project(corners), axis=1).max())
+        fixed, turned = views[view], views[view + frame]
+        error = float(np.linalg.norm(fixed.camera.project(moved) - turned.camera.project(corners), axis=1).max())
         if not error < MAX_MOTION_ERROR_PX:
             raise CaptureError(
-                f"{own.path}: as frame {frame} of view {view} it is off by {error:.2f} px (tolerance "
+                f"{turned.path}: as frame {frame} of view {view} it is off by {error:.2f} px (tolerance "
                 f"{MAX_MOTION_ERROR_PX} px), because the cameras' relative poses are not those of frame 0; take fewer "
                 "frames or other pairs"
             )
-        if fixed.camera.size != own.camera.size:
-            raise CaptureError(f"{own.path}: is {own.camera.size} pixels, {fixed.path.name} is {fixed.camera.size}")
+        if fixed.camera.size != turned.camera.size:
+            raise CaptureError(
+                f"{turned.path}: is {turned.camera.size} pixels, {fixed.path.name} is {fixed.camera.size}"
+            )
 
 
 def _published_bounds(listing: Path) -> NDArray[np.float64]:

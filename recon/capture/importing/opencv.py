@@ -110,7 +110,7 @@ def _files(source: Path) -> tuple[Path, list[Path]]:
 
 
 def _merged(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
-    """The entries of every sensor by its id; several files are one sensor's, each with some of the keys."""
+    """Return the entries of every sensor by its id; several files are one sensor's, each with some of the keys."""
     contents = [_read(path) for path in files]
     place = ", ".join(map(str, files))
     if len(files) == 1 and isinstance(contents[0].get("sensors"), list):
@@ -152,15 +152,15 @@ def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOpti
 
 
 def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
-    found = {key: _matrix(entry, key) for key in KEYS}
+    matrices = {key: _matrix(entry, key) for key in KEYS}
     told = _size(entry) or size
     try:
-        rotation = found["R"] if found["R"].shape == (3, 3) else cv2.Rodrigues(found["R"])[0]
-        right_from_left = rigid(rotation, found["T"].ravel() * unit_mm)
+        rotation = matrices["R"] if matrices["R"].shape == (3, 3) else cv2.Rodrigues(matrices["R"])[0]
+        right_from_left = rigid(rotation, matrices["T"].ravel() * unit_mm)
         pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()
         pose[:3, 3] *= unit_mm
-        left = Camera(found["K1"], told, pose, found["D1"])
-        return Sensor(name, left, Camera(found["K2"], told, right_from_left @ pose, found["D2"]))
+        left = Camera(matrices["K1"], told, pose, matrices["D1"])
+        return Sensor(name, left, Camera(matrices["K2"], told, right_from_left @ pose, matrices["D2"]))
     except (ValueError, cv2.error) as error:
         raise CaptureError(f"{entry['']}: sensor {name}: {error}") from error
 

@@ -1,7 +1,8 @@
-"""What every importer shares: a foreign recording becomes a new capture folder.
+"""The common end of every importer: a foreign recording becomes a new capture folder.
 
-An importer only finds cameras and names of pictures; here pictures are counted and copied, lengths become millimetres,
+An importer only finds cameras and names of pictures. Here pictures are counted and copied, lengths become millimetres,
 and the world is turned so that y is up.
+
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ UPWARDS = {
 
 @dataclass(frozen=True, eq=False)
 class ImportOptions:
-    """What the person who imports knows better than the files, None where the files shall tell.
+    """Facts that the importing person knows better than the files; None where the files shall tell.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ class SensorSource:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """All that an importer found; None and empty where the source does not say.
+    """A recording as an importer understood it; None and empty where the source does not say.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ class Recording:
 
 
 def parse_unit(text: str) -> float:
-    """Millimetres of a unit: its name, or the number itself.
+    """Parse a unit, its name or a number, to millimetres.
 
     Raises
     ------
@@ -108,6 +109,12 @@ def parse_unit(text: str) -> float:
 
 def write_recording(out: Path, recording: Recording, options: ImportOptions) -> Capture:
     """Copy a recording into a new capture folder, in mm and y up.
+
+    Parameters
+    ----------
+    out : the folder, absent or empty
+    recording : what the importer found
+    options : what the importing person said
 
     Raises
     ------

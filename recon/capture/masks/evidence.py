@@ -1,4 +1,4 @@
-"""How much each pixel looks like foreground, by a clean plate or before a dark background."""
+"""Evidence of foreground at each pixel, against a clean plate or before a dark background."""
 
 from __future__ import annotations
 
@@ -21,10 +21,21 @@ SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
 
 
 def evidence_of(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
-    """How much each pixel looks like foreground (left, right), (H, W), grey levels.
+    """Measure how much each pixel looks like foreground.
 
     By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
     of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
+
+    Parameters
+    ----------
+    capture : the capture
+    stream : a sensor of it
+    frame : number, from 0
+    method : "threshold" or "plate"
+
+    Returns
+    -------
+    left, right : float32 (H, W), grey levels
 
     Source
     ------
@@ -45,7 +56,18 @@ def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArr
 
 
 def found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
-    """The evidence above which a pixel is foreground, from some frames of a sensor, grey levels."""
+    """Choose the evidence above which a pixel is foreground from some frames of a sensor.
+
+    Parameters
+    ----------
+    capture : the capture
+    stream : a sensor of it
+    method : "threshold" or "plate"
+
+    Returns
+    -------
+    grey levels
+    """
     frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
     evidence = np.concatenate(
         [side.ravel() for frame in frames for side in evidence_of(capture, stream, frame, method)]
@@ -57,12 +79,12 @@ def found_threshold(capture: Capture, stream: SensorStream, method: str) -> floa
 
 
 def smoothed(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """A picture without the noise of single pixels."""
+    """Remove the noise of single pixels from a picture, uint8 (H, W, 3): float32 (H, W, 3)."""
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX))
 
 
 def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
-    """The brightness above which a picture with a dark background shows the object.
+    """Choose the brightness above which a picture with a dark background shows the object.
 
     It is the near edge of the valley between background and object in the histogram (256,) of brightness: further
     up, the object's own shadows would be lost.
@@ -87,7 +109,7 @@ def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
 
 
 def _otsu(counts: NDArray[np.float64], level: NDArray[np.float64]) -> int:
-    """The last bin of the lower class."""
+    """Return the last bin of the lower class."""
     below = np.cumsum(counts)[:-1]
     above, moment = counts.sum() - below, np.cumsum(counts * level)
     both = (below > 0) & (above > 0)

@@ -22,7 +22,7 @@ Models = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def tightened(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """The mask without the rim where less than half of the object's own evidence is left.
+    """Trim from a mask the rim where less than half of the object's own evidence is left.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def tightened(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray
 
 
 def grown(picture: NDArray[np.uint8], mask: NDArray[np.bool_], doubtful: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The mask with those doubtful pixels near it whose colours are rather the object's than the background's.
+    """Add to a mask those doubtful pixels near it whose colours are the object's rather than the background's.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def grown(picture: NDArray[np.uint8], mask: NDArray[np.bool_], doubtful: NDArray
 def repatterned(
     picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Changed pixels that do not show the plate's own pattern: a soft shadow keeps it, a dark object does not.
+    """Keep changed pixels that do not show the plate's own pattern: a soft shadow keeps it, a dark object does not.
 
     Parameters
     ----------
@@ -77,12 +77,13 @@ def repatterned(
 def cut(
     picture: NDArray[np.uint8], seeds: NDArray[np.uint8], rounds: int, models: Models | None = None
 ) -> tuple[NDArray[np.bool_], Models]:
-    """GrabCut around what may be foreground.
+    """Cut out the foreground by GrabCut.
 
     Parameters
     ----------
     picture : uint8 (H, W, 3)
     seeds : uint8 (H, W), OpenCV's classes GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
+    rounds : iterations
     models : colours to begin with, None to learn them from the seeds
 
     Returns

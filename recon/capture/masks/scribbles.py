@@ -40,7 +40,7 @@ Strokes = Mapping[tuple[str, str], Mapping[int, NDArray[np.uint8]]]
 
 
 def read_scribbles(path: Path, capture: Capture) -> Strokes:
-    """The strokes of a folder or JSON file.
+    """Read the strokes of a folder or JSON file.
 
     Raises
     ------
@@ -65,12 +65,13 @@ def read_scribbles(path: Path, capture: Capture) -> Strokes:
 def propagated(
     read: Callable[[int], NDArray[np.uint8]], key_frames: Mapping[int, NDArray[np.uint8]], n_frames: int
 ) -> Iterator[tuple[int, NDArray[np.bool_]]]:
-    """The masks of all frames of one camera, each from the nearest key frame, as (frame, bool (H, W)).
+    """Yield the masks of all frames of one camera, each from the nearest key frame, as (frame, bool (H, W)).
 
     Parameters
     ----------
     read : the picture of a frame, uint8 (H, W, 3)
     key_frames : strokes by frame, uint8 (H, W)
+    n_frames : of the camera
 
     Source
     ------
@@ -116,7 +117,7 @@ def _warped(picture: NDArray[Any], flow: NDArray[np.float32]) -> NDArray[Any]:
 
 
 def _trusted(picture: NDArray[np.uint8], moved: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Where the flow is right, bool (H, W): the picture before, moved by it, shows the same."""
+    """Mark where the flow is right, bool (H, W): the picture before, moved by it, shows the same."""
     window = (TRUST_WINDOW_PX, TRUST_WINDOW_PX)
     difference = cv2.blur(cv2.absdiff(picture, moved).astype(np.float32).max(axis=2), window)
     differs = difference > max(MIN_DIFFERENCE, SAME_FACTOR * float(np.median(difference)))
@@ -124,9 +125,10 @@ def _trusted(picture: NDArray[np.uint8], moved: NDArray[np.uint8]) -> NDArray[np
 
 
 def _key_seeds(strokes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """What strokes on the background enclose is likely foreground; without an enclosure, little around the strokes is.
+    """Seed GrabCut from strokes: what strokes on the background enclose is likely foreground.
 
-    Enclosed is what can be reached from strokes on the foreground without crossing one on the background.
+    Without an enclosure, only little around the strokes is. Enclosed is what can be reached from strokes on the
+    foreground without crossing one on the background.
     """
     _, parts = cv2.connectedComponents((strokes != cv2.GC_BGD).astype(np.uint8), connectivity=4)
     enclosed = np.isin(parts, np.unique(parts[strokes == cv2.GC_FGD]))
@@ -144,7 +146,7 @@ def _key_seeds(strokes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _step_seeds(moved: NDArray[np.bool_], trusted: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """What the mask says that was moved here by the flow: nothing for sure in a band along its outline."""
+    """Seed GrabCut from a mask that the flow moved here: nothing is sure in a band along its outline."""
     seeds = np.where(moved, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     for band_px, where in ((BAND_PX, True), (TRUSTED_BAND_PX, trusted)):
         band = max(2, round(band_px * moved.shape[0] / 1000))

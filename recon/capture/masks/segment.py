@@ -35,7 +35,7 @@ from recon.workers import Progress, silent
 
 @dataclass(frozen=True)
 class CleanUp:
-    """What is made of the raw decision per pixel.
+    """Limits for the clean-up of a raw mask.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def _refined(
     limit: float,
     clean_up: CleanUp,
 ) -> NDArray[np.bool_]:
-    """The mask with what may be a shadow or a dark part of the object: GrabCut decides by the colours."""
+    """Refine a mask where a shadow or a dark part of the object is possible: GrabCut decides by the colours."""
     frame, side = place
     picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
     plates = read_plates(capture, stream.id)
