@@ -15,13 +15,12 @@ import imageio_ffmpeg
 
 from app.errors import StimuliError
 
+Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
 
-Progress = Callable[[int, int, str], None]  # done, total, what
 
-
-def no_progress(done: int, total: int, what: str) -> None:
-    """Say nothing."""
+def no_progress(*_told: str | int) -> None:
+    """Tell nobody how far the work is."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +70,13 @@ def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
 
 def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
     """Run jobs that wait for a process each; the first error stops those that have not begun."""
-    progress(0, len(jobs), "")
+    progress("", 0, len(jobs))
     with ThreadPoolExecutor(WORKERS) as pool:
         names = {pool.submit(job): name for name, job in jobs}
         try:
             for done, future in enumerate(as_completed(names), start=1):
                 future.result()
-                progress(done, len(jobs), names[future])
+                progress(names[future], done, len(jobs))
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

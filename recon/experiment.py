@@ -41,7 +41,7 @@ from recon.validation.sphere.report import write_sphere_report
 from recon.validation.truth.evaluation import MeshSettings, measure_mesh
 from recon.validation.views.evaluation import ViewSettings, measure_views
 from recon.validation.views.report import write_views_report
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 SCENES = ("ball", "box", "people", "standing", "face")  # figure 2
 SENSORS = ("S1", "S2", "S3")
@@ -178,7 +178,7 @@ def expected_seconds(scale: Scale) -> dict[str, float]:
     }
 
 
-def measured_pace(progress: Progress = silent) -> float:
+def measured_pace(progress: Progress = no_progress) -> float:
     """How many times as long as expected this machine takes, from one frame of a scene and some of its video."""
     tiny = Scale((180, 320), (64, 64), 1, 5.0, 1, 1, (960, 540), 25.0, 0.4)
     with TemporaryDirectory() as folder:
@@ -265,7 +265,7 @@ def _object_clouds(of: Experiment, kind: str, n: int, progress: Progress) -> Ite
             noise=OBJECT_NOISE,
             calibration_error_px=OBJECT_CALIBRATION_PX,
         )
-        record(of, name, parameters, silent)
+        record(of, name, parameters, no_progress)
         options = ReconstructOptions((OBJECT_METHOD,), ("fb",), workers=of.workers, cluster=of.cluster)
         reconstruct(of.capture(name), of.run(name), options)
         yield from ((of.run(name), cloud_name(OBJECT_METHOD, sensor, 0)) for sensor in SENSORS)

@@ -6,7 +6,7 @@ synthetic one, their points carry the signed distance to the true surface as the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,9 @@ from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measu
 from recon.pipeline.run import Run, cloud_name, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
 from recon.validation.truth.evaluation import Shape, read_shape, signed_vertex_errors
+from recon.workers import Progress
 
 MESHES, CLOUDS = "meshes", "clouds"
-
-Progress = Callable[[str, int, int], None]
 
 
 def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: Progress) -> list[Path]:

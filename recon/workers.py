@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
+Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 
 N_CORES = os.cpu_count() or 1
 LOSSES = 3  # times that worker processes may die before it is taken for the tasks' own doing
@@ -32,6 +33,10 @@ KEPT_MEMORY = 32 * 2**20  # bytes: the most that glibc takes for the first of th
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # as malloc.h numbers them
 
 _one_at_a_time = Lock()
+
+
+def no_progress(*_told: str | int) -> None:
+    """Tell nobody how far the work is."""
 
 
 class Pool(Protocol):
@@ -222,11 +227,3 @@ def _keep_memory() -> None:
         mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)  # musl has none
         mallopt(M_MMAP_THRESHOLD, KEPT_MEMORY)
         mallopt(M_TRIM_THRESHOLD, KEPT_MEMORY)
-
-
-Progress = Callable[[str, int, int], None]
-"""Called as (what is being done, how many are done, how many there are)."""
-
-
-def silent(_what: str, _done: int, _total: int) -> None:
-    """Progress that nobody watches."""

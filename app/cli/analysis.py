@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import counted
+from app.cli.shared import by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
@@ -40,7 +40,7 @@ def simulate(
     progress = ProgressLine()
     with nullcontext(url) if url else running_server(settings) as base_url:
         result = simulate_study(
-            settings, base_url, study, participants, known, tie_rate, seed, progress=counted(progress)
+            settings, base_url, study, participants, known, tie_rate, seed, progress=by_step(progress)
         )
     progress.close()
     print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)

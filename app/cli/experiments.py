@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.cli.analysis import score_sentences
-from app.cli.shared import counted
+from app.cli.shared import by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 if TYPE_CHECKING:
@@ -97,11 +97,11 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
         render([run], stimuli, options, progress)
 
     def make_study() -> None:
-        demo_study(settings, stimuli, DEMO_SECONDS, counted(progress))
+        demo_study(settings, stimuli, DEMO_SECONDS, by_step(progress))
 
     def take_votes() -> None:
         with running_server(settings) as url:
-            demo_votes(settings, url, participants, counted(progress))
+            demo_votes(settings, url, participants, by_step(progress))
             demo_analysis(settings, url, out / "analysis")
 
     return [
@@ -141,7 +141,7 @@ def experiment_paper(
     timetable = Timetable(
         [
             *(Step(name, seconds, partial(do, progress)) for name, seconds, do in steps(experiment, pace)),
-            study_step(study, pace * experiment.scale.film_megapixels, counted(progress)),
+            study_step(study, pace * experiment.scale.film_megapixels, by_step(progress)),
         ],
         out / "seconds.json",
     )

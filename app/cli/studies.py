@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import DEFAULT_URL, UrlOption, counted
+from app.cli.shared import DEFAULT_URL, UrlOption, by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
@@ -27,7 +27,7 @@ def stimuli_check(
     from app.intake.stimuli import read_stimulus_set
 
     progress = ProgressLine()
-    found = read_stimulus_set(stimulus_set, counted(progress))
+    found = read_stimulus_set(stimulus_set, by_step(progress))
     progress.close()
     result = {"name": found.name, "datasets": list(found.datasets), "conditions": list(found.conditions)}
     sentence = f"{len(found.stimuli)} videos of {len(found.datasets)} datasets are whole: {stimulus_set}"
@@ -47,7 +47,7 @@ def stimuli_import(
     from app.intake.import_videos import import_stimuli
 
     progress = ProgressLine()
-    found = import_stimuli(folder, out, practice=practice, progress=counted(progress))
+    found = import_stimuli(folder, out, practice=practice, progress=by_step(progress))
     progress.close()
     result = {
         "name": found.name,
@@ -128,7 +128,7 @@ def study_create(
         exposure_s=exposure,
         seed=seed,
         options=options,
-        progress=counted(progress),
+        progress=by_step(progress),
     )
     progress.close()
     _tell_of_study(study, url, as_json=as_json)
@@ -148,7 +148,7 @@ def study_import(
     from app.settings import Settings
 
     progress = ProgressLine()
-    study = import_study(Settings(), file, stimuli=stimuli, progress=counted(progress))
+    study = import_study(Settings(), file, stimuli=stimuli, progress=by_step(progress))
     progress.close()
     _tell_of_study(study, url, as_json=as_json)
 

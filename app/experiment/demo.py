@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from app.analysis import write_analysis
 from app.experiment.study import fetched
+from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
 from app.operations.create import create_study
 from app.operations.manage import add_experimenter, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
 from app.web.front import FRONT_FILE
-
-Progress = Callable[[int, int, str], None]
 
 # What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
 DEPTH_ABILITIES = {"id": -0.8, "dr": 0.1, "pm": 0.7}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ import httpx
 import numpy as np
 
 from app.experiment.timetable import Step
+from app.ffmpeg import Progress
 from app.files import read_json, write_json
 from app.intake.reports import Measure, read_report
 from app.intake.stimuli import MANIFEST
@@ -58,8 +59,6 @@ OPTIONS = {
         },
     ],
 }
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

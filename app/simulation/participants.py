@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import httpx
 import numpy as np
 
+from app.ffmpeg import Progress, no_progress
 from app.operations.manage import add_own_token, list_studies
 from app.settings import Settings
 from app.simulation.observer import Observer
@@ -22,16 +23,10 @@ from app.simulation.screening import take_screening
 from app.study.comprehension import RIGHT_ANSWER
 from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
 
-Progress = Callable[[int, int, str], None]
-
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8
 TYPICAL_RESPONSE_MS = 1500.0
 NO_ANSWERS: Mapping[str, Any] = {}
-
-
-def no_progress(done: int, total: int, what: str) -> None:
-    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +128,7 @@ def simulate(
             total = len(people) * session["progress"]["total"]
             for _ in _votes(client, slug, session, token, preference, rngs[0]):
                 n_votes += 1
-                progress(n_votes, total, f"participant {number + 1} of {len(people)}")
+                progress(f"votes of participant {number + 1} of {len(people)}", n_votes, total)
             now = _ask(client, "GET", "/api/v1/session", session["token"]).json()
             pass_stages(client, session | now, answers=person.answers)
     seconds = time.perf_counter() - started

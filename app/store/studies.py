@@ -47,8 +47,8 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a study is."""
+class StudyCounts:
+    """How much of a study there is, and how far it is."""
 
     n_datasets: int
     n_conditions: int
@@ -115,16 +115,16 @@ def edit_study(connection: Connection, study_id: int, seen_revision: int, values
         )
 
 
-def progress_of(connection: Connection, study_id: int) -> Progress:
+def progress_of(connection: Connection, study_id: int) -> StudyCounts:
     return _progress(connection, study.c.id == study_id)[study_id]
 
 
-def progress_by_study(connection: Connection) -> dict[int, Progress]:
+def progress_by_study(connection: Connection) -> dict[int, StudyCounts]:
     """How far all studies are, by their ids."""
     return _progress(connection, true())
 
 
-def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, Progress]:
+def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, StudyCounts]:
     own = takes_part_in(study.c.id)
     sessions = select(func.count()).select_from(session.join(participant)).where(own)
     counts = {
@@ -141,7 +141,7 @@ def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, P
     }
     columns = (query.scalar_subquery().label(name) for name, query in counts.items())
     rows = connection.execute(select(study.c.id, *columns).where(which))
-    return {study_id: Progress(**dict(zip(counts, found, strict=True))) for study_id, *found in rows}
+    return {study_id: StudyCounts(**dict(zip(counts, found, strict=True))) for study_id, *found in rows}
 
 
 def _study(row: Row[Any] | None) -> Study | None:

@@ -38,7 +38,7 @@ from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
 from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
-from recon.workers import Pool, Progress, open_pool, silent
+from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
@@ -98,7 +98,7 @@ def match_files(
 
 
 def reconstruct(
-    capture_folder: Path, run: Path, options: ReconstructOptions, progress: Progress = silent
+    capture_folder: Path, run: Path, options: ReconstructOptions, progress: Progress = no_progress
 ) -> dict[str, Any]:
     """Make depth maps, clouds and meshes of a capture, and return the content of ``run.json``.
 
@@ -154,7 +154,7 @@ def reconstruct(
     return content
 
 
-def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = silent) -> Path:
+def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = no_progress) -> Path:
     """Make a video of every approach of every run, and the manifest; returns the manifest's path.
 
     Path, light, background, renderer and encoder settings are the same for all approaches of a scene.

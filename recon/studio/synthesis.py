@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -29,7 +28,7 @@ from recon.studio.scenes import SCENES, Scene
 from recon.studio.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.stage import Stage, Staged
 from recon.studio.views import View, empty_view
-from recon.workers import silent
+from recon.workers import Progress, no_progress
 
 BOUNDS_MARGIN_MM = 15.0
 CELL_PX = 5.0  # edge of the actors' triangles in pixels
@@ -40,8 +39,6 @@ WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from tha
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
 SIDES = ("left", "right")
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class SynthParameters:
             raise ValueError(f"position is for {' and '.join(VALIDATION_SCENES)}, not for the scene {self.scene!r}")
 
 
-def synthesise(out: Path, parameters: SynthParameters, *, progress: Progress = silent) -> Capture:
+def synthesise(out: Path, parameters: SynthParameters, *, progress: Progress = no_progress) -> Capture:
     """Record a scene into a new capture folder with clean plates, held-out photographs and `truth/`.
 
     Parameters

@@ -9,10 +9,11 @@ from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError
+from app.ffmpeg import Progress
 from app.intake.models import FOLDERS
 from app.intake.reports import REPORT
 from app.operations.attach import attach
-from app.web.admin.jobs import Tell, start_job
+from app.web.admin.jobs import start_job
 from app.web.admin.uploads import MB, UploadingActor, receive_zip, unpack
 from app.web.gates import AStudy, Store, settings
 
@@ -36,7 +37,7 @@ async def upload_results(request: Request, actor: UploadingActor, study: AStudy,
     own = settings(request)
     folder, packed = await receive_zip(request, actor, database, own.data_dir / "uploads", own.largest_upload_mb)
 
-    def work(_tell: Tell) -> str:
+    def work(_tell: Progress) -> str:
         unpacked = Path(folder.name) / "unpacked"
         with folder:
             unpack(packed, unpacked, own.largest_upload_mb * MB, check_content)

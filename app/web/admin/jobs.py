@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from fastapi import Request
 
 from app.errors import StudyError, UnavailableError
+from app.ffmpeg import Progress
 from app.store.audit import Actor, Entry, record_alone
 from app.store.engine import Database
 from app.store.jobs import BEATS_WITHIN, beat, begin_job, end_job, fail_job, tell_progress
@@ -21,15 +22,13 @@ BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
 
 log = logging.getLogger(__name__)
 
-Tell = Callable[[int, int, str], None]  # done, total, what
-
 
 def start_job(
     request: Request,
     database: Database,
     actor: Actor,
     title: str,
-    work: Callable[[Tell], str],
+    work: Callable[[Progress], str],
     *,
     subject: str | None = None,
 ) -> str:
@@ -55,10 +54,10 @@ def start_job(
     return begun.public_id
 
 
-def _run(database: Database, actor: Actor, title: str, public_id: str, work: Callable[[Tell], str]) -> None:
+def _run(database: Database, actor: Actor, title: str, public_id: str, work: Callable[[Progress], str]) -> None:
     last_s = 0.0
 
-    def tell(done: int, total: int, what: str) -> None:
+    def tell(what: str, done: int, total: int) -> None:
         nonlocal last_s
         if time.monotonic() - last_s >= TELLS_EVERY_S:
             last_s = time.monotonic()

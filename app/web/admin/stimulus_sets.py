@@ -14,11 +14,12 @@ from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError, NotFoundError, StimuliError
+from app.ffmpeg import Progress
 from app.intake.stimuli import MANIFEST, read_stimulus_set
 from app.operations.create import slugify
 from app.settings import Settings
 from app.store.audit import Entry, record_alone
-from app.web.admin.jobs import Tell, start_job
+from app.web.admin.jobs import start_job
 from app.web.admin.layout import page
 from app.web.admin.uploads import MB, UploadingActor, receive_zip, unpack
 from app.web.gates import Person, Store, settings
@@ -69,7 +70,7 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
     own = settings(request)
     folder, packed = await receive_zip(request, actor, database, own.sets_dir, own.largest_upload_mb)
 
-    def work(tell: Tell) -> str:
+    def work(tell: Progress) -> str:
         with folder:
             name = install_set(own, packed, Path(folder.name) / "unpacked", tell)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
@@ -79,7 +80,7 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 
-def install_set(of: Settings, packed: Path, unpacked: Path, tell: Tell) -> str:
+def install_set(of: Settings, packed: Path, unpacked: Path, tell: Progress) -> str:
     """Unpack an upload, check it as any stimulus set, and give it its place; its name.
 
     Raises

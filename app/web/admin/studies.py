@@ -9,14 +9,15 @@ from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, NotFoundError
+from app.ffmpeg import Progress
 from app.operations.create import create_study, duplicate_study, slugify
 from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
-from app.store.studies import Progress, Standing, Study, all_studies, progress_by_study, set_standing
+from app.store.studies import Standing, Study, StudyCounts, all_studies, progress_by_study, set_standing
 from app.study.options import LONGEST_TEXT, parse_options
 from app.study.stages import OPTIONAL_STAGES
-from app.web.admin.jobs import Tell, start_job
+from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see
 from app.web.admin.stimulus_sets import known_sets, set_folder
 from app.web.analyst.results import load_analysis
@@ -33,7 +34,7 @@ class Card:
     """What an experimenter sees of a study at a glance."""
 
     study: Study
-    progress: Progress
+    progress: StudyCounts
 
 
 @router.get("")
@@ -74,7 +75,7 @@ def create(
         raise InvalidError(f"The study was not created: {error}.") from error
     own = settings(request)
 
-    def work(progress: Tell) -> str:
+    def work(progress: Progress) -> str:
         made = create_study(
             own, folder, name, exposure_s=exposure_s, options=options, progress=progress, by=actor.name, is_paused=True
         )

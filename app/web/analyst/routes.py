@@ -16,7 +16,7 @@ from app.store.engine import Database
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Progress, Study, all_studies, progress_by_study, progress_of
+from app.store.studies import Study, StudyCounts, all_studies, progress_by_study, progress_of
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
@@ -215,7 +215,7 @@ def _analysis(database: Database, of: Study) -> Mapping[str, Any]:
     return EMPTY_ANALYSIS if found is None else found
 
 
-def _summary(of: Study, progress: Progress) -> dict[str, Any]:
+def _summary(of: Study, progress: StudyCounts) -> dict[str, Any]:
     return {
         "slug": of.slug,
         "name": of.name,

@@ -40,7 +40,7 @@ from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import steady_rate
 from recon.rig import Rig, Sensor
 from recon.storage.files import write_json
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
 GREEN = (60, 200, 60)
@@ -113,7 +113,7 @@ class CalibrationReport:
 
 
 def calibrate_folders(
-    sources: Sequence[Path], board: Board, out: Path, *, progress: Progress = silent
+    sources: Sequence[Path], board: Board, out: Path, *, progress: Progress = no_progress
 ) -> CalibrationReport:
     """Calibrate all sensors of a rig and write the OpenCV file and its report.
 

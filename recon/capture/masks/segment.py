@@ -30,7 +30,7 @@ from recon.capture.format import (
 from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
 from recon.capture.masks.outline import grown, repatterned, tightened
 from recon.capture.masks.scribbles import SIDES, Strokes, propagated, read_scribbles
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def segment_capture(
     threshold: float | None = None,
     clean_up: CleanUp | None = None,
     scribbles: Path | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> Capture:
     """Write the foreground masks of all sensors and frames, then name them in `capture.json`.
 

@@ -14,7 +14,7 @@ from recon.validation.cuboid.fit import fit_cuboid
 from recon.validation.cuboid.model import AXIS_NAMES, CuboidFit, Face, band_of
 from recon.validation.curves import COMBINED, N_REPLICATES, TABLE_THRESHOLD, group_rows, inlier_curve, table_measures
 from recon.validation.measures import LESS, Subject, joined, measure_rows
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 FLATNESS_CUT = 4.0  # standard deviations; points beyond are no roughness but outliers
 
@@ -59,7 +59,7 @@ class MeasuredCuboid:
 
 
 def measure_cuboids(
-    clouds: Sequence[MeasuredCloud], settings: CuboidSettings, progress: Progress = silent
+    clouds: Sequence[MeasuredCloud], settings: CuboidSettings, progress: Progress = no_progress
 ) -> tuple[dict[str, Any], list[MeasuredCuboid]]:
     """Fit every reconstruction and tabulate it; the content of report.json, and the fits for figures.
 

@@ -17,7 +17,7 @@ from recon.validation.sphere.methods import METHODS, SphereSettings
 from recon.validation.sphere.model import SphereFit, SphereParameters, surface_share
 from recon.validation.sphere.tables import sphere_table
 from recon.validation.sphere.visibility import meets_sphere, missing_share
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class _Measured:
 
 
 def measure_spheres(
-    clouds: Sequence[MeasuredCloud], settings: SphereSettings, progress: Progress = silent
+    clouds: Sequence[MeasuredCloud], settings: SphereSettings, progress: Progress = no_progress
 ) -> dict[str, Any]:
     """Fit every reconstruction, apply the exclusion rule, and tabulate errors; the content of report.json.
 

@@ -29,7 +29,7 @@ from recon.validation.views.novel_view import (
     true_mesh,
     view_rows,
 )
-from recon.workers import Progress, silent
+from recon.workers import Progress, no_progress
 
 FLOOR = "true depth"
 MEASURES = {  # column: name, direction, unit
@@ -66,7 +66,7 @@ class Comparison:
 
 
 def measure_views(
-    folder: Path, settings: ViewSettings, progress: Progress = silent
+    folder: Path, settings: ViewSettings, progress: Progress = no_progress
 ) -> tuple[dict[str, Any], list[Comparison]]:
     """Compare a run with its sensors and photographs; the content of report.json, and pictures of the first frame.
 

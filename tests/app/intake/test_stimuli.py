@@ -43,10 +43,10 @@ def test_a_set_is_read_from_its_folder_or_its_manifest(folder: Path) -> None:
 @pytest.mark.slow
 def test_progress_is_told_to_the_end(folder: Path, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
-    stimulus_set = read_stimulus_set(folder, lambda done, total, _: told.append((done, total)))
+    stimulus_set = read_stimulus_set(folder, lambda _, done, total: told.append((done, total)))
     assert told == [(done, 6) for done in range(7)]
     told.clear()
-    maker = FilmMaker(tmp_path / "pairs", progress=lambda done, total, _: told.append((done, total)))
+    maker = FilmMaker(tmp_path / "pairs", progress=lambda _, done, total: told.append((done, total)))
     prepare_pairs(stimulus_set, maker)
     assert told == [(done, 6) for done in range(7)]
 
@@ -215,7 +215,7 @@ def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: Stim
 def test_a_pair_is_encoded_once_for_its_content(checked: StimulusSet, media_dir: Path) -> None:
     before = {path: path.stat().st_ino for path in media_dir.iterdir()}
     told: list[int] = []
-    prepare_pairs(checked, FilmMaker(media_dir, progress=lambda _, total, __: told.append(total)))
+    prepare_pairs(checked, FilmMaker(media_dir, progress=lambda _, __, total: told.append(total)))
     assert told == [0]
     assert {path: path.stat().st_ino for path in media_dir.iterdir()} == before
     assert len(before) == 6

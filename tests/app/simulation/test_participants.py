@@ -35,7 +35,7 @@ def test_the_better_item_wins_whatever_its_label(
         4,
         ABILITIES,
         0.0,
-        progress=lambda done, total, _: told.append((done, total)),
+        progress=lambda _, done, total: told.append((done, total)),
     )
     assert result["votes"] == 24
     assert told == [(done, 24) for done in range(1, 25)]

@@ -49,7 +49,7 @@ def test_checks_are_shown_and_recorded_and_change_no_score(
     told: list[tuple[int, int]] = []
     result = simulate(
         server, study["slug"], study["invitation"], token, 2, ABILITIES, 0.0,
-        progress=lambda done, total, _: told.append((done, total)),
+        progress=lambda _, done, total: told.append((done, total)),
     )  # fmt: skip
     assert result["votes"] == 2 * 2 * (2 * 3 + 1 + 2)
     assert told[-1] == (36, 36)
