@@ -5,27 +5,41 @@ from __future__ import annotations
 import socket
 import sys
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
+from app.files import read_json, write_json
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 if TYPE_CHECKING:
-    from app.experiment.timetable import Step
     from app.settings import Settings
 
 DEMO_SECONDS = 5.0
 DEMO_FRAMES = 6
+DEMO_TAKES = "about three minutes on two idle cores"
+EXPERIMENT_TAKES = {
+    "small": "about eight minutes on two idle cores",
+    "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
+}
 
 app = typer.Typer()
 experiment_app = typer.Typer(no_args_is_help=True, help="Whole experiments, from the recording to the report.")
 app.add_typer(experiment_app, name="experiment")
+
+
+class Step(NamedTuple):
+    """A part of the work; it makes only what is missing."""
+
+    name: str
+    run: Callable[[], None]
+    look: str = ""  # the file in which to see what was made
 
 
 @app.command()
@@ -40,15 +54,13 @@ def demo(
 ) -> None:
     """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
     from app.experiment.demo import ability_sentence, demo_front, demo_scores
-    from app.experiment.timetable import Timetable
     from app.main import running_server
     from app.settings import Settings
 
     settings, front = Settings(data_dir=out / "study", database_url=None), out / "front"
-    progress = ProgressLine(note=lambda: timetable.left())
-    timetable = Timetable(_demo_steps(out, settings, participants, progress), out / "seconds.json")
-    progress.say(f"The whole way once, from a recording to scores, into {out}: {timetable.left()}.")
-    timetable.run(progress.say)
+    progress = ProgressLine()
+    progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
+    run_steps(_demo_steps(out, settings, participants, progress), out / "seconds.json", progress.say)
     with running_server(settings, port=_free_port(port), front=front) as url:
         links = {name: url + path for name, path in demo_front(settings, out, front, DEMO_FRAMES).items()}
         analysis = demo_scores(out)
@@ -68,9 +80,8 @@ def demo(
 
 
 def _demo_steps(out: Path, settings: Settings, participants: int, progress: ProgressLine) -> list[Step]:
-    """The demo's work, with seconds on two idle cores; each step makes only what is missing."""
+    """The demo's steps; each makes only what is missing."""
     from app.experiment.demo import demo_analysis, demo_study, demo_votes
-    from app.experiment.timetable import Step
     from app.main import running_server
     from recon.capture.format import CAPTURE_FILE
     from recon.capture.masks.segment import segment_capture
@@ -105,13 +116,12 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
             demo_analysis(settings, url, out / "analysis")
 
     return [
-        Step("record a moving person with three synthetic stereo sensors", 12, record, f"{capture}/S2/left/0000.png"),
-        Step("reconstruct it by six approaches: depth, clouds, models", 75, make_models, f"{run}/previews/0000.png"),
-        Step("film every model from the same moving camera", 25, film, f"{stimuli}/ball/pm_fb.mp4"),
-        Step("make a study of the films: pairs, orders, an invitation", 25, make_study),
+        Step("record a moving person with three synthetic stereo sensors", record, f"{capture}/S2/left/0000.png"),
+        Step("reconstruct it by six approaches: depth, clouds, models", make_models, f"{run}/previews/0000.png"),
+        Step("film every model from the same moving camera", film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("make a study of the films: pairs, orders, an invitation", make_study),
         Step(
             f"let {participants} artificial people vote over HTTP, and turn votes into scores",
-            8,
             take_votes,
             f"{out}/analysis/report.html" if participants else "",
         ),
@@ -129,29 +139,42 @@ def experiment_paper(
 ) -> None:
     """The paper's experiment on synthetic recordings and artificial people, and a report beside the paper's numbers."""
     from app.experiment.report import read_results, write_experiment_report
-    from app.experiment.study import StudyPart, study_step
-    from app.experiment.timetable import Step, Timetable, duration
-    from recon.experiment import SCALES, Experiment, measured_pace, steps
+    from app.experiment.study import StudyPart
+    from recon.experiment import SCALES, Experiment, steps
 
     if scale not in SCALES:
         raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
     experiment, study = Experiment(out.resolve(), SCALES[scale], workers, cluster), StudyPart(out.resolve())
-    progress = ProgressLine(note=lambda: timetable.left())
-    pace = measured_pace(ProgressLine()) if scale == "full" else 1.0
-    timetable = Timetable(
-        [
-            *(Step(name, seconds, partial(do, progress)) for name, seconds, do in steps(experiment, pace)),
-            study_step(study, pace * experiment.scale.film_megapixels, by_step(progress)),
-        ],
-        out / "seconds.json",
-    )
-    progress.say(f"Into {out}: {timetable.left()} on this machine{' alone' if cluster else ''}.")
+    sentence = f"The experiment takes {EXPERIMENT_TAKES[scale]}"
     if scale == "full" and not yes:
-        _ask_to_go_on(f"It takes about {duration(timetable.seconds_left())}")
-    seconds = timetable.run(progress.say)
+        _ask_to_go_on(sentence)
+    progress = ProgressLine()
+    progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
+    planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
+    planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
+    seconds = run_steps(planned, out / "seconds.json", progress.say)
     report = write_experiment_report(read_results(study, seconds), scale)
     progress.close()
     _tell_of_experiment(out, report, as_json=as_json)
+
+
+def run_steps(
+    steps: Sequence[Step], notes: Path, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+) -> dict[str, float]:
+    """Announce and run every step; returns seconds by name.
+
+    `notes` keeps the longest that each step took over all starts: a later one only finds that all is there.
+    """
+    seconds = read_json(notes) if notes.is_file() else {}
+    for number, step in enumerate(steps, start=1):
+        say(f"{number} of {len(steps)}: {step.name}")
+        started = clock()
+        step.run()
+        seconds[step.name] = max(seconds.get(step.name, 0.0), round(clock() - started, 1))
+        write_json(notes, seconds)
+        if step.look:
+            say(f"   look at {step.look}")
+    return {step.name: seconds[step.name] for step in steps}
 
 
 def _ask_to_go_on(sentence: str) -> None:

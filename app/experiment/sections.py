@@ -14,7 +14,6 @@ from typing import Any
 from app.analysis.charts import chart_svg, measure_chart, scores_chart, triads_chart
 from app.analysis.contrasts import SIGNIFICANT
 from app.experiment.study import N_PEOPLE, QUALITY
-from app.experiment.timetable import duration
 from app.files import read_json
 from app.films.strips import write_still
 from app.intake.stimuli import MANIFEST
@@ -358,8 +357,8 @@ def _objective_against_subjective(results: Results) -> Section:
 
 
 def _course(results: Results) -> Section:
-    rows = [(name, duration(seconds)) for name, seconds in results.seconds.items()]
-    rows.append(("all", duration(sum(results.seconds.values()))))
+    seconds = {**results.seconds, "all": sum(results.seconds.values())}
+    rows = [(name, f"{taken / 60:.1f} min") for name, taken in seconds.items()]
     text = (
         "Started again, the command makes only what is missing. Every part has a report of its own in validation/; the "
         "study and its films are in the folder study-…, to be looked at with RECONSTUDY_DATA_DIR=that folder "

@@ -9,14 +9,12 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 
-from app.experiment.timetable import Step
 from app.ffmpeg import Progress
 from app.files import read_json, write_json
 from app.intake.reports import Measure, read_report
@@ -43,7 +41,6 @@ AGES = (19, 59)
 LACKING = 8  # who lacks a cone: so many are before them
 SEED = 1
 TIMEOUT_S = 300.0
-PEOPLE_S, FILM_MPX_S, N_FILMS = 45.0, 0.05, 75  # on two idle cores of 2026
 
 OPTIONS = {
     "optional_stages": ["screening", "practice", "interview"],
@@ -113,12 +110,6 @@ class StudyPart:
     def answers(self) -> dict[str, Any]:
         """What the people answered, and the truth that was put in."""
         return read_json(self.settings().data_dir / ANSWERS_FILE)
-
-
-def study_step(study: StudyPart, film_megapixels: float, progress: Progress) -> Step:
-    """The study of 75 films and its people, with the seconds that it takes on two cores."""
-    seconds = PEOPLE_S + N_FILMS * film_megapixels * FILM_MPX_S
-    return Step("let people take the study", seconds, partial(study.take, progress))
 
 
 def study_options() -> StudyOptions:

@@ -16,17 +16,16 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as on
 
 
 class ProgressLine:
-    """Progress of one command: a line that rewrites itself on a terminal, plain lines otherwise.
+    """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
-    An instance is called as (what is being done, how many are done, how many there are); `note` adds what is known
-    besides to every line.
+    An instance is a `Progress`. What is left is estimated from the time that the part so far took.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, note: Callable[[], str] | None = None) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._note = note
         self._what = ""
         self._started = self._printed = clock()
+        self._already_done = 0
         self._open = False
 
     def __call__(self, what: str, done: int, total: int) -> None:
@@ -34,13 +33,15 @@ class ProgressLine:
         if what != self._what:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
+            self._already_done = done
+        times = self._times(now - self._started, done, total)
         if sys.stderr.isatty():
-            self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {self._time(now)}")
+            self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {times}")
             if done >= total:
                 self.close()
         elif done >= total or now - self._printed >= PLAIN_LINE_EVERY_S:
             self._printed = now
-            print(f"{what}: {done}/{total} ({self._time(now)})", file=sys.stderr, flush=True)
+            print(f"{what}: {done}/{total} ({times})", file=sys.stderr, flush=True)
 
     def say(self, sentence: str) -> None:
         """Print one whole line on standard error."""
@@ -53,9 +54,11 @@ class ProgressLine:
             print(file=sys.stderr)
             self._open = False
 
-    def _time(self, now: float) -> str:
-        taken = f"{now - self._started:.0f} s"
-        return f"{taken}; {self._note()}" if self._note else taken
+    def _times(self, taken: float, done: int, total: int) -> str:
+        counted = done - self._already_done
+        if counted <= 0 or done >= total:
+            return _duration(taken)
+        return f"{_duration(taken)}, about {_duration(taken / counted * (total - done))} left"
 
     def _rewrite(self, line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
@@ -65,6 +68,12 @@ class ProgressLine:
 def print_result(result: Mapping[str, Any], sentences: str, *, as_json: bool) -> None:
     """Print a command's result: as one JSON object, or as the sentences a person reads."""
     print(json.dumps(result, default=str, allow_nan=False) if as_json else sentences, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _bar(done: int, total: int, width: int = 20) -> str:

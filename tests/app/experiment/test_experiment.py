@@ -1,4 +1,4 @@
-"""The paper's experiment: its timetable, its artificial people, what it concludes, and one small real run."""
+"""The paper's experiment: its steps, its artificial people, what it concludes, and one small real run."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import pytest
 import app.experiment.study
 import recon.experiment
 import recon.validation.truth.evaluation
+from app.cli.experiments import Step, run_steps
 from app.experiment.report import conclusions
 from app.experiment.sections import Results
 from app.experiment.study import people, true_abilities
-from app.experiment.timetable import Step, Timetable, duration
 from app.intake.reports import Measure
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from tests.command_line import Command
@@ -35,11 +35,11 @@ class Clock:
     def __call__(self) -> float:
         return self.now
 
-    def step(self, name: str, expected: float, taken: float) -> Step:
+    def step(self, name: str, taken: float) -> Step:
         def run() -> None:
             self.now += taken
 
-        return Step(name, expected, run)
+        return Step(name, run)
 
 
 def ssim(dataset: str, values: dict[str, float]) -> list[Measure]:
@@ -56,35 +56,18 @@ def ssim(dataset: str, values: dict[str, float]) -> list[Measure]:
     ]
 
 
-def test_the_time_to_go_follows_the_pace_of_the_steps_that_had_work(tmp_path: Path) -> None:
+def test_steps_are_announced_with_their_number_and_where_to_look(tmp_path: Path) -> None:
     clock, said = Clock(), []
-    steps = [
-        clock.step("was there", 100, 0.1),
-        clock.step("twice as slow", 100, 200),
-        clock.step("last", 50, 90),
-    ]
-    timetable = Timetable(steps, tmp_path / "seconds.json", clock)
-    assert timetable.seconds_left() == 250
-    seconds = timetable.run(said.append)
-    assert seconds == {"was there": 0.1, "twice as slow": 200.0, "last": 90.0}
-    assert said == [
-        "1 of 3: was there (about 4 min to go)",
-        "2 of 3: twice as slow (about 2 min to go)",
-        "3 of 3: last (about 88 s to go)",
-    ]
-    assert timetable.seconds_left() == 0
+    steps = [clock.step("record", 40.0)._replace(look="left.png"), clock.step("film", 0.24)]
+    assert run_steps(steps, tmp_path / "seconds.json", said.append, clock) == {"record": 40.0, "film": 0.2}
+    assert said == ["1 of 2: record", "   look at left.png", "2 of 2: film"]
 
 
 def test_a_step_that_was_there_keeps_the_time_that_it_took_to_make(tmp_path: Path) -> None:
     clock = Clock()
     for taken in (40.0, 0.2):
-        seconds = Timetable([clock.step("a", 30, taken)], tmp_path / "seconds.json", clock).run(lambda _: None)
+        seconds = run_steps([clock.step("a", taken)], tmp_path / "seconds.json", lambda _: None, clock)
     assert seconds == {"a": 40.0}
-
-
-@pytest.mark.parametrize(("seconds", "told"), [(3.4, "3 s"), (200, "3 min"), (7200 * 2, "4.0 h")])
-def test_durations_are_told_as_people_say_them(seconds: float, told: str) -> None:
-    assert duration(seconds) == told
 
 
 def test_what_people_prefer_follows_what_was_measured_in_each_dataset() -> None:
@@ -167,14 +150,11 @@ def test_an_order_that_the_votes_leave_open_contradicts_nothing() -> None:
     assert orders[2]["came_out"] == "id ≈ dr ≈ pm"
 
 
-def test_full_says_how_long_it_takes_and_waits_to_be_told(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(recon.experiment, "measured_pace", lambda _progress: 2.0)
+def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_path: Path) -> None:
     told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full")
     assert told.code == 2
     assert "--yes" in told.err
-    assert "h, and nobody can be asked here" in told.err
+    assert "hours on two idle cores, and nobody can be asked here" in told.err
     assert not (tmp_path / "full").exists()
 
 
@@ -190,9 +170,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     scale = recon.experiment.Scale((120, 214), (240, 240), 1, 5.0, 2, 1, (160, 90), 25.0, 0.4)
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
     monkeypatch.setattr(recon.experiment, "SCENES", ("ball", "face"))
-    monkeypatch.setattr(recon.validation.ground_truth, "N_SAMPLES", 5000)
+    monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 5000)
     for name, value in {"N_PEOPLE": 6, "N_MEN": 3, "N_TRAINED": 3, "LACKING": 2}.items():
-        monkeypatch.setattr(app.experiment, name, value)
+        monkeypatch.setattr(app.experiment.study, name, value)
 
 
 @pytest.mark.slow

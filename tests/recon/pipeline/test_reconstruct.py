@@ -33,8 +33,8 @@ from recon.validation.truth.vertex_errors import signed_errors
 WHOLE_WAY = """
 import sys
 from pathlib import Path
-from recon.flythrough import RenderOptions
-from recon.pipeline import ReconstructOptions, reconstruct, render
+from recon.pipeline.film import RenderOptions
+from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
 
 capture, run, stimuli = map(Path, sys.argv[1:])
 reconstruct(capture, run, ReconstructOptions(depths=("id",)))

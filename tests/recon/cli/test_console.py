@@ -1,0 +1,47 @@
+"""The progress that commands print."""
+
+from __future__ import annotations
+
+import pytest
+
+from recon.cli.console import ProgressLine
+
+
+class Clock:
+    """A clock that the test moves on."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def lines(capsys: pytest.CaptureFixture[str], steps: list[tuple[float, str, int, int]]) -> list[str]:
+    """What is printed where standard error is no terminal; each step comes so many seconds after the one before."""
+    clock = Clock()
+    progress = ProgressLine(clock)
+    for seconds, *told in steps:
+        clock.now += seconds
+        progress(*told)
+    return capsys.readouterr().err.splitlines()
+
+
+def test_a_line_says_how_much_is_done_and_about_how_long_the_rest_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    told = lines(capsys, [(0, "clouds", 0, 8), (6, "clouds", 2, 8), (18, "clouds", 8, 8)])
+    assert told == ["clouds: 0/8 (0 s)", "clouds: 2/8 (6 s, about 18 s left)", "clouds: 8/8 (24 s)"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(30, "30 s, about 30 s left"), (200, "3 min, about 3 min left"), (7200, "2.0 h, about 2.0 h left")],
+)
+def test_durations_are_told_as_people_say_them(seconds: float, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lines(capsys, [(0, "clouds", 0, 2), (seconds, "clouds", 1, 2)])[-1] == f"clouds: 1/2 ({told})"
+
+
+def test_what_was_done_before_the_first_line_does_not_make_the_estimate_short(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    told = lines(capsys, [(0, "models", 10, 15), (10, "models", 11, 15)])
+    assert told == ["models: 10/15 (0 s)", "models: 11/15 (10 s, about 40 s left)"]
+    assert lines(capsys, [(0, "models", 0, 2), (9, "films", 1, 2), (8, "films", 2, 2)])[1] == "films: 1/2 (0 s)"
