@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.masks.segment import segment_capture
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
-from recon.pipeline.run import cloud_name
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.run import View
+from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.surface import SurfaceParameters
@@ -277,7 +278,7 @@ def _clouds_of_ball(out: Path, offset: NDArray[np.float64], seed: int, methods: 
         reconstruct(capture, run, ReconstructOptions(missing, ("fb",), temporal=None, surface=surface))
         for method in missing:
             for sensor in SENSORS:
-                shutil.copy(run / cloud_name(method, sensor, 0), out / f"{method}_{sensor}.ply")
+                shutil.copy(run / View(method, sensor, 0).cloud, out / f"{method}_{sensor}.ply")
 
 
 def _print_studio(method: str, report: dict[str, Any], offsets: list[NDArray[np.float64]]) -> None:

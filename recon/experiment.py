@@ -21,8 +21,9 @@ from recon.depth import DEFAULTS
 from recon.depth.census import RADIUS as CENSUS_RADIUS
 from recon.depth.temporal import TemporalParameters
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
-from recon.pipeline.run import cloud_name, mesh_name, read_run
+from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.run import View, mesh_name, read_run
+from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
@@ -216,7 +217,7 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
         record(experiment, name, parameters, no_progress)
         options = ReconstructOptions((OBJECT_METHOD,), ("fb",), workers=experiment.workers, cluster=experiment.cluster)
         reconstruct(experiment.capture(name), experiment.run(name), options)
-        yield from ((experiment.run(name), cloud_name(OBJECT_METHOD, sensor, 0)) for sensor in SENSORS)
+        yield from ((experiment.run(name), View(OBJECT_METHOD, sensor, 0).cloud) for sensor in SENSORS)
     progress(f"placed {kind}s", n, n)
 
 

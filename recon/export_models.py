@@ -13,7 +13,7 @@ import numpy as np
 
 from recon.approaches import parse_approach
 from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh
-from recon.pipeline.run import Run, cloud_name, mesh_name, read_clouds, read_run, recorded_in
+from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
 from recon.validation.truth.evaluation import Shape, read_shape, signed_vertex_errors
 from recon.workers import Progress
@@ -26,17 +26,19 @@ def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: P
 
     Parameters
     ----------
+    runs, out : folders of the runs and of the models
     frame : of the recording; None: the middle one of each run
+    progress : told after each approach
 
     Raises
     ------
     ValueError
         If a folder is not a finished run, has no such frame, or two runs are of the same dataset.
     """
-    found = [read_run(folder) for folder in runs]
-    if len({run.dataset for run in found}) < len(found):
+    scenes = [read_run(folder) for folder in runs]
+    if len({run.dataset for run in scenes}) < len(scenes):
         raise ValueError(f"two of {', '.join(map(str, runs))} are of the same dataset; give one run for each scene")
-    tasks = [(run, approach) for run in found for approach in run.approaches]
+    tasks = [(run, approach) for run in scenes for approach in run.approaches]
     written = []
     for number, (run, approach) in enumerate(tasks, 1):
         written += _write_approach(run, approach, _frame(run, frame), out)
@@ -47,9 +49,9 @@ def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: P
 def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path]:
     truth = _truth(run, frame)
     depth = parse_approach(approach).depth
-    names = [cloud_name(depth, stream.id, frame) for stream in run.capture.sensors]
-    cloud = _together(read_clouds(run.folder, names))
-    mesh = read_mesh(run.folder / mesh_name(approach, frame))
+    names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors]
+    cloud = _together(read_clouds(run.artefacts, names))
+    mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
     return [
         _write(out / MESHES / run.dataset / f"{approach}.ply", mesh, truth),
         _write(out / CLOUDS / run.dataset / f"{approach}.ply", cloud, truth),
@@ -65,7 +67,7 @@ def _write(path: Path, model: Mesh | Cloud, truth: Shape | None) -> Path:
 
 
 def _together(clouds: Sequence[Cloud]) -> Cloud:
-    """All sensors' points as one cloud, without their sigmas, which nobody looks at."""
+    """Merge all sensors' points into one cloud, without their sigmas, which nobody looks at."""
     parts = ([getattr(cloud, name) for cloud in clouds] for name in ("points", "normals", "colours"))
     return Cloud(*(np.concatenate(part) for part in parts))
 

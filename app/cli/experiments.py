@@ -1,4 +1,4 @@
-"""Commands that do the whole way at once: the demo, and the paper's experiment."""
+"""The commands that do everything at once: the demo, and the paper's experiment."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EXPERIMENT_TAKES = {
 }
 
 app = typer.Typer()
-experiment_app = typer.Typer(no_args_is_help=True, help="Whole experiments, from the recording to the report.")
+experiment_app = typer.Typer(no_args_is_help=True, help="Run whole experiments, from recording to report.")
 app.add_typer(experiment_app, name="experiment")
 
 
@@ -44,15 +44,15 @@ class Step(NamedTuple):
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for everything that is made; starting again resumes.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder for everything that is made; a second start resumes.")] = Path(
         "demo"
     ),
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
-    participants: Annotated[int, typer.Option(min=0, help="Simulated participants.")] = 8,
-    serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until interrupted.")] = True,
+    participants: Annotated[int, typer.Option(min=0, help="How many simulated participants vote.")] = 8,
+    serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until you press Ctrl-C.")] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """The main job on a synthetic recording: models, videos, a study, votes, scores; then serve it."""
+    """Do the main job on a synthetic recording: models, videos, a study, votes and scores; then serve the study."""
     from app.experiment.demo import ability_sentence, demo_front, demo_scores
     from app.main import running_server
     from app.settings import Settings
@@ -80,15 +80,16 @@ def demo(
 
 
 def _demo_steps(out: Path, settings: Settings, participants: int, progress: ProgressLine) -> list[Step]:
-    """The demo's steps; each makes only what is missing."""
+    """List the demo's steps; each makes only what is missing."""
     from app.experiment.demo import demo_analysis, demo_study, demo_votes
     from app.main import running_server
     from recon.capture.format import CAPTURE_FILE
     from recon.capture.masks.segment import segment_capture
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.preview import write_stage_pictures
-    from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+    from recon.pipeline.reconstruct import reconstruct, render
     from recon.pipeline.run import read_run
+    from recon.pipeline.stages import ReconstructOptions
     from recon.studio import SynthParameters, synthesise
 
     capture, run, stimuli = out / "capture", out / "run", out / "stimuli"
@@ -130,14 +131,22 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
 
 @experiment_app.command("paper")
 def experiment_paper(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for all that is made; starting again resumes.")],
-    scale: Annotated[str, typer.Option(help="small: minutes; full: full HD, 15 s, hours to days.")] = "small",
-    workers: Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")] = 1,
-    cluster: Annotated[str | None, typer.Option(help="A Dask scheduler whose workers do the heavy work.")] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for everything that is made; a second start resumes.")
+    ],
+    scale: Annotated[
+        str, typer.Option(help="small takes minutes; full makes videos in full HD of 15 s and takes hours.")
+    ] = "small",
+    workers: Annotated[
+        int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
+    ] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(help="Let the workers of this Dask scheduler do the heavy work, tcp://HOST:8786.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """The paper's experiment on synthetic recordings and artificial people, and a report beside the paper's numbers."""
+    """Repeat the paper's experiment on synthetic recordings with artificial people, and report it beside the paper."""
     from app.experiment.report import read_results, write_experiment_report
     from app.experiment.study import StudyPart
     from recon.experiment import SCALES, Experiment, steps
@@ -178,7 +187,7 @@ def run_steps(
 
 
 def _ask_to_go_on(sentence: str) -> None:
-    """Go on if a person says so; a script says --yes beforehand."""
+    """Ask whether to start; a script has to say --yes instead."""
     if not sys.stdin.isatty():
         raise typer.BadParameter(f"{sentence}, and nobody can be asked here: add --yes to start it")
     typer.confirm(f"{sentence}. Start?", abort=True, err=True)
@@ -195,7 +204,7 @@ def _tell_of_experiment(out: Path, report: Mapping[str, Any], *, as_json: bool) 
 
 
 def _free_port(wanted: int) -> int:
-    """The wanted port, or 0 (any free one) if another program has it."""
+    """Return the wanted port, or 0 (any free one) if another program has it."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -1,6 +1,6 @@
-"""The reconstruction backend's commands, mounted by the product's one command line.
+"""The commands of reconstruction, which `app.cli` mounts.
 
-What a command needs is imported when it runs: `--help` and the server never load numba or OpenCV.
+Each command imports what it needs when it runs, so `--help` and the server never load numba or OpenCV.
 """
 
 from __future__ import annotations
@@ -16,10 +16,14 @@ from recon.cli.options import parse_frames, parse_names, parse_place, parse_size
 from recon.cli.validate import app as validate_app
 from recon.storage.remote import address_of
 
-WorkersOption = Annotated[int, typer.Option(min=1, help="Local processes, one thread each; 1 uses all cores.")]
+WorkersOption = Annotated[
+    int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
+]
 ClusterOption = Annotated[
     str | None,
-    typer.Option(help="A Dask scheduler, tcp://HOST:8786, whose workers, which see the same folders or URLs, work."),
+    typer.Option(
+        help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
+    ),
 ]
 OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 
@@ -30,15 +34,17 @@ app.add_typer(validate_app, name="validate")
 
 @app.command()
 def match(
-    left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bit.")],
+    left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bits.")],
     right: Annotated[Path, typer.Argument(help="Right image, of the same size.")],
     disparities: Annotated[int, typer.Option(help="How many disparities to search.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.pfm, .npy, .tiff or .png (a coloured preview).")],
-    method: Annotated[str, typer.Option(help="Depth method.")] = "id",
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="File to write: .pfm, .npy, .tiff, or .png for a coloured preview.")
+    ],
+    method: Annotated[str, typer.Option(help="Depth method: id, dr or pm.")] = "id",
     min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Disparity of one rectified pair; unmatched is NaN (npy, tiff) or inf (pfm)."""
+    """Match one rectified pair; unmatched pixels become NaN (npy, tiff) or inf (pfm)."""
     from recon.pipeline.reconstruct import match_files
 
     result = match_files(left, right, out, method=method, n_disparities=disparities, min_disparity=min_disparity)
@@ -50,35 +56,43 @@ def match(
 
 @app.command()
 def reconstruct(
-    capture: Annotated[Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Its folder, {OR_URL}.")],
+    capture: Annotated[
+        Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Folder of the capture, {OR_URL}.")
+    ],
     out: Annotated[
         Path,
         typer.Option(
-            "--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the run, {OR_URL}; resumed if begun."
+            "--out",
+            "-o",
+            parser=parse_place,
+            metavar="PATH",
+            help=f"Folder of the run, {OR_URL}; a run that was stopped is resumed.",
         ),
     ],
-    depth: Annotated[str | None, typer.Option(help="Depth methods, comma between; default: all there are.")] = None,
-    fusion: Annotated[str, typer.Option(help="Fusions, comma between.")] = "fa,fb",
-    frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all.")] = None,
-    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the depth resolution.")] = None,
-    temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time, against flicker.")] = True,
+    depth: Annotated[str | None, typer.Option(help="Depth methods, comma-separated; default: all.")] = None,
+    fusion: Annotated[str, typer.Option(help="Fusions, comma-separated.")] = "fa,fb",
+    frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
+    voxel: Annotated[
+        float | None, typer.Option(help="Voxel size, mm; default: chosen from the depth resolution.")
+    ] = None,
+    temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time to reduce flicker.")] = True,
     balance: Annotated[bool, typer.Option("--balance-colours", help="Make the sensors' colours agree.")] = False,
     close_holes: Annotated[
         float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm; default: leave them open.")
     ] = 0.0,
     erode: Annotated[
-        int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, where they reach past the object.")
+        int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, for masks that reach past the object.")
     ] = 0,
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """From a capture to depth maps, clouds and meshes, for every approach."""
+    """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
     from recon.depth import MATCHERS
     from recon.depth.temporal import TemporalParameters
-    from recon.pipeline.reconstruct import ReconstructOptions
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
+    from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
@@ -103,14 +117,18 @@ def reconstruct(
 
 @app.command()
 def fuse(
-    clouds: Annotated[list[Path], typer.Argument(help="PLY of coloured, oriented points, one a sensor, mm.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="OUT.ply or OUT.glb.")],
-    fusion: Annotated[str, typer.Option(help="fb: one surface of all clouds; fa: a surface each, then merged.")] = "fb",
-    voxel: Annotated[float | None, typer.Option(help="Voxel size, mm; default: from the points' spacing.")] = None,
+    clouds: Annotated[list[Path], typer.Argument(help="PLY files of coloured, oriented points in mm, one per sensor.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .ply or .glb.")],
+    fusion: Annotated[
+        str, typer.Option(help="fb: one surface from all clouds; fa: a surface from each cloud, then merged.")
+    ] = "fb",
+    voxel: Annotated[
+        float | None, typer.Option(help="Voxel size, mm; default: chosen from the points' spacing.")
+    ] = None,
     close_holes: Annotated[float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm.")] = 0.0,
     as_json: JsonOption = False,
 ) -> None:
-    """The surface of any clouds, for example RUN/clouds/pm/S1/0000.ply."""
+    """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
     from recon.fusion import fused
     from recon.geometry.mesh import read_cloud, write_mesh
     from recon.surface import SurfaceParameters
@@ -126,16 +144,16 @@ def fuse(
 @app.command()
 def export(
     mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
-    out: Annotated[Path, typer.Argument(help="OUT.glb for viewers and the web, or OUT.ply.")],
+    out: Annotated[Path, typer.Argument(help="File to write: .glb for viewers and the web, or .ply.")],
     truth: Annotated[
-        Path | None, typer.Option(help="PLY of the true mesh: colours show the error, red outside, blue inside.")
+        Path | None, typer.Option(help="PLY of the true mesh; colours then show the error, red outside, blue inside.")
     ] = None,
     limit: Annotated[
-        float | None, typer.Option(help="Error with the full colour, mm; default: 95 % of the vertices are below.")
+        float | None, typer.Option(help="Error that gets the full colour, mm; default: 95 % of the vertices have less.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a mesh in another format: GLB opens in any 3D viewer, turned by hand."""
+    """Convert a mesh; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import read_mesh, write_mesh
     from recon.validation.truth.vertex_errors import coloured_by_error, signed_errors
 
@@ -155,12 +173,12 @@ def export(
 
 @app.command()
 def models(
-    runs: Annotated[list[Path], typer.Argument(help="Runs, one per scene.")],
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, one per scene.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the models.")],
-    frame: Annotated[int | None, typer.Option(help="Which frame; default: the middle one.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Number of the frame; default: the middle one.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Meshes and clouds of one frame of every approach, with their errors where the truth is known, to look at.
+    """Collect one frame's meshes and clouds of every approach, with their errors where the truth is known.
 
     `reconstudy study attach OUT` shows them in the dashboard, side by side.
     """
@@ -186,17 +204,17 @@ def render(
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT, pixels.")] = "1920x1080",
     fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
     seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
-    background: Annotated[str, typer.Option(help="Name of the artificial background.")] = "studio",
+    background: Annotated[str, typer.Option(help="Artificial background: studio, dark or plain.")] = "studio",
     loop: Annotated[
-        str, typer.Option(help="Recordings shorter than the video: repeat, bounce (back and forth) or static.")
+        str, typer.Option(help="How a short recording fills the video: repeat, bounce (back and forth) or static.")
     ] = "bounce",
-    renderer: Annotated[str, typer.Option(help="auto, or the name of a renderer.")] = "auto",
+    renderer: Annotated[str, typer.Option(help="Renderer: auto or a name.")] = "auto",
     master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Fly-through videos of every approach of every run, and the stimulus set's manifest."""
+    """Render fly-through videos of every approach of every run, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.reconstruct import render as render_runs
     from recon.storage.files import read_json

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
+from itertools import chain
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -24,7 +25,6 @@ from recon.render.video import VideoError, join_videos, probe_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
-from recon.storage.remote import fetched
 
 PART_FRAMES = 50  # two groups of pictures: nothing is predicted across, so a join costs no quality
 PARTS = ".parts"
@@ -135,7 +135,7 @@ class Film:
     def key(self) -> dict[str, Any]:
         """What the video is made from."""
         return {
-            "meshes": Artefacts(self.run.folder).digests(self.meshes),
+            "meshes": self.run.artefacts.digests(self.meshes),
             "rig": [camera_key(camera) for camera in self.cameras()],
             "options": {name: value for name, value in asdict(self.options).items() if name not in WHERE},
             "code": code_version("render", "pipeline/film.py"),
@@ -154,7 +154,7 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
         scene = scene_around(film.run.capture.bounds, cameras, film.options.background)
-        models = (_mesh_once(fetched(film.run.folder / film.meshes[film.shown[frame]])) for frame in part)
+        models = (_mesh_once(film.run.artefacts.path(film.meshes[film.shown[frame]])) for frame in part)
         frames = render_frames(
             models, cameras[part.start : part.stop], scene, renderer=film.options.renderer, threads=threads
         )
@@ -169,10 +169,10 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
 def make_film(film: Film, out: Path) -> Stimulus:
     """Join the parts of a film, unless its video is there already, and describe it."""
     artefacts = Artefacts(out)
-    artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, out))
+    artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, artefacts))
     artefacts.remove(name for part in film.parts for name in film.names(part))
     video, quality, *master = film.names()
-    facts = probe_video(fetched(out / video))
+    facts = probe_video(artefacts.path(video))
     return Stimulus(
         dataset=film.run.dataset,
         approach=film.approach,
@@ -187,20 +187,21 @@ def make_film(film: Film, out: Path) -> Stimulus:
         renderer=describe_renderer(film.options.renderer),
         model_frames=len(film.meshes),
         loop=film.loop,
-        quality=read_json(fetched(out / quality)),
+        quality=read_json(artefacts.path(quality)),
     )
 
 
-def _join_parts(film: Film, out: Path, paths: list[Path]) -> None:
+def _join_parts(film: Film, artefacts: Artefacts, paths: list[Path]) -> None:
     names = [film.names(part) for part in film.parts]
     for number in range(0, len(paths), 2):  # the video and its master, not the quality between them
-        join_videos(paths[number], [fetched(out / part[number]) for part in names])
-    checks = [read_json(fetched(out / part[1])) for part in names]
+        join_videos(paths[number], [artefacts.path(part[number]) for part in names])
+    checks = [read_json(artefacts.path(part[1])) for part in names]
     check = VideoCheck(
-        *(tuple(value for one in checks for value in one[name]) for name in ("psnr_db", "ssim", "crc32"))
+        *(tuple(chain.from_iterable(part[name] for part in checks)) for name in ("psnr_db", "ssim", "crc32"))
     )
     if not holds_checked_frames(paths[0], check):
-        raise VideoError(f"{paths[0]}: its frames are not those of its parts; remove {out / PARTS} and render again")
+        parts = artefacts.folder / PARTS
+        raise VideoError(f"{paths[0]}: its frames are not those of its parts; remove {parts} and render again")
     write_json(paths[1], _quality(check))
 
 

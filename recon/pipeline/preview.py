@@ -1,7 +1,9 @@
-"""The contact sheet of a run: depth, cloud, mesh and video frame of every approach side by side, to look at."""
+"""Pictures of a run to look at: the contact sheet of all approaches, and what each stage made of a frame."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,7 +15,7 @@ from recon.capture.format import read_capture, read_frame
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.geometry.mesh import Cloud, read_mesh
-from recon.pipeline.run import Run, cloud_name, depth_name, mesh_name, read_clouds, recorded_in
+from recon.pipeline.run import Run, View, mesh_name, read_clouds, recorded_in
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
@@ -21,7 +23,6 @@ from recon.render.sheet import contact_sheet
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import whole_file
-from recon.storage.remote import fetched
 
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
@@ -31,9 +32,6 @@ PAPER = 128  # grey of the background "plain", also behind clouds
 
 def make_preview(run: Run, frame: int) -> Path:
     """Write ``previews/<frame>.png`` of a run, unless it is there already, and return its path."""
-    name = f"previews/{frame:04d}.png"
-    meshes = [mesh_name(approach, frame) for approach in run.approaches]
-    key = {"meshes": Artefacts(run.folder).digests(meshes), "code": code_version("pipeline/preview.py", "render")}
 
     def write(path: Path) -> None:
         done, encoded = cv2.imencode(".png", _sheet(run, frame)[..., ::-1])
@@ -41,62 +39,50 @@ def make_preview(run: Run, frame: int) -> Path:
         with whole_file(path) as temporary:
             temporary.write_bytes(encoded.tobytes())
 
-    Artefacts(run.folder).make(name, key, write)
+    name = f"previews/{frame:04d}.png"
+    run.artefacts.make(name, _key(run, frame), write)
     return run.folder / name
 
 
-def stage_pictures(run: Run, frame: int) -> dict[str, NDArray[np.uint8]]:
-    """What each stage made of a frame, by the stage and its part such as "recording S1", "depth pm", "model pm_fb".
+def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
+    """Write what each stage made of a frame as WebP files, such as recording_S1, depth_pm and model_pm_fb.
 
-    Returns
-    -------
-    uint8 (H, W, 3) each, sRGB; the depth is the middle sensor's
+    Files that are there already are kept; the depth is the middle sensor's.
+
+    Parameters
+    ----------
+    run, frame : what to show
+    folder : where the pictures go
 
     Raises
     ------
     ValueError
         If the run's recording is not where it was.
     """
-    capture = read_capture(recorded_in(run))
-    sensors = [stream.id for stream in capture.sensors]
-    middle = sensors[len(sensors) // 2]
-    pictures = {f"recording {sensor}": read_frame(capture, sensor, frame)[0] for sensor in sensors}
-    for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
-        pictures[f"depth {method}"] = colour_preview(read_disparity(run.folder / depth_name(method, middle, frame)))
-    cameras = camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
-    scene = scene_around(run.capture.bounds, cameras, "studio")
-    for approach in run.approaches:
-        mesh = read_mesh(run.folder / mesh_name(approach, frame))
-        pictures[f"model {approach}"] = next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))
-    return pictures
-
-
-def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
-    """Write what each stage made of a frame as WebP files, "depth pm" as depth_pm.webp, unless they are there."""
-    meshes = [mesh_name(approach, frame) for approach in run.approaches]
-    key = {"meshes": Artefacts(run.folder).digests(meshes), "code": code_version("pipeline/preview.py", "render")}
-    sensors = [f"recording_{stream.id}" for stream in run.capture.sensors]
-    depths = [f"depth_{method}" for method in dict.fromkeys(parse_approach(one).depth for one in run.approaches)]
-    names = [*sensors, *depths, *(f"model_{approach}" for approach in run.approaches)]
+    methods = dict.fromkeys(parse_approach(approach).depth for approach in run.approaches)
+    pictures: dict[str, Callable[[], NDArray[np.uint8]]] = {
+        **{f"recording_{stream.id}": partial(_recorded, run, stream.id, frame) for stream in run.capture.sensors},
+        **{f"depth_{method}": partial(_depth, run, method, frame) for method in methods},
+        **{f"model_{approach}": partial(_model, run, approach, frame, "studio") for approach in run.approaches},
+    }
 
     def write(paths: list[Path]) -> None:
-        pictures = {name.replace(" ", "_"): picture for name, picture in stage_pictures(run, frame).items()}
         for path in paths:
             with whole_file(path) as temporary:
-                temporary.write_bytes(webp(pictures[path.stem]))
+                temporary.write_bytes(webp(pictures[path.stem]()))
 
-    Artefacts(folder).make_together([f"{name}.webp" for name in names], key, write)
+    Artefacts(folder).make_together([f"{name}.webp" for name in pictures], _key(run, frame), write)
 
 
 def webp(picture: NDArray[np.uint8], quality: int = 85) -> bytes:
-    """An RGB picture as WebP."""
+    """Encode a picture, uint8 (H, W, 3), sRGB, as WebP."""
     done, encoded = cv2.imencode(".webp", picture[..., ::-1], (cv2.IMWRITE_WEBP_QUALITY, quality))
     assert done  # an image in memory can always be encoded
     return bytes(encoded.tobytes())
 
 
 def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
-    """A cloud as a camera sees it, one pixel a point, the nearest on top: uint8 (H, W, 3), sRGB."""
+    """Draw a cloud as a camera sees it, one pixel a point, the nearest on top: uint8 (H, W, 3), sRGB."""
     width, height = camera.size
     picture = np.full((height, width, 3), PAPER, np.uint8)
     depth = camera.points_in_camera(cloud.points)[:, 2]
@@ -108,25 +94,52 @@ def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
     return picture
 
 
+def _key(run: Run, frame: int) -> dict[str, object]:
+    """What pictures of a frame are made from."""
+    meshes = [mesh_name(approach, frame) for approach in run.approaches]
+    return {"meshes": run.artefacts.digests(meshes), "code": code_version("pipeline/preview.py", "render")}
+
+
 def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
-    cameras = camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
-    scenes = [scene_around(run.capture.bounds, cameras, background) for background in ("plain", "studio")]
-    camera = cameras[VIEW]
-    sensors = [stream.id for stream in run.capture.sensors]
-    middle = sensors[len(sensors) // 2]
+    """A row of four pictures for each approach."""
+    camera = _cameras(run)[VIEW]
     pictures, labels = [], []
     for approach in run.approaches:
         method = parse_approach(approach).depth
-        clouds = read_clouds(run.folder, [cloud_name(method, sensor, frame) for sensor in sensors])
-        mesh = read_mesh(fetched(run.folder / mesh_name(approach, frame)))
-        disparity = read_disparity(fetched(run.folder / depth_name(method, middle, frame)))
+        clouds = read_clouds(run.artefacts, [View(method, stream.id, frame).cloud for stream in run.capture.sensors])
         pictures += [
-            _fitted(colour_preview(disparity)),
+            _fitted(_depth(run, method, frame)),
             draw_cloud(merge_clouds(clouds), camera),
-            *(next(render_frames([mesh], [camera], scene, renderer="software")) for scene in scenes),
+            _model(run, approach, frame, "plain"),
+            _model(run, approach, frame, "studio"),
         ]
-        labels += [f"{approach}: depth of {middle}", f"{approach}: cloud", f"{approach}: mesh", f"{approach}: video"]
+        labels += [f"{approach}: {part}" for part in (f"depth of {_middle(run)}", "cloud", "mesh", "video")]
     return contact_sheet(pictures, labels, columns=4, width=SIZE[0])
+
+
+def _recorded(run: Run, sensor_id: str, frame: int) -> NDArray[np.uint8]:
+    return read_frame(read_capture(recorded_in(run)), sensor_id, frame)[0]
+
+
+def _depth(run: Run, method: str, frame: int) -> NDArray[np.uint8]:
+    return colour_preview(read_disparity(run.artefacts.path(View(method, _middle(run), frame).depth)))
+
+
+def _model(run: Run, approach: str, frame: int, background: str) -> NDArray[np.uint8]:
+    cameras = _cameras(run)
+    scene = scene_around(run.capture.bounds, cameras, background)
+    mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
+    return next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))
+
+
+def _cameras(run: Run) -> tuple[Camera, ...]:
+    return camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
+
+
+def _middle(run: Run) -> str:
+    """The middle sensor's name."""
+    sensors = run.capture.sensors
+    return sensors[len(sensors) // 2].id
 
 
 def _fitted(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

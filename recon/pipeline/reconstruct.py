@@ -1,31 +1,41 @@
-"""The whole way from a capture to a stimulus set: one straight function per product.
+"""The whole way from a capture to a stimulus set: `reconstruct` makes a run of a capture, `render` films of runs.
 
-Every artefact is keyed by what it was made from, so a run that was stopped is resumed where it stopped.
+Both go on where an earlier start was stopped; `recon.pipeline.run` says how they know.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from recon.approaches import FUSION_METHODS, approaches
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
-from recon.cloud import CloudParameters
 from recon.depth import DEFAULTS, MATCHERS, StereoPair, matched
 from recon.depth.disparity_io import write_disparity
-from recon.depth.temporal import TemporalParameters
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.preview import make_preview
-from recon.pipeline.run import Run, cloud_name, continue_log, keep_log, log, mesh_name, read_run, versions, write_run
+from recon.pipeline.run import (
+    Run,
+    address_from,
+    fetch_log,
+    log,
+    mesh_name,
+    read_run,
+    store_log,
+    versions,
+    write_run,
+)
 from recon.pipeline.stages import (
+    Job,
+    ReconstructOptions,
     compare_colours,
     filter_sequence,
     frames_without_points,
@@ -37,42 +47,21 @@ from recon.render.frames import choose_renderer
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
 from recon.storage.remote import remove
-from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
-
-
-@dataclass(frozen=True)
-class ReconstructOptions:
-    """What to make of a capture.
-
-    Parameters
-    ----------
-    depths, fusions : the methods; every combination is an approach
-    frames : which frames; None for all
-    temporal : of the filter over a sensor's frames; None for none
-    cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
-    balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
-    workers : local processes, each on one thread; 1 works in this process with all threads
-    cluster : address of a Dask scheduler whose workers do the work instead; None for none
-    """
-
-    depths: tuple[str, ...] = tuple(MATCHERS)
-    fusions: tuple[str, ...] = FUSION_METHODS
-    frames: range | None = None
-    temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
-    cloud: CloudParameters = field(default_factory=CloudParameters)
-    surface: SurfaceParameters = field(default_factory=SurfaceParameters)
-    balance_colours: bool = False
-    workers: int = 1
-    cluster: str | None = None
 
 
 def match_files(
     left: Path, right: Path, out: Path, *, method: str, n_disparities: int, min_disparity: int = 0
 ) -> dict[str, Any]:
     """Match the images of two files, write the disparity, and say how it went.
+
+    Parameters
+    ----------
+    left, right, out : files of the rectified images and of the disparity
+    method : a name in `MATCHERS`
+    n_disparities, min_disparity : the range to search, pixels
 
     Raises
     ------
@@ -104,6 +93,12 @@ def reconstruct(
 
     A sensor that sees nothing in a frame is left out of that frame's models, and a warning says so.
 
+    Parameters
+    ----------
+    capture_folder, run : folders of the capture and of the run
+    options : what to make
+    progress : told after each file
+
     Raises
     ------
     ValueError
@@ -111,46 +106,40 @@ def reconstruct(
         whole files.
     """
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
-    wanted = approaches(options.depths, options.fusions)
     for method in options.depths:
         _check_method(method)
-    frames = _chosen_frames(capture, options.frames)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
-    surface = replace(options.surface, voxel_mm=voxel)
-    sequences = [(method, stream.id) for method in options.depths for stream in capture.sensors]
-    views = [(*sequence, frame) for sequence in sequences for frame in frames]
+    options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
+    job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
+    views, models = list(chain.from_iterable(job.sequences)), job.models
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
         run.mkdir(parents=True, exist_ok=True)
         remove_leftovers(run)
-        continue_log(run)
+        fetch_log(run)
 
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
-            timings[stage] = _run_stage(stage, tasks, run, pool, progress)
+            timings[stage] = _run_stage(stage, tasks, job.artefacts, pool, progress)
 
-        make("matching", [partial(match_frame, capture, run, *view) for view in views])
-        make(
-            "depth maps", [partial(filter_sequence, capture, run, *ids, frames, options.temporal) for ids in sequences]
-        )
-        make("clouds", [partial(make_cloud, capture, run, *view, options.cloud) for view in views])
-        _check_points(capture, run, options.depths, frames)
+        make("matching", [partial(match_frame, job, view) for view in views])
+        make("depth maps", [partial(filter_sequence, job, sequence) for sequence in job.sequences])
+        make("clouds", [partial(make_cloud, job, view) for view in views])
+        _check_points(job)
         if options.balance_colours:
-            place = PLACE_VOXELS * voxel
-            make("colours", [partial(compare_colours, capture, run, options.depths[-1], frames[0], place)])
-        balanced = options.balance_colours
-        models = [(approach, frame) for approach in wanted for frame in frames]
-        make("meshes", [partial(make_mesh, capture, run, *model, surface, balanced=balanced) for model in models])
+            make("colours", [partial(compare_colours, job, PLACE_VOXELS * voxel)])
+        make("meshes", [partial(make_mesh, job, *model) for model in models])
         remove_leftovers(run)  # of workers that were lost
-    names = [cloud_name(*view) for view in views] + [mesh_name(str(approach), frame) for approach, frame in models]
-    finished = Run(run, capture, tuple(map(str, wanted)), tuple(frames), versions())
+    names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
+    finished = Run(run, capture, names, tuple(job.frames), versions(), address_from(run, capture.folder))
+    files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in models]
     content = write_run(
         finished,
-        options=_as_json(replace(options, surface=surface)),
+        options={name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)},
         timings=timings,
-        warnings=Artefacts(run).warnings(names),
+        warnings=job.artefacts.warnings(files),
     )
-    make_preview(read_run(run), frames[0])
+    make_preview(finished, job.frames[0])
     return content
 
 
@@ -158,6 +147,12 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     """Make a video of every approach of every run, and the manifest; returns the manifest's path.
 
     Path, light, background, renderer and encoder settings are the same for all approaches of a scene.
+
+    Parameters
+    ----------
+    runs, out : folders of the runs and of the stimulus set
+    options : how to show the models
+    progress : told after each part of a video, in frames
 
     Raises
     ------
@@ -217,33 +212,30 @@ def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
     return frames
 
 
-def _check_points(capture: Capture, run: Path, methods: Sequence[str], frames: Sequence[int]) -> None:
+def _check_points(job: Job) -> None:
     """Stop where a frame has no points of any sensor, before a model of another one is made."""
-    for method in methods:
-        empty = frames_without_points(capture, run, method, frames)
+    for method in job.options.depths:
+        empty = frames_without_points(job, method)
         if empty:
             raise ValueError(
-                f"{capture.folder}: no sensor sees anything in frame {', '.join(map(str, empty))} (depth method "
+                f"{job.capture.folder}: no sensor sees anything in frame {', '.join(map(str, empty))} (depth method "
                 f"{method}), so that there is no model to show; look at the masks and pictures, or choose other frames "
                 "with --frames A:B"
             )
 
 
-def _as_json(options: ReconstructOptions) -> dict[str, Any]:
-    return {name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)}
-
-
-def _run_stage(stage: str, tasks: Sequence[partial[list[str]]], run: Path, pool: Pool, progress: Progress) -> float:
+def _run_stage(
+    stage: str, tasks: Sequence[partial[list[str]]], artefacts: Artefacts, pool: Pool, progress: Progress
+) -> float:
     """Run the tasks of a stage, log what they made, and return how long that took, s."""
-    artefacts = Artefacts(run)
     started = time.perf_counter()
     progress(stage, 0, len(tasks))
     for done, names in enumerate(pool.run(tasks), start=1):
         for name in names:
             warnings = artefacts.warnings([name])
-            log(run, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
+            log(artefacts.folder, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
         progress(stage, done, len(tasks))
-    keep_log(run)
+    store_log(artefacts.folder)
     return time.perf_counter() - started
 
 

@@ -1,8 +1,13 @@
-"""A run on disk: where each artefact of a reconstruction lies, and what `run.json` says about them.
+"""A run on disk: where each file of a reconstruction lies, and what ``run.json`` says about them.
 
-A run is ``run.json``, ``log.jsonl``, ``capture.json`` (the rig and bounds it was made with), ``matched/`` and
-``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time), ``clouds/<method>/<sensor>/<frame>.ply``
-``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
+How a run knows what is finished and what is in it: every stage leaves a note beside each file it has finished, with the
+digests of what the file was made from and of the file itself, and makes only what has no such note (`Artefacts`). When
+all stages are done, ``run.json`` is written last, and lists approaches, frames, parameters, warnings and the meshes'
+digests: a folder without it is no run yet.
+
+A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
+``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
+``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
 """
 
 from __future__ import annotations
@@ -14,7 +19,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,32 +35,39 @@ LOG_FILE = "log.jsonl"
 COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 
 
-def matched_name(method: str, sensor_id: str, frame: int) -> str:
-    """Where the disparities of one frame by itself lie in their run."""
-    return f"matched/{method}/{sensor_id}/{frame:04d}.npy"
-
-
-def depth_name(method: str, sensor_id: str, frame: int) -> str:
-    """Where a disparity map, filtered in time, lies in its run."""
-    return f"depth/{method}/{sensor_id}/{frame:04d}.npy"
-
-
-def cloud_name(method: str, sensor_id: str, frame: int) -> str:
-    """Where a sensor's cloud lies in its run."""
-    return f"clouds/{method}/{sensor_id}/{frame:04d}.ply"
-
-
 def mesh_name(approach: str, frame: int) -> str:
-    """Where a mesh lies in its run."""
+    """Name the mesh of a frame by an approach such as "pm_fb"."""
     return f"meshes/{approach}/{frame:04d}.ply"
 
 
-def read_clouds(folder: Path, names: Iterable[str]) -> list[Cloud]:
-    """Clouds of a run, in their order; one without points where a sensor saw nothing."""
+class View(NamedTuple):
+    """A frame of a sensor by a depth method, and where its files lie in a run."""
+
+    method: str
+    sensor_id: str
+    frame: int
+
+    @property
+    def matched(self) -> str:
+        """The disparity map of the frame by itself."""
+        return f"matched/{self.method}/{self.sensor_id}/{self.frame:04d}.npy"
+
+    @property
+    def depth(self) -> str:
+        """The disparity map, filtered in time."""
+        return f"depth/{self.method}/{self.sensor_id}/{self.frame:04d}.npy"
+
+    @property
+    def cloud(self) -> str:
+        """The sensor's cloud."""
+        return f"clouds/{self.method}/{self.sensor_id}/{self.frame:04d}.ply"
+
+
+def read_clouds(artefacts: Artefacts, names: Iterable[str]) -> list[Cloud]:
+    """Read clouds of a run, in their order; one without points where a sensor saw nothing."""
     points = np.empty((0, 3), np.float32)
     nothing = Cloud(points, points, points.astype(np.uint8), points[:, 0])
-    paths = [fetched(folder / name) for name in names]
-    return [read_cloud(path) if holds_points(path) else nothing for path in paths]
+    return [read_cloud(path) if holds_points(path) else nothing for path in map(artefacts.path, names)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +81,7 @@ class Run:
     approaches : names such as "pm_fb"
     frames : numbers of the recording's frames that were reconstructed
     versions : of what made it
+    recording : where the recording was, a URL or a path from the run; None if the run does not say
     """
 
     folder: Path
@@ -76,11 +89,17 @@ class Run:
     approaches: tuple[str, ...]
     frames: tuple[int, ...]
     versions: dict[str, str]
+    recording: str | None
 
     @property
     def dataset(self) -> str:
         """The scene's name."""
         return self.capture.name
+
+    @property
+    def artefacts(self) -> Artefacts:
+        """The run's finished files."""
+        return Artefacts(self.folder)
 
 
 def read_run(folder: Path) -> Run:
@@ -104,6 +123,7 @@ def read_run(folder: Path) -> Run:
     draft = read_draft(folder)
     if draft.capture is None:
         raise CaptureError(draft.problems[0])
+    recording = content.get("recording")
     try:
         return Run(
             folder,
@@ -111,62 +131,74 @@ def read_run(folder: Path) -> Run:
             tuple(map(str, content["approaches"])),
             tuple(map(int, content["frames"])),
             dict(content["versions"]),
+            recording if isinstance(recording, str) else None,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
 
 
+def address_from(folder: Path, recording: Path) -> str:
+    """Return how a run's folder refers to its recording: by URL, or by the path from the folder."""
+    return address_of(recording) if is_copy(recording) else Path(os.path.relpath(recording, folder)).as_posix()
+
+
 def recorded_in(run: Run) -> Path:
-    """The folder of the recording that a run was made of, if neither was moved.
+    """Return the folder of the recording that a run was made of, if neither was moved.
 
     Raises
     ------
     ValueError
         If the run does not say.
     """
-    recording = read_json(fetched(run.folder / RUN_FILE)).get("recording")
-    if not isinstance(recording, str):
+    if run.recording is None:
         raise ValueError(f"{run.folder / RUN_FILE}: does not say where its recording is; reconstruct again")
-    return run.folder / place(recording)
+    return run.folder / place(run.recording)
 
 
 def write_run(
     run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float], warnings: Sequence[str]
 ) -> dict[str, Any]:
-    """Write ``run.json`` and the capture's description beside it; returns the content of ``run.json``."""
+    """Write ``run.json``, which makes a folder a run, and the capture's description beside it.
+
+    Parameters
+    ----------
+    run : whose meshes are finished
+    options : of the reconstruction, for JSON
+    timings : seconds that each stage took at this start
+    warnings : what the stages warned of, a sentence each
+
+    Returns
+    -------
+    dict
+        The content of ``run.json``.
+    """
     write_capture(replace(run.capture, folder=run.folder))
     names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames]
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": run.dataset,
-        "recording": _recording(run),
+        "recording": run.recording,
         "approaches": list(run.approaches),
         "frames": list(run.frames),
         "options": dict(options),
         "versions": run.versions,
         "warnings": list(warnings),
         "seconds": {stage: round(seconds, 3) for stage, seconds in timings.items()},
-        "meshes": dict(zip(names, Artefacts(run.folder).digests(names), strict=True)),
+        "meshes": dict(zip(names, run.artefacts.digests(names), strict=True)),
     }
     write_json(run.folder / RUN_FILE, content)
     stored(run.folder / RUN_FILE)
     return content
 
 
-def _recording(run: Run) -> str:
-    """Where the recording is: its URL, or its path from the run."""
-    folder = run.capture.folder
-    return address_of(folder) if is_copy(folder) else Path(os.path.relpath(folder, run.folder)).as_posix()
-
-
-def continue_log(folder: Path) -> None:
-    """Go on with the log of an earlier start."""
+def fetch_log(folder: Path) -> None:
+    """Bring the log of an earlier start here, if the run is behind a URL."""
     if is_there(folder / LOG_FILE):
         fetched(folder / LOG_FILE)
 
 
-def keep_log(folder: Path) -> None:
-    """Put the log where the run is; nothing can be appended to a file behind a URL."""
+def store_log(folder: Path) -> None:
+    """Put the log where the run is: nothing can be appended to a file behind a URL."""
     if (folder / LOG_FILE).is_file():
         stored(folder / LOG_FILE)
 
@@ -184,6 +216,6 @@ def log(folder: Path, event: Mapping[str, Any]) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Of this program and of what its results depend on."""
+    """Return the versions of this program and of what its results depend on."""
     packages = ("reconstudy", "numpy", "numba", "opencv-python-headless")
     return {"python": platform.python_version(), **{package: version(package) for package in packages}}

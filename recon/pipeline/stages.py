@@ -1,12 +1,12 @@
-"""The artefacts of a reconstruction, one function each: made from what stands before it, unless it is there already.
+"""The stages of a reconstruction, one function for each kind of file: made from the files of the stage before.
 
-Every function returns the names of the artefacts that it had to make.
+Every function makes only what is not finished, and returns the names of the files that it had to make.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import Approach
+from recon.approaches import FUSION_METHODS, Approach, approaches
 from recon.capture.format import Capture, image_path, read_frame, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import StereoPair, matched
+from recon.depth import MATCHERS, StereoPair, matched
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import fused
 from recon.geometry.mesh import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
-from recon.pipeline.run import COLOURS_NAME, cloud_name, depth_name, matched_name, mesh_name, read_clouds
+from recon.pipeline.run import COLOURS_NAME, View, mesh_name, read_clouds
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version, file_digest, key_of
 from recon.storage.files import read_json, write_json
@@ -33,134 +33,192 @@ from recon.surface import NoSurfaceError, SurfaceParameters
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 
 
-def match_frame(capture: Capture, run: Path, method: str, sensor_id: str, frame: int) -> list[str]:
-    """The disparities of one frame of one sensor by itself."""
+@dataclass(frozen=True)
+class ReconstructOptions:
+    """What to make of a capture.
+
+    Parameters
+    ----------
+    depths, fusions : the methods; every combination is an approach
+    frames : which frames; None for all
+    temporal : of the filter over a sensor's frames; None for none
+    cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
+    balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
+    workers : local processes, each on one thread; 1 works in this process with all threads
+    cluster : address of a Dask scheduler whose workers do the work instead; None for none
+    """
+
+    depths: tuple[str, ...] = tuple(MATCHERS)
+    fusions: tuple[str, ...] = FUSION_METHODS
+    frames: range | None = None
+    temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
+    cloud: CloudParameters = field(default_factory=CloudParameters)
+    surface: SurfaceParameters = field(default_factory=SurfaceParameters)
+    balance_colours: bool = False
+    workers: int = 1
+    cluster: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A reconstruction to be made.
+
+    Parameters
+    ----------
+    capture : the recording
+    frames : which of its frames
+    options : how to make it, with a voxel size
+    artefacts : the run's files
+    """
+
+    capture: Capture
+    frames: Sequence[int]
+    options: ReconstructOptions
+    artefacts: Artefacts
+
+    @property
+    def sequences(self) -> list[list[View]]:
+        """The views of each sensor by each depth method, frame by frame."""
+        return [
+            [View(method, stream.id, frame) for frame in self.frames]
+            for method in self.options.depths
+            for stream in self.capture.sensors
+        ]
+
+    @property
+    def models(self) -> list[tuple[Approach, int]]:
+        """The approach and the frame of every mesh."""
+        wanted = approaches(self.options.depths, self.options.fusions)
+        return [(approach, frame) for approach in wanted for frame in self.frames]
+
+    def clouds(self, method: str, frame: int) -> list[str]:
+        """Name the clouds of all sensors."""
+        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors]
+
+
+def match_frame(job: Job, view: View) -> list[str]:
+    """Match the two pictures of a view by themselves."""
     key = {
-        "pictures": _picture_key(capture, sensor_id, frame),
-        "method": method,
+        "pictures": _picture_key(job.capture, view),
+        "method": view.method,
         "code": code_version("depth", "capture/rectify.py"),
     }
 
     def write(path: Path) -> list[str]:
-        rectification = _rectification(capture, sensor_id)
-        pair = _stereo_pair(capture, rectification, sensor_id, frame)
+        rectification = _rectification(job.capture, view)
+        pair = _stereo_pair(job.capture, rectification, view)
         if pair is None:
             width, height = rectification.left.size
             write_disparity(path, np.full((height, width), np.nan, np.float32))
             return []
-        disparity, warnings = matched(method, pair)
+        disparity, warnings = matched(view.method, pair)
         write_disparity(path, disparity)
-        return [f"{method}: sensor {sensor_id}, frame {frame}: {warning}" for warning in warnings]
+        return [f"{view.method}: sensor {view.sensor_id}, frame {view.frame}: {warning}" for warning in warnings]
 
-    name = matched_name(method, sensor_id, frame)
-    return [name] if Artefacts(run).make(name, key, write) else []
+    return job.artefacts.make(view.matched, key, write)
 
 
-def filter_sequence(
-    capture: Capture,
-    run: Path,
-    method: str,
-    sensor_id: str,
-    frames: Sequence[int],
-    parameters: TemporalParameters | None,
-) -> list[str]:
-    """The depth maps of one sensor, filtered in time; without parameters, as they were matched.
+def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
+    """Filter the disparity maps of one sensor in time; without parameters for it, leave them as they were matched.
 
-    A frame depends on all before it, so its key does too.
+    A frame is filtered with all frames before it, so its key depends on theirs.
     """
-    artefacts = Artefacts(run)
-    keys: dict[int, dict[str, Any]] = {}
+    parameters = job.options.temporal
+    keys: dict[View, dict[str, Any]] = {}
     before: str | None = None
-    for frame in frames:
-        keys[frame] = {
+    for view in views:
+        keys[view] = {
             "before": before,
-            "matched": artefacts.digest(matched_name(method, sensor_id, frame)),
+            "matched": job.artefacts.digest(view.matched),
             "parameters": None if parameters is None else asdict(parameters),
             "code": code_version("depth"),
         }
-        before = key_of(keys[frame])
-    missing = [frame for frame in frames if not artefacts.has(depth_name(method, sensor_id, frame), keys[frame])]
-    if not missing:
-        return []
-    for frame, disparity in _filtered(capture, run, method, sensor_id, frames, parameters):
-        if frame in missing:
-            name = depth_name(method, sensor_id, frame)
-            artefacts.make(name, keys[frame], partial(write_disparity, disparity=disparity))
-    return [depth_name(method, sensor_id, frame) for frame in missing]
+        before = key_of(keys[view])
+    missing = {view for view in views if not job.artefacts.has(view.depth, keys[view])}
+    filtered = _filtered(job, views) if missing else ()
+    for view, disparity in filtered:
+        if view in missing:
+            job.artefacts.make(view.depth, keys[view], partial(write_disparity, disparity=disparity))
+    return [view.depth for view in views if view in missing]
 
 
-def make_cloud(
-    capture: Capture, run: Path, method: str, sensor_id: str, frame: int, parameters: CloudParameters
-) -> list[str]:
-    """The cloud of one depth map, within the capture's bounds; a file without points where nothing is seen."""
-    depth = depth_name(method, sensor_id, frame)
+def make_cloud(job: Job, view: View) -> list[str]:
+    """Make the cloud of a disparity map within the capture's bounds; a file without points where nothing is seen."""
+    capture, parameters = job.capture, job.options.cloud
+    method, sensor_id, frame = view
     key = {
-        "depth": Artefacts(run).digest(depth),
-        "pictures": _picture_key(capture, sensor_id, frame),
+        "depth": job.artefacts.digest(view.depth),
+        "pictures": _picture_key(capture, view),
         "parameters": asdict(parameters),
         "code": code_version("cloud.py", "geometry", "capture/rectify.py"),
     }
 
     def write(path: Path) -> list[str]:
-        rectification = _rectification(capture, sensor_id)
+        rectification = _rectification(capture, view)
         left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+        disparity = read_disparity(job.artefacts.path(view.depth))
         try:
-            cloud = cloud_from_disparity(read_disparity(fetched(run / depth)), left, rectification, parameters)
-            write_cloud(path, crop_cloud(cloud, capture.bounds))
+            write_cloud(
+                path, crop_cloud(cloud_from_disparity(disparity, left, rectification, parameters), capture.bounds)
+            )
         except NothingSeenError as error:
             write_no_cloud(path)
-            is_masked = _stereo_pair(capture, rectification, sensor_id, frame) is None
+            is_masked = _stereo_pair(capture, rectification, view) is None
             reason = "its mask is empty" if is_masked else error
             return [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
         return []
 
-    name = cloud_name(method, sensor_id, frame)
-    return [name] if Artefacts(run).make(name, key, write) else []
+    return job.artefacts.make(view.cloud, key, write)
 
 
-def frames_without_points(capture: Capture, run: Path, method: str, frames: Sequence[int]) -> list[int]:
-    """The frames of which no sensor has a cloud."""
-
-    def has_none(frame: int) -> bool:
-        clouds = [cloud_name(method, stream.id, frame) for stream in capture.sensors]
-        return set(Artefacts(run).digests(clouds)) == {no_cloud_digest()}
-
-    return [frame for frame in frames if has_none(frame)]
+def frames_without_points(job: Job, method: str) -> list[int]:
+    """List the frames of which no sensor has a cloud by a depth method."""
+    return [
+        frame for frame in job.frames if set(job.artefacts.digests(job.clouds(method, frame))) == {no_cloud_digest()}
+    ]
 
 
-def compare_colours(capture: Capture, run: Path, method: str, frame: int, place_mm: float) -> list[str]:
-    """What makes the sensors' colours agree, estimated once for a run, so that all approaches get the same colours."""
-    clouds = [cloud_name(method, stream.id, frame) for stream in capture.sensors]
+def compare_colours(job: Job, place_mm: float) -> list[str]:
+    """Estimate once for a run what makes the sensors' colours agree, so that all approaches get the same colours.
+
+    The last depth method's clouds of the first frame are compared, in places `place_mm` wide.
+    """
+    clouds = job.clouds(job.options.depths[-1], job.frames[0])
     key = {
-        "clouds": Artefacts(run).digests(clouds),
+        "clouds": job.artefacts.digests(clouds),
         "place_mm": place_mm,
         "code": code_version("surface/colours.py"),
     }
 
     def write(path: Path) -> None:
-        colours = estimate_colours(read_clouds(run, clouds), place_mm)
+        colours = estimate_colours(read_clouds(job.artefacts, clouds), place_mm)
         write_json(path, {"gain": colours.gain.tolist(), "offset": colours.offset.tolist()})
 
-    return [COLOURS_NAME] if Artefacts(run).make(COLOURS_NAME, key, write) else []
+    return job.artefacts.make(COLOURS_NAME, key, write)
 
 
-def make_mesh(
-    capture: Capture, run: Path, approach: Approach, frame: int, parameters: SurfaceParameters, *, balanced: bool
-) -> list[str]:
-    """The mesh that one approach fuses from the clouds of all sensors, their colours made to agree if `balanced`."""
-    clouds = [cloud_name(approach.depth, stream.id, frame) for stream in capture.sensors]
+def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
+    """Fuse the clouds of all sensors into one mesh.
+
+    Parameters
+    ----------
+    job : whose clouds are finished, and whose colours are compared if they are to be balanced
+    approach, frame : which clouds, and how to fuse them
+    """
+    balanced, parameters = job.options.balance_colours, job.options.surface
+    clouds = job.clouds(approach.depth, frame)
     key = {
-        "clouds": Artefacts(run).digests(clouds),
-        "colours": Artefacts(run).digest(COLOURS_NAME) if balanced else None,
+        "clouds": job.artefacts.digests(clouds),
+        "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
         "fusion": approach.fusion,
         "parameters": asdict(parameters),
         "code": code_version("surface", "fusion.py", "geometry"),
     }
 
     def write(path: Path) -> list[str]:
-        sensors = read_clouds(run, clouds)
+        sensors = read_clouds(job.artefacts, clouds)
         if balanced:
-            sensors = balance_colours(sensors, _colours(run))
+            sensors = balance_colours(sensors, _colours(job.artefacts))
         try:
             mesh, left_out = fused(approach.fusion, sensors, parameters)
         except NoSurfaceError as error:
@@ -168,34 +226,26 @@ def make_mesh(
         write_mesh(path, mesh)
         return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
 
-    name = mesh_name(str(approach), frame)
-    return [name] if Artefacts(run).make(name, key, write) else []
+    return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 
 
-def _filtered(
-    capture: Capture,
-    run: Path,
-    method: str,
-    sensor_id: str,
-    frames: Sequence[int],
-    parameters: TemporalParameters | None,
-) -> Iterator[tuple[int, NDArray[np.float32]]]:
-    """The depth maps of frames; the filter forgets everything where the sensor sees nothing."""
-    rectification = _rectification(capture, sensor_id)
+def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[np.float32]]]:
+    """Yield the filtered disparity maps; the filter forgets everything where the sensor sees nothing."""
+    rectification = _rectification(job.capture, views[0])
 
-    def matched(frame: int) -> NDArray[np.float32]:
-        return read_disparity(fetched(run / matched_name(method, sensor_id, frame)))
+    def matched(view: View) -> NDArray[np.float32]:
+        return read_disparity(job.artefacts.path(view.matched))
 
-    for sees, group in groupby(frames, key=lambda frame: bool(np.isfinite(matched(frame)).any())):
+    for sees, group in groupby(views, key=lambda view: bool(np.isfinite(matched(view)).any())):
         stretch = list(group)
         disparities = map(matched, stretch)
-        if parameters is None or not sees:
+        if job.options.temporal is None or not sees:
             yield from zip(stretch, disparities, strict=True)
             continue
-        found = (_stereo_pair(capture, rectification, sensor_id, frame) for frame in stretch)
-        pairs = (pair for pair in found if pair is not None)  # there is one where something was matched
+        maybe = (_stereo_pair(job.capture, rectification, view) for view in stretch)
+        pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
         known = partial(_next_of, disparities)
-        yield from zip(stretch, match_sequence(pairs, known, parameters), strict=True)
+        yield from zip(stretch, match_sequence(pairs, known, job.options.temporal), strict=True)
 
 
 def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:
@@ -203,40 +253,40 @@ def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> N
     return next(disparities)
 
 
-def _colours(run: Path) -> SensorColours:
-    content = read_json(fetched(run / COLOURS_NAME))
+def _colours(artefacts: Artefacts) -> SensorColours:
+    content = read_json(artefacts.path(COLOURS_NAME))
     return SensorColours(np.array(content["gain"]), np.array(content["offset"]))
 
 
-def _rectification(capture: Capture, sensor_id: str) -> Rectification:
-    return rectify(capture.stream(sensor_id).sensor, capture.bounds)
+def _rectification(capture: Capture, view: View) -> Rectification:
+    return rectify(capture.stream(view.sensor_id).sensor, capture.bounds)
 
 
-def _stereo_pair(capture: Capture, rectification: Rectification, sensor_id: str, frame: int) -> StereoPair | None:
-    """The rectified pictures of a frame; None where a mask shows no foreground."""
-    masks = read_masks(capture, sensor_id, frame)
+def _stereo_pair(capture: Capture, rectification: Rectification, view: View) -> StereoPair | None:
+    """The rectified pictures of a view; None where a mask shows no foreground."""
+    masks = read_masks(capture, view.sensor_id, view.frame)
     left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
     if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):
         return None
-    left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+    left, right = rectify_images(rectification, *read_frame(capture, view.sensor_id, view.frame))
     return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
 
 
-def _picture_key(capture: Capture, sensor_id: str, frame: int) -> dict[str, Any]:
-    """What a frame of a sensor is made of: its files, its cameras and the bounds."""
-    stream = capture.stream(sensor_id)
+def _picture_key(capture: Capture, view: View) -> dict[str, Any]:
+    """Describe the pictures of a view for a key: their files, cameras and bounds."""
+    stream = capture.stream(view.sensor_id)
     patterns = (stream.left.image, stream.right.image, *(stream.mask or ()))
     cameras = (stream.left.camera, stream.right.camera)
     return {
-        "files": [_digest_once(fetched(image_path(capture.folder, pattern, frame))) for pattern in patterns],
-        "frame": frame,
+        "files": [_digest_once(fetched(image_path(capture.folder, pattern, view.frame))) for pattern in patterns],
+        "frame": view.frame,
         "cameras": [camera_key(camera) for camera in cameras],
         "bounds": capture.bounds.tolist(),
     }
 
 
 def camera_key(camera: Camera) -> list[Any]:
-    """What a camera is, for the key of an artefact."""
+    """Describe a camera for a key."""
     return [camera.K.tolist(), camera.dist.tolist(), camera.size, camera.cam_from_world.tolist()]
 
 
@@ -246,6 +296,6 @@ def _digest_of(path: Path, _changed_ns: int, _n_bytes: int) -> str:
 
 
 def _digest_once(path: Path) -> str:
-    """Digest of a file that is read again only when it changed."""
+    """Digest a file, again only when it changed."""
     facts = path.stat()
     return _digest_of(path, facts.st_mtime_ns, facts.st_size)

@@ -18,8 +18,9 @@ from distributed import LocalCluster
 from s3fs import S3FileSystem
 
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import LOG_FILE
+from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import file_digest
 from recon.storage.remote import place
 from recon.studio import SynthParameters, synthesise

@@ -62,7 +62,7 @@ PROGRAM = """
 import cv2
 import numba  # before the workers are told of their threads: they load this program, too
 from functools import partial
-from recon.execute import open_pool
+from recon.workers import open_pool
 if __name__ == "__main__":
     with open_pool(2) as pool:
         print(*pool.run([partial(numba.get_num_threads), partial(cv2.getNumThreads)]))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from recon.approaches import parse_approach
 from recon.capture.rectify import Rectification, rectify
 from recon.depth.disparity_io import read_disparity
-from recon.pipeline.run import Run, depth_name
+from recon.pipeline.run import Run, View
 
 HIDDEN_STEPS = 8.0  # thresholds behind another sensor's surface from which a point counts as hidden from it
 JUMP_PX = 1.0  # of disparity between neighbours that lie on different surfaces
@@ -44,7 +44,7 @@ def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list
     rows = []
     for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
         for frame in frames:
-            maps = {name: read_disparity(run.folder / depth_name(method, name, frame)) for name in views}
+            maps = {name: read_disparity(run.folder / View(method, name, frame).depth) for name in views}
             points = {name: depth_points(maps[name], views[name], run.capture.bounds) for name in views}
             for of, by in permutations(views, 2):
                 gaps = depth_gaps(points[of], maps[by], views[by])

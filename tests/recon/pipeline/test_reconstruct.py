@@ -20,11 +20,12 @@ from recon.capture.images import read_image
 from recon.export_models import write_models
 from recon.geometry.mesh import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, shown_frames
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
-from recon.pipeline.run import read_run
+from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.run import read_run, recorded_in
+from recon.pipeline.stages import ReconstructOptions
 from recon.render.video import probe_video
 from recon.storage.artefacts import file_digest
-from recon.storage.files import read_json
+from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
@@ -34,7 +35,8 @@ WHOLE_WAY = """
 import sys
 from pathlib import Path
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct, render
+from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.stages import ReconstructOptions
 
 capture, run, stimuli = map(Path, sys.argv[1:])
 reconstruct(capture, run, ReconstructOptions(depths=("id",)))
@@ -212,6 +214,16 @@ def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: P
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is not a finished run"):
         render([tmp_path], tmp_path / "set", SMALL)
+
+
+def test_a_run_from_before_recordings_were_noted_is_read_as_before(run: Path, tmp_path: Path) -> None:
+    older = Path(copytree(run, tmp_path / "run"))
+    content = read_json(older / "run.json")
+    del content["recording"]
+    write_json(older / "run.json", content)
+    assert read_run(older).approaches == ("id_fa", "id_fb")
+    with pytest.raises(ValueError, match="does not say where its recording is"):
+        recorded_in(read_run(older))
 
 
 def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:

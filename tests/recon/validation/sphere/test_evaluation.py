@@ -19,8 +19,9 @@ from recon.capture.rectify import rectify, rectify_images
 from recon.cli.main import app
 from recon.cli.validate import parse_thresholds, parse_viewpoint
 from recon.geometry.mesh import Cloud, write_cloud
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
-from recon.pipeline.run import cloud_name
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.run import View
+from recon.pipeline.stages import ReconstructOptions
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import FitError, named_clouds, read_measured
 from recon.validation.page import curve_chart, write_figure
@@ -175,7 +176,7 @@ def test_of_real_shots_of_a_ball_by_our_matchers_the_bad_one_is_flagged_with_num
     import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
     options = ReconstructOptions((method,), ("fb",), temporal=None, surface=SurfaceParameters(voxel_mm=30.0))
     reconstruct(tmp_path / "capture", tmp_path / "run", options)
-    clouds = named_clouds([tmp_path / "run" / cloud_name(method, "S1", shot) for shot in range(4)], ("S1",))
+    clouds = named_clouds([tmp_path / "run" / View(method, "S1", shot).cloud for shot in range(4)], ("S1",))
     settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
     report = measure_spheres(clouds, settings)
     page = write_sphere_report(report, tmp_path / "report").read_text(encoding="utf-8")

@@ -17,8 +17,9 @@ from recon.capture.rectify import rectify
 from recon.cli.main import app
 from recon.cloud import CloudParameters
 from recon.geometry.mesh import read_mesh
-from recon.pipeline.reconstruct import ReconstructOptions, reconstruct
+from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run, recorded_in
+from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
