@@ -1,4 +1,4 @@
-"""An approach is a depth method with a fusion method; a study compares approaches on the same scenes."""
+"""Approaches: a depth method with a fusion method each. A study compares approaches on the same scenes."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ class Approach:
 
     @property
     def levels(self) -> dict[str, str]:
-        """The level of each factor, as a manifest and the factor analysis name them."""
+        """The level of each factor, by the names in a manifest and in the factor analysis."""
         return {"depth": self.depth, "fusion": self.fusion}
 
 
 def approaches(depths: Iterable[str], fusions: Iterable[str]) -> tuple[Approach, ...]:
-    """Every depth method with every fusion method, in the order given."""
+    """Combine every depth method with every fusion method, in the order given."""
     fusions = tuple(fusions)
     return tuple(Approach(depth, fusion) for depth in depths for fusion in fusions)
 
 
 def parse_approach(name: str) -> Approach:
-    """The approach of a name such as "pm_fb".
+    """Read an approach from a name such as "pm_fb".
 
     Raises
     ------

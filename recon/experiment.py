@@ -1,7 +1,7 @@
-"""The paper's experiment, as far as the stimulus set: recordings, models, videos, and what is measured of them.
+"""The paper's experiment up to its stimulus set: recordings, models, videos and measures.
 
-Every step leaves files keyed by what they were made from, so that a second start makes only what is missing. The
-study server goes on from the manifest and from `objective.json`.
+Every step keeps what it made (`Artefacts`), so a second start makes only what is missing. `app.experiment` goes on from
+the manifest and `objective.json`.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ SENSORS = ("S1", "S2", "S3")
 OBJECT_METHOD = "dr"  # the paper's clouds of the sphere
 THRESHOLDS = tuple(2.5 * step for step in range(1, 41))  # mm, figure 6
 MESH_THRESHOLDS = tuple(float(mm) for mm in range(1, 21))
-MESH_THRESHOLD = 5.0  # mm, of the F-score that is laid beside the votes
+MESH_THRESHOLD = 5.0  # mm, of the F-score that is compared with the votes
 OBJECT_NOISE, OBJECT_CALIBRATION_PX = 3.0, 0.05  # grey levels and pixels: with none, every point is an inlier
-REACH_MM = 220.0  # of a validation object's middle from that of the working volume, on each axis
+REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 SEED = 1
 OBJECTIVE_FILE, REPORT = "objective.json", "report.json"
 RECORDING = ("capture", "studio", "rig.py", "geometry")
@@ -63,9 +63,9 @@ class Scale:
     Parameters
     ----------
     size : (width, height) of the scenes' cameras, pixels; a standing person fills an upright picture
-    object_size : of those that record the sphere and the cuboid
+    object_size : of the cameras that record the sphere and the cuboid
     n_frames, fps : of each scene's recording
-    n_spheres, n_cuboids : placed objects
+    n_spheres, n_cuboids : at how many places each is recorded
     video_size, video_fps, seconds : of the videos
     """
 
@@ -93,7 +93,8 @@ class Experiment:
     Parameters
     ----------
     out : where everything goes
-    workers, cluster : who reconstructs and renders, as in `ReconstructOptions`
+    scale : how large it is
+    workers, cluster : as in `ReconstructOptions`
     """
 
     out: Path
@@ -139,7 +140,14 @@ def steps(experiment: Experiment) -> list[Step]:
 
 
 def record(experiment: Experiment, name: str, parameters: SynthParameters, progress: Progress) -> None:
-    """A synthetic recording with its masks, unless it is there."""
+    """Make a synthetic recording with its masks, unless it is there.
+
+    Parameters
+    ----------
+    experiment, name : where it goes
+    parameters : what to record
+    progress : told after each frame
+    """
     folder = experiment.capture(name)
 
     def write(_path: Path) -> None:
@@ -152,13 +160,19 @@ def record(experiment: Experiment, name: str, parameters: SynthParameters, progr
 
 
 def reconstruct_scene(experiment: Experiment, scene: str, progress: Progress) -> None:
-    """Models of a scene by every approach."""
+    """Make the models of a scene by every approach.
+
+    Parameters
+    ----------
+    experiment, scene : whose recording is there
+    progress : told after each file
+    """
     options = ReconstructOptions(workers=experiment.workers, cluster=experiment.cluster)
     reconstruct(experiment.capture(scene), experiment.run(scene), options, progress)
 
 
 def render_scenes(experiment: Experiment, progress: Progress) -> None:
-    """The thirty videos and their manifest."""
+    """Render the thirty videos and write their manifest."""
     scale = experiment.scale
     options = RenderOptions(
         scale.video_size,
@@ -172,7 +186,7 @@ def render_scenes(experiment: Experiment, progress: Progress) -> None:
 
 
 def measure_sphere(experiment: Experiment, progress: Progress) -> None:
-    """The sphere at many places: figures 5 and 6, table 4."""
+    """Measure the sphere at many places: figures 5 and 6, table 4."""
     clouds = list(_object_clouds(experiment, "sphere", experiment.scale.n_spheres, progress))
     subject = Subject(approaches=(f"{OBJECT_METHOD}_fa", f"{OBJECT_METHOD}_fb"))
     settings = SphereSettings(SPHERE_RADIUS_MM, THRESHOLDS, subject=subject, seed=SEED)
@@ -185,7 +199,7 @@ def measure_sphere(experiment: Experiment, progress: Progress) -> None:
 
 
 def measure_cuboid(experiment: Experiment, progress: Progress) -> None:
-    """The cuboid at several places."""
+    """Measure the cuboid at several places."""
     clouds = list(_object_clouds(experiment, "cuboid", experiment.scale.n_cuboids, progress))
     settings = CuboidSettings(CUBOID_SIZE_MM, THRESHOLDS, seed=SEED)
 
@@ -199,7 +213,7 @@ def measure_cuboid(experiment: Experiment, progress: Progress) -> None:
 
 
 def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress) -> Iterator[Artefact]:
-    """Record and reconstruct a validation object at so many places; its clouds, sensor by sensor."""
+    """Record and reconstruct a validation object at `n` places; yields its clouds, sensor by sensor."""
     places = np.random.default_rng([SEED, n]).uniform(-REACH_MM, REACH_MM, (n, 3)).round(1)
     for number, place in enumerate(places):
         progress(f"placed {kind}s", number, n)
@@ -272,7 +286,7 @@ def _make_report(
 
 
 def write_objective(experiment: Experiment, _progress: Progress) -> None:
-    """What the study server has to know of all this besides the manifest."""
+    """Write down, beside the manifest, what the study and the report need to know."""
     reports = sorted(
         path.parent.relative_to(experiment.out).as_posix() for path in (experiment.out / "validation").rglob(REPORT)
     )
@@ -290,7 +304,7 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
 
 
 def _points(experiment: Experiment) -> list[int]:
-    """Points of each reconstructed sphere, all sensors together."""
+    """Count the points of each reconstructed sphere, all sensors together."""
     rows = read_json(experiment.report("sphere") / REPORT)["reconstructions"]
     samples = sorted({row["sample"] for row in rows})
     return [sum(row["n_points"] for row in rows if row["sample"] == sample) for sample in samples]

@@ -1,7 +1,7 @@
-"""Models of one frame of each approach, as a folder that the study server takes: to be turned by hand, side by side.
+"""Models of one frame by every approach, as a folder for the dashboard, which shows them side by side.
 
-`meshes/DATASET/APPROACH.ply` and `clouds/DATASET/APPROACH.ply`, in the world's frame, mm. Where the recording is a
-synthetic one, their points carry the signed distance to the true surface as the property `error`.
+The folder holds `meshes/DATASET/APPROACH.ply` and `clouds/DATASET/APPROACH.ply` in world coordinates, mm. If the
+recording is synthetic, their points carry the signed distance to the true surface as the property `error`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MESHES, CLOUDS = "meshes", "clouds"
 
 
 def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: Progress) -> list[Path]:
-    """Write the models of every approach of some runs.
+    """Write the models of every approach of runs, and return their paths.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _together(clouds: Sequence[Cloud]) -> Cloud:
 
 
 def _truth(run: Run, frame: int) -> Shape | None:
-    """The true surface, where the recording is a synthetic one and still there."""
+    """Read the true surface, if the recording is synthetic and still there."""
     path = recorded_in(run) / MESH.format(frame=frame)
     return read_shape(path) if path.is_file() else None
 

@@ -1,4 +1,4 @@
-"""Two ways from the sensors' clouds to one mesh: the same two steps in the other order."""
+"""Two ways from the sensors' clouds to one mesh: merge the clouds' surfaces, or merge the clouds first."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class LeftOutWarning(UserWarning):
 
 
 def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
-    """FA: a surface per sensor, then one mesh as their union.
+    """Fuse after surfacing (FA): a surface per sensor, then one mesh as their union.
 
-    Where views overlap there are as many layers as sensors, each with its own normals. A cloud whose points support no
+    Where views overlap, each sensor adds a layer with its own normals. A cloud whose points support no
     surface of their own is left out, with a warning.
 
     Raises
@@ -45,9 +45,9 @@ def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceP
 
 
 def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
-    """FB: one cloud as the union of the sensors' clouds, then its surface.
+    """Fuse before surfacing (FB): one cloud as the union of the sensors' clouds, then its surface.
 
-    Where views overlap the points of all of them are averaged into one layer.
+    Where views overlap, their points are averaged into one layer.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = Surface
 
 
 def _checked(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:
-    """The parameters with one voxel for both orders, once there are points."""
+    """Check that there are points, and set a voxel size, the same for both orders."""
     if not clouds:
         raise ValueError("there is no cloud to fuse")
     if not any(map(len, clouds)):
@@ -71,12 +71,18 @@ FUSIONS: dict[str, Fusion] = {"fa": fuse_after, "fb": fuse_before}
 
 
 def fused(method: str, clouds: Sequence[Cloud], parameters: SurfaceParameters) -> tuple[Mesh, list[str]]:
-    """The mesh of a fusion, and what was left out of it.
+    """Fuse clouds by a named method; returns the mesh, and a sentence for each cloud that was left out.
+
+    Parameters
+    ----------
+    method : a name in `FUSIONS`
+    clouds : one per sensor
+    parameters : of the surface
 
     Raises
     ------
     ValueError
-        If there is no such fusion, or as the fusion says.
+        If there is no such method, or the fusion raises it.
     """
     if method not in FUSIONS:
         raise ValueError(f"unknown fusion {method!r}, expected one of {', '.join(FUSIONS)}")

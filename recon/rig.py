@@ -1,4 +1,4 @@
-"""The cameras of a studio: what every stage from capture to video agrees on.
+"""The cameras of a studio, as every stage from capture to video describes them.
 
 Convention: camera frame as OpenCV (x right, y down, z forward), pixel centres at integers with (0, 0) the
 centre of the top-left pixel, millimetres, `cam_from_world` 4x4.
@@ -60,11 +60,11 @@ class Camera:
         return np.asarray(-self.rotation.T @ self.cam_from_world[:3, 3])
 
     def points_in_camera(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """World points (N, 3) in this camera's frame, mm."""
+        """Transform world points (N, 3) into this camera's frame, mm."""
         return np.asarray(points @ self.rotation.T + self.cam_from_world[:3, 3])
 
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Pixels (N, 2) of world points (N, 3), without distortion."""
+        """Project world points (N, 3) to pixels (N, 2), without distortion."""
         in_camera = self.points_in_camera(points)
         homogeneous = in_camera @ self.K.T
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
@@ -119,12 +119,12 @@ class Rig:
 
 
 def bounds_corners(bounds: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The eight corners (8, 3) of bounds (2, 3) = lowest and highest corner, mm."""
+    """Return the eight corners (8, 3) of bounds (2, 3), the lowest and highest corner, mm."""
     return np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
-    """The 4x4 transform of a rotation (3, 3) and a translation (3,)."""
+    """Return the transform (4, 4) of a rotation (3, 3) and a translation (3,)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[:3, 3] = translation
@@ -132,7 +132,12 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
 
 
 def look_at(centre: ArrayLike, target: ArrayLike, up: Iterable[float] = (0.0, 1.0, 0.0)) -> NDArray[np.float64]:
-    """`cam_from_world` of a camera at `centre` that looks at `target` with `up` upwards in its picture.
+    """Place a camera that looks at a point; returns its `cam_from_world`, float64 (4, 4), mm.
+
+    Parameters
+    ----------
+    centre, target : (3,), mm, where the camera is and where it looks
+    up : (3,), the direction that is upwards in its picture
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Where work runs: in this process, in local worker processes, or on a Dask cluster, all behind one interface.
+"""Where work runs: in this process, in local worker processes or on a Dask cluster, behind one interface.
 
-Tasks are independent, so their order does not matter, and each writes its results to files: a task that is run twice,
-because the first worker was lost, writes the same file again.
+Tasks are independent, and each writes its results to files. If a worker is lost, another one runs its task again and
+writes the same file.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 
 N_CORES = os.cpu_count() or 1
-LOSSES = 3  # times that worker processes may die before it is taken for the tasks' own doing
-RETRIES = 2  # of a task that fails on a cluster for another reason than its input
-CONNECT_S = 20  # until a scheduler has answered, and a worker has come
+LOSSES = 3  # so often worker processes may die before the tasks are taken to be the cause
+RETRIES = 2  # how often a task on a cluster is tried again, unless its input is wrong
+CONNECT_S = 20  # to wait for a scheduler's answer, and for a worker
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-KEPT_MEMORY = 32 * 2**20  # bytes: the most that glibc takes for the first of these
+KEPT_MEMORY = 32 * 2**20  # bytes; the most that glibc takes for M_MMAP_THRESHOLD
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # as malloc.h numbers them
 
 _one_at_a_time = Lock()
@@ -44,7 +44,7 @@ class Pool(Protocol):
 
     @property
     def threads(self) -> int:
-        """How many threads one task may use; no result depends on it."""
+        """How many threads a task may use; results do not depend on it."""
 
     def run(self, tasks: Sequence[partial[Result]]) -> Iterator[Result]:
         """Run every task and yield the results as they are ready.
@@ -52,7 +52,7 @@ class Pool(Protocol):
         Raises
         ------
         Exception
-            What the first task that fails raised; tasks that have not begun are not run then.
+            The error of the first task that fails; tasks that have not begun are not run then.
         """
 
 
@@ -68,7 +68,7 @@ class ThisProcess:
 
 
 class LocalProcesses:
-    """Runs each task on one thread of one of several processes; tasks of a process that dies are run again."""
+    """Runs tasks in several processes, each on one thread; tasks of a process that dies are run again."""
 
     threads = 1
 
@@ -109,7 +109,7 @@ class LocalProcesses:
 
 
 class DaskCluster:
-    """Runs tasks on the workers of a Dask scheduler, which see the same files under the same names.
+    """Runs tasks on the workers of a Dask scheduler, which must see the same files under the same names.
 
     The scheduler gives the tasks of a lost worker to another one. A worker runs one task at a time.
     """
@@ -137,7 +137,7 @@ class DaskCluster:
 
 
 class _WrongInput:
-    """What a task raised about its input: trying again would not help."""
+    """The error of a task whose input is wrong: trying again would not help."""
 
     def __init__(self, error: ValueError) -> None:
         self.error = error
@@ -145,7 +145,7 @@ class _WrongInput:
 
 @contextmanager
 def open_pool(workers: int = 1, cluster: str | None = None) -> Iterator[Pool]:
-    """A place where tasks run: this process, `workers` local ones, or the Dask scheduler at an address.
+    """Open a place where tasks run: this process, `workers` local ones, or the Dask scheduler at an address.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _outcome(task: partial[Result]) -> Result | _WrongInput:
-    """A task's result, or what is wrong with its input; one at a time in a process, as numba wants it."""
+    """Run a task and return its result, or what is wrong with its input; one at a time, as numba wants it."""
     with _one_at_a_time:
         _use_one_thread()
         _keep_memory()
@@ -209,7 +209,7 @@ def _become_worker() -> None:
 
 
 def _use_one_thread() -> None:
-    """In this process, and for numba in this thread."""
+    """Limit OpenCV in this process and numba in this thread."""
     import cv2
     import numba
 
@@ -218,10 +218,10 @@ def _use_one_thread() -> None:
 
 
 def _keep_memory() -> None:
-    """Keep the memory of an array for the next ones.
+    """Reuse the memory of arrays instead of returning it to the system.
 
-    Dask starts its workers with a setting of malloc that gives it back to the system at once; new memory is filled with
-    zeros page by page, and matching takes half as long again (bench/cluster.py).
+    Dask starts its workers with malloc set to return memory at once. The system then fills new memory with zeros page
+    by page, and matching takes half as long again (bench/cluster.py).
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)  # musl has none

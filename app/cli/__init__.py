@@ -1,6 +1,6 @@
-"""The one command of the product: studies and analysis here, the reconstruction backend's commands mounted.
+"""The command `reconstudy`: studies, analysis and the server, with the reconstruction's commands mounted.
 
-What a command needs is imported when it runs, so that `--help` is quick and the server loads no backend.
+Each command imports what it needs when it runs: `--help` is quick, and the server loads no reconstruction backend.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ for part in (recon_app, experiments.app, studies.app, server.app, analysis.app):
 
 
 def main() -> None:
-    """Run the command line: exit 0 done, 1 it failed with a sentence that says why, 2 wrong use."""
+    """Run the command line; exits with 0 when done, 1 with a sentence that says what failed, 2 after wrong use."""
     try:
         app()
     except ModuleNotFoundError as error:

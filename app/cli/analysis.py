@@ -1,4 +1,4 @@
-"""Commands that make votes, analyse them, and plan how many are needed."""
+"""The commands that simulate votes, analyse them, and plan how many are needed."""
 
 from __future__ import annotations
 
@@ -17,20 +17,18 @@ app = typer.Typer()
 
 @app.command()
 def simulate(
-    study: Annotated[str, typer.Option(help="The study's name in addresses, as `study list` shows it.")],
-    url: Annotated[str | None, typer.Option(help="A running server of this database; default: one of its own.")] = None,
-    participants: Annotated[int, typer.Option(min=1, help="How many take the whole study.")] = 22,
+    study: Annotated[str, typer.Option(help="The study's short name, as `study list` shows it.")],
+    url: Annotated[str | None, typer.Option(help="A running server of this database; default: start one.")] = None,
+    participants: Annotated[int, typer.Option(min=1, help="How many simulated participants take the study.")] = 22,
     abilities: Annotated[
         Path | None,
-        typer.Option(
-            help="JSON: condition, or dataset/condition, -> ability in natural log-odds; default: drawn by the seed."
-        ),
+        typer.Option(help="JSON file: {condition or dataset/condition: ability in natural log-odds}; default: random."),
     ] = None,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    seed: Annotated[int, typer.Option(help="Of the abilities and choices.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the abilities and choices.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Artificial participants of known preference take the whole study over HTTP."""
+    """Let artificial participants of known preference take the whole study over HTTP."""
     from app.main import running_server
     from app.settings import Settings
     from app.simulation.participants import simulate_study
@@ -48,37 +46,48 @@ def simulate(
 
 @app.command()
 def analyse(
-    votes: Annotated[Path, typer.Argument(help="Votes as CSV, Parquet or JSON.")],
+    votes: Annotated[Path, typer.Argument(help="File of votes: CSV, Parquet or JSON.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
-    items: Annotated[Path | None, typer.Option(help="CSV: item, then a column for each factor.")] = None,
+    items: Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")] = None,
     measures: Annotated[
-        Path | None, typer.Option(help="CSV: dataset, item, then a column for each objective measure.")
+        Path | None, typer.Option(help="CSV file: dataset, item, then a column for each objective measure.")
     ] = None,
-    ties: Annotated[str, typer.Option(help="davidson, rao-kupper, half or drop.")] = "davidson",
+    ties: Annotated[
+        str, typer.Option(help="How to treat votes without preference: davidson, rao-kupper, half or drop.")
+    ] = "davidson",
     factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
     participants: Annotated[
-        Path | None, typer.Option(help="CSV: participant, then a column for each grouping (experience, age, …).")
+        Path | None, typer.Option(help="CSV file: participant, then a column for each grouping (experience, age, …).")
     ] = None,
     group: Annotated[
         list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")
     ] = None,
-    penalty: Annotated[str, typer.Option(help="Estimate where no maximum exists: firth or ridge.")] = "firth",
-    by: Annotated[str, typer.Option(help="dataset: also every dataset by itself; none: only pooled.")] = "dataset",
+    penalty: Annotated[
+        str, typer.Option(help="Penalty where the likelihood has no maximum: firth or ridge.")
+    ] = "firth",
+    by: Annotated[
+        str, typer.Option(help="dataset: also analyse each dataset by itself; none: only all together.")
+    ] = "dataset",
     order_effect: Annotated[
-        bool, typer.Option("--order-effect", help="Estimate the advantage of being shown first.")
+        bool, typer.Option("--order-effect", help="Estimate how much being shown first helps.")
     ] = False,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates over participants for the intervals.")] = 0,
-    seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    bootstrap: Annotated[
+        int, typer.Option(min=0, help="Bootstrap replicates over participants for the intervals; 0: none.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     exclude: Annotated[
-        list[str] | None, typer.Option(help="Participant to leave out, as a recorded decision; may be repeated.")
+        list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
     ] = None,
     columns: Annotated[
-        str | None, typer.Option(help="Where names differ: participant=judge,item_a=left,item_b=right.")
+        str | None,
+        typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=left,item_b=right."),
     ] = None,
-    choices: Annotated[str | None, typer.Option(help="Where words differ: none=tie,a=1,b=0.")] = None,
+    choices: Annotated[
+        str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The whole analysis of any pair-comparison votes: triads, scores, standard errors, figures, report."""
+    """Analyse any pair-comparison votes: triads, scores, standard errors, figures and a report."""
     from app.analysis import AnalysisSettings, analyse_file
 
     if by not in ("dataset", "none"):
@@ -109,16 +118,16 @@ def analyse(
 
 @app.command()
 def plan(
-    conditions: Annotated[int, typer.Option(min=2, help="Conditions compared within a dataset, every pair of them.")],
-    datasets: Annotated[int, typer.Option(min=1, help="Datasets.")],
-    participants: Annotated[int, typer.Option(min=2, help="Participants.")],
-    effect: Annotated[float, typer.Option(help="True difference of two conditions, JOD (log-odds / ln 3).")] = 0.5,
+    conditions: Annotated[int, typer.Option(min=2, help="Conditions of each dataset; every pair is compared.")],
+    datasets: Annotated[int, typer.Option(min=1, help="Number of datasets.")],
+    participants: Annotated[int, typer.Option(min=2, help="Number of participants.")],
+    effect: Annotated[float, typer.Option(help="True difference of two conditions in JOD, log-odds / ln 3.")] = 0.5,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
     replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power.")] = 400,
-    seed: Annotated[int, typer.Option(help="Of the simulation.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Power and sample size of a study by simulation."""
+    """Find a study's power and sample size by simulation."""
     import numpy as np
 
     from app.analysis.power import StudyPlan, plan_study
@@ -136,7 +145,7 @@ def plan(
 
 
 def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
-    """The pairs of "ours=theirs,ours=theirs"."""
+    """Read the pairs of "ours=theirs,ours=theirs"."""
     if text is None:
         return None
     pairs = [pair.partition("=") for pair in text.split(",")]
@@ -156,7 +165,7 @@ def _read_abilities(path: Path) -> dict[str, float]:
 
 
 def score_sentences(analysis: Mapping[str, Any]) -> str:
-    """The pooled scores, a line each, best first."""
+    """Print the scores over all datasets, a line each, best first."""
     rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     width = max((len(row["item"]) for row in rows), default=0)

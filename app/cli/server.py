@@ -1,4 +1,4 @@
-"""Commands of the server and its upkeep."""
+"""The commands that serve studies and look after the server."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from app.cli.shared import DEFAULT_URL, UrlOption
 from recon.cli.console import JsonOption, print_result
 
 app = typer.Typer()
-admin_app = typer.Typer(no_args_is_help=True, help="Experimenters.")
-token_app = typer.Typer(no_args_is_help=True, help="Tokens with which analysts fetch results.")
-db_app = typer.Typer(no_args_is_help=True, help="The database.")
+admin_app = typer.Typer(no_args_is_help=True, help="Manage experimenters.")
+token_app = typer.Typer(no_args_is_help=True, help="Manage the tokens with which analysts fetch results.")
+db_app = typer.Typer(no_args_is_help=True, help="Check and upgrade the database.")
 app.add_typer(admin_app, name="admin")
 app.add_typer(token_app, name="token")
 app.add_typer(db_app, name="db")
@@ -23,9 +23,9 @@ app.add_typer(db_app, name="db")
 def serve(
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
-    workers: Annotated[int, typer.Option(min=1, help="Processes; more than one needs PostgreSQL.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Server processes; more than one needs PostgreSQL.")] = 1,
 ) -> None:
-    """Serve all studies until interrupted."""
+    """Serve all studies until you press Ctrl-C."""
     from app.main import serve as serve_studies
     from app.operations.manage import list_studies, set_up_path
     from app.settings import Settings
@@ -48,12 +48,13 @@ def serve(
 def admin_add(
     experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
     role: Annotated[
-        str | None, typer.Option(help="viewer, experimenter or owner; default: as it is, or owner for a new one.")
+        str | None,
+        typer.Option(help="viewer, experimenter or owner; default: unchanged, or owner for a new experimenter."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """A sign-in link for an experimenter, good for a week; an older link of theirs ends, and so does a password."""
+    """Make a sign-in link for an experimenter, valid for a week; their older link and password end."""
     from app.operations.manage import add_experimenter
     from app.settings import Settings
     from app.store.experimenters import ROLES
@@ -70,11 +71,12 @@ def admin_add(
 def token_add(
     token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
     scope: Annotated[
-        list[str] | None, typer.Option(help="read, personal or audit; may be repeated; default: all of them.")
+        list[str] | None,
+        typer.Option(help="What the token may do: read, personal or audit; may be repeated; default: all."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """A bearer token for fetching results over REST; it is shown this once."""
+    """Make a bearer token for fetching results over REST; it is shown only once."""
     from app.operations.manage import add_token
     from app.settings import Settings
     from app.store.tokens import SCOPES
@@ -88,10 +90,12 @@ def token_add(
 @app.command()
 def backup(
     file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
-    media: Annotated[bool, typer.Option("--media", help="The pair videos, attached reports and models too.")] = False,
+    media: Annotated[
+        bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write all that is stored to a file, as it is at one moment; the server may run."""
+    """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
     from app.operations.backup import back_up
     from app.settings import Settings
 
@@ -102,13 +106,14 @@ def backup(
 
 @app.command()
 def restore(
-    file: Annotated[Path, typer.Argument(help="What `reconstudy backup` wrote, on either kind of database.")],
+    file: Annotated[Path, typer.Argument(help="ZIP file that `reconstudy backup` wrote, from SQLite or PostgreSQL.")],
     replace: Annotated[
-        bool, typer.Option("--replace", help="Drop what the database holds: studies, people, tokens, the audit log.")
+        bool,
+        typer.Option("--replace", help="First delete what the database holds: studies, people, tokens, the audit log."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Bring a backup back, all of it or nothing; the server may run."""
+    """Restore a backup, all of it or nothing; the server may run meanwhile."""
     from app.operations.backup import restore as restore_backup
     from app.settings import Settings
 
@@ -120,7 +125,7 @@ def restore(
 
 @db_app.command("check")
 def db_check(as_json: JsonOption = False) -> None:
-    """Everything wrong with the database and the films, models and reports it names; exit 1 if anything is."""
+    """Check the database and the films, models and reports it names; exit with 1 if anything is wrong."""
     from app.operations.backup import check
     from app.settings import Settings
 
@@ -132,7 +137,7 @@ def db_check(as_json: JsonOption = False) -> None:
 
 @db_app.command("upgrade")
 def db_upgrade(as_json: JsonOption = False) -> None:
-    """Bring the database to the newest version."""
+    """Upgrade the database to the newest version."""
     from app.operations.manage import upgrade_database
     from app.settings import Settings
 

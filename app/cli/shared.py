@@ -1,4 +1,4 @@
-"""What several groups of commands share."""
+"""Options and progress that several groups of commands share."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from app.ffmpeg import Progress
 
 DEFAULT_URL = "http://127.0.0.1:8000"
-UrlOption = Annotated[str, typer.Option(help="Where the server is reached, for the links that are printed.")]
+UrlOption = Annotated[str, typer.Option(help="Address of the server, for the links that are printed.")]
 
 
 def by_step(progress: ProgressLine) -> Progress:

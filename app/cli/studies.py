@@ -1,4 +1,4 @@
-"""Commands about stimulus sets and studies."""
+"""The commands on stimulus sets and studies."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from app.cli.shared import DEFAULT_URL, UrlOption, by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
-stimuli_app = typer.Typer(no_args_is_help=True, help="Stimulus sets.")
-study_app = typer.Typer(no_args_is_help=True, help="Studies: create, import, export, invite, balance, list.")
+stimuli_app = typer.Typer(no_args_is_help=True, help="Check and import stimulus sets.")
+study_app = typer.Typer(
+    no_args_is_help=True, help="Create, import, export, list and check studies; invite; attach measures."
+)
 app.add_typer(stimuli_app, name="stimuli")
 app.add_typer(study_app, name="study")
 
@@ -23,42 +25,44 @@ def stimuli_check(
     stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Check a stimulus set: files, digests, and that every video can be decoded."""
+    """Check a stimulus set: its files, their digests, and that every video can be decoded."""
     from app.intake.stimuli import read_stimulus_set
 
     progress = ProgressLine()
-    found = read_stimulus_set(stimulus_set, by_step(progress))
+    checked = read_stimulus_set(stimulus_set, by_step(progress))
     progress.close()
-    result = {"name": found.name, "datasets": list(found.datasets), "conditions": list(found.conditions)}
-    sentence = f"{len(found.stimuli)} videos of {len(found.datasets)} datasets are whole: {stimulus_set}"
+    result = {"name": checked.name, "datasets": list(checked.datasets), "conditions": list(checked.conditions)}
+    sentence = f"{len(checked.stimuli)} videos of {len(checked.datasets)} datasets are whole: {stimulus_set}"
     print_result(result, sentence, as_json=as_json)
 
 
 @stimuli_app.command("import")
 def stimuli_import(
-    folder: Annotated[Path, typer.Argument(help="Folder with DATASET/CONDITION.mp4, and conditions.csv for factors.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the stimulus set, new.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set.")],
     practice: Annotated[
-        str | None, typer.Option(help="The dataset to practise on, with two videos; it is not compared.")
+        str | None, typer.Option(help="Dataset of two videos for practice; it is not compared.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a stimulus set of somebody else's videos."""
+    """Make a stimulus set from videos that were not made by reconstudy."""
     from app.intake.import_videos import import_stimuli
 
     progress = ProgressLine()
-    found = import_stimuli(folder, out, practice=practice, progress=by_step(progress))
+    made = import_stimuli(folder, out, practice=practice, progress=by_step(progress))
     progress.close()
     result = {
-        "name": found.name,
+        "name": made.name,
         "path": str(out),
-        "datasets": list(found.datasets),
-        "conditions": list(found.conditions),
-        "factors": found.factors,
-        "videos": len(found.stimuli),
+        "datasets": list(made.datasets),
+        "conditions": list(made.conditions),
+        "factors": made.factors,
+        "videos": len(made.stimuli),
     }
     sentence = (
-        f"{len(found.stimuli)} videos: {len(found.conditions)} conditions of {len(found.datasets)} datasets: {out}\n"
+        f"{len(made.stimuli)} videos: {len(made.conditions)} conditions of {len(made.datasets)} datasets: {out}\n"
         f"A study of it: reconstudy study create {out} --name NAME"
     )
     print_result(result, sentence, as_json=as_json)
@@ -67,45 +71,50 @@ def stimuli_import(
 @study_app.command("create")
 def study_create(
     stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
-    study_name: Annotated[str, typer.Option("--name", help="What participants and experimenters read.")],
+    study_name: Annotated[
+        str, typer.Option("--name", help="The study's name, as participants and experimenters read it.")
+    ],
     exposure: Annotated[
-        float | None, typer.Option(help="Seconds a pair is shown; default: as long as the shortest video.")
+        float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of everybody's order; default: drawn.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
     options_file: Annotated[
         Path | None,
-        typer.Option("--options", help="TOML: optional_stages (practice, interview), consent, questions, …"),
+        typer.Option("--options", help="TOML file: optional_stages (practice, interview), consent, questions, …"),
     ] = None,
     both_orders: Annotated[
-        bool, typer.Option("--both-orders", help="Show every pair twice, with A and B exchanged the second time.")
+        bool, typer.Option("--both-orders", help="Show every pair twice, the second time with A and B exchanged.")
     ] = False,
     repeated_pairs: Annotated[
-        int | None, typer.Option(min=0, help="Pairs of each dataset that come again, to see whether choices repeat.")
+        int | None, typer.Option(min=0, help="How many pairs of each dataset to repeat, to see whether choices agree.")
     ] = None,
     identical_pairs: Annotated[
-        int | None, typer.Option(min=0, help="Pairs of each dataset that hold one stimulus twice, to check attention.")
+        int | None,
+        typer.Option(min=0, help="How many pairs of each dataset to make of one stimulus twice, to check attention."),
     ] = None,
     free_exposure: Annotated[
         bool,
-        typer.Option("--free-exposure", help="Let the participant end the exposure; the videos repeat until then."),
+        typer.Option("--free-exposure", help="Let participants end the exposure; videos repeat until then."),
     ] = False,
     reference: Annotated[
-        str | None, typer.Option(help="Condition to show as the reference beside every pair, and not to compare.")
+        str | None, typer.Option(help="Condition to show as reference beside every pair; it is not compared.")
     ] = None,
     second_codec: Annotated[
-        str | None, typer.Option(help="vp9 or av1: make every film in this codec too, for browsers without H.264.")
+        str | None, typer.Option(help="vp9 or av1: also make every film in this codec, for browsers without H.264.")
     ] = None,
     fallback: Annotated[
         str | None,
-        typer.Option(help="Where no film of both plays: webcodecs (default), 'two videos' (flagged), or ''."),
+        typer.Option(
+            help="Where a pair's film does not play: webcodecs (default), 'two videos' (flags votes), or '' for none."
+        ),
     ] = None,
     break_every: Annotated[
-        int | None, typer.Option(min=0, help="Trials after which a break is offered; 0: never; default: 25.")
+        int | None, typer.Option(min=0, help="Offer a break after so many trials; 0: never; default: 25.")
     ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """Create a study of a stimulus set, with an open invitation."""
+    """Create a study from a stimulus set, with an open invitation."""
     from app.operations.create import create_study, read_options
     from app.settings import Settings
 
@@ -136,14 +145,14 @@ def study_create(
 
 @study_app.command("import")
 def study_import(
-    file: Annotated[Path, typer.Argument(help="TOML: name, stimuli, exposure_s, seed, [options]; see study export.")],
-    stimuli: Annotated[
-        Path | None, typer.Option(help="Folder of the stimulus set; default: the one that the file names.")
-    ] = None,
+    file: Annotated[
+        Path, typer.Argument(help="TOML file: name, stimuli, exposure_s, seed, [options]; `study export` writes one.")
+    ],
+    stimuli: Annotated[Path | None, typer.Option(help="Folder of the stimulus set; default: the file's.")] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """Create a study as a study file says, with an open invitation."""
+    """Create a study from a study file, with an open invitation."""
     from app.operations.create import import_study
     from app.settings import Settings
 
@@ -155,11 +164,11 @@ def study_import(
 
 @study_app.command("export")
 def study_export(
-    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: standard output.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a study as a study file, from which `study import` makes it again."""
+    """Write a study file, from which `study import` makes the study again."""
     from app.operations.manage import export_study
     from app.settings import Settings
 
@@ -172,14 +181,14 @@ def study_export(
 
 @study_app.command("invite")
 def study_invite(
-    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
     places: Annotated[
-        int | None, typer.Option(min=1, help="For so many participants; default: as many as come.")
+        int | None, typer.Option(min=1, help="How many participants may use it; default: any number.")
     ] = None,
     url: UrlOption = DEFAULT_URL,
     as_json: JsonOption = False,
 ) -> None:
-    """Make another invitation to a study."""
+    """Add an invitation to a study."""
     from app.operations.manage import add_invitation
     from app.settings import Settings
 
@@ -191,10 +200,10 @@ def study_invite(
 
 @study_app.command("balance")
 def study_balance(
-    study: Annotated[str, typer.Argument(help="The study's name in addresses, as `study list` shows it.")],
+    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Whether everybody's order follows from the seed, and whether labels, first looks and datasets are balanced."""
+    """Check that all orders follow from the seed, and that labels, first looks and datasets are balanced."""
     from app.operations.manage import study_balance as balance_of
     from app.settings import Settings
 
@@ -207,37 +216,41 @@ def study_attach(
     results: Annotated[
         list[Path], typer.Argument(help="Folders that `reconstudy validate` and `reconstudy models` wrote.")
     ],
-    study: Annotated[str | None, typer.Option(help="The study's slug; default: the only one there is.")] = None,
+    study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Attach objective measures, reports and models to a study; again: they are replaced."""
+    """Attach objective measures, reports and models to a study, in place of those attached before."""
     from app.operations.manage import attach_results
     from app.settings import Settings
 
-    found = attach_results(Settings(), results, study)
+    attached = attach_results(Settings(), results, study)
     sentences = []
-    if found["measures"]:
-        sentences.append(f"Attached {found['n_values']} values to {found['study']}: {', '.join(found['measures'])}")
-    elif found["reports"]:
-        sentences.append(f"Attached {found['reports']} reports to {found['study']}; they name no approach to compare")
-    if found["models"]:
-        sentences.append(f"Attached {found['models']} models to {found['study']}")
-    if found["ignored"]:
-        sentences.append(f"The study does not compare {', '.join(found['ignored'])}: left out.")
-    print_result(found, "\n".join(sentences), as_json=as_json)
+    if attached["measures"]:
+        sentences.append(
+            f"Attached {attached['n_values']} values to {attached['study']}: {', '.join(attached['measures'])}"
+        )
+    elif attached["reports"]:
+        sentences.append(
+            f"Attached {attached['reports']} reports to {attached['study']}; they name no approach to compare"
+        )
+    if attached["models"]:
+        sentences.append(f"Attached {attached['models']} models to {attached['study']}")
+    if attached["ignored"]:
+        sentences.append(f"The study does not compare {', '.join(attached['ignored'])}: left out.")
+    print_result(attached, "\n".join(sentences), as_json=as_json)
 
 
 @study_app.command("list")
 def study_list(as_json: JsonOption = False) -> None:
-    """All studies with their progress, the newest first."""
+    """List all studies with their progress, newest first."""
     from app.operations.manage import list_studies
     from app.settings import Settings
 
-    found = list_studies(Settings())
-    lines = [_study_sentence(study) for study in found] or [
+    studies = list_studies(Settings())
+    lines = [_study_sentence(study) for study in studies] or [
         "There is no study yet; `reconstudy study create` makes one."
     ]
-    print_result({"studies": found}, "\n".join(lines), as_json=as_json)
+    print_result({"studies": studies}, "\n".join(lines), as_json=as_json)
 
 
 def _study_sentence(study: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The demo's study: made of its videos, voted on by simulated participants, analysed, and shown on a front page."""
+"""The demo's study of its videos: created, voted on by simulated participants, analysed, shown on a front page."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ SEED = 1
 
 
 def demo_study(settings: Settings, manifest: Path, exposure_s: float, progress: Progress) -> dict[str, Any]:
-    """The demo's study, created unless it is there."""
+    """Return the demo's study, and create it if it is not there."""
     if not list_studies(settings):
         create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, progress=progress)
     return list_studies(settings)[0]
 
 
 def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
-    """Let simulated participants vote, unless somebody did before."""
+    """Let simulated participants vote, unless there are votes already."""
     (study,) = list_studies(settings)
     if not study["n_votes"] and participants:
         simulate_study(settings, url, study["slug"], participants, ABILITIES, TIE_RATE, SEED, progress=progress)
 
 
 def demo_analysis(settings: Settings, url: str, out: Path) -> None:
-    """The study's analysis as an analyst fetches it, written into a folder; nothing before the first vote."""
+    """Fetch the study's analysis over REST and write it into a folder, once there are votes."""
     (study,) = list_studies(settings)
     if study["n_votes"]:
         analysis = fetched(settings, url, study["slug"], ("analysis",))["analysis"]
@@ -47,12 +47,13 @@ def demo_analysis(settings: Settings, url: str, out: Path) -> None:
 
 
 def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> dict[str, Any]:
-    """Write the front page's content; where it leads.
+    """Write the front page's content; returns the paths of its links.
 
     Parameters
     ----------
     out : the demo's folder
-    folder : the front page's, with the pictures of the stages
+    folder : the front page's folder, with the pictures of the stages
+    n_frames : of the recording
     """
     (study,) = list_studies(settings)
     paths = {
@@ -84,12 +85,12 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
 
 
 def demo_scores(out: Path) -> Mapping[str, Any] | None:
-    """The analysis that was written; None before the first vote."""
+    """Read the analysis; None before the first vote."""
     path = out / "analysis" / "analysis.json"
     return read_json(path) if path.is_file() else None
 
 
 def ability_sentence() -> str:
-    """What the simulated participants prefer, to compare the scores with."""
+    """Say what the simulated participants prefer, to compare the scores with."""
     best_first = sorted(ABILITIES.items(), key=lambda pair: -pair[1])
     return ", ".join(f"{item} {ability:+.1f}" for item, ability in best_first)

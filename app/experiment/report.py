@@ -1,4 +1,4 @@
-"""The report of the paper's experiment: what it concludes, beside the truth that was put in and the paper's numbers."""
+"""The report of the paper's experiment: its conclusions beside the truth that was put in and the paper's numbers."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ QUESTIONS = {
     "depth": "Depth methods, best first",
     "fusion": "View fusions, best first",
 }
-AGREEMENT = 0.8  # rank correlation of what was put in and what came out from which on they agree
+AGREEMENT = 0.8  # least rank correlation of what was put in and what came out that counts as agreement
 
 
 def read_results(study: StudyPart, seconds: Mapping[str, float]) -> Results:
-    """What lies in an experiment's folder once its steps are done."""
+    """Read the results from an experiment's folder, once its steps are done."""
     return Results(study.out, study.answers(), read_json(study.out / OBJECTIVE_FILE), seconds)
 
 
 def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
-    """Write report.html and report.json into the experiment's folder; returns the latter's content.
+    """Write report.html and report.json into the experiment's folder; returns the content of report.json.
 
     Parameters
     ----------
-    name : of the scale
+    name : of the scale, "small" or "full"
     """
     published = tomllib.loads(PUBLISHED.read_text(encoding="utf-8"))
     checks = conclusions(results)
@@ -75,13 +75,13 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
 
 
 def conclusions(results: Results) -> list[dict[str, Any]]:
-    """What the experiment concludes beside what was put into it."""
+    """Compare what the experiment concludes with what was put into it."""
     names = sorted(results.answers["abilities"])
     scores = {dataset: results.scores("all", dataset) for dataset in {name.split("/")[0] for name in names}}
     put_in = np.array([results.answers["abilities"][name] for name in names])
     came_out = np.array([scores[name.split("/")[0]][name.split("/")[1]] for name in names])
     rank = spearman(put_in, came_out)
-    found = [
+    checks = [
         {
             "question": f"Rank correlation of the {len(names)} videos' scores with the quality put in",
             "put_in": "1",
@@ -90,7 +90,7 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
         }
     ]
     best, preferred = (next(iter(ranked("all", "all"))) for ranked in (results.truth, results.scores))
-    found.append(
+    checks.append(
         {
             "question": "The preferred approach",
             "put_in": best,
@@ -100,7 +100,7 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
     )
     for comparison, question in QUESTIONS.items():
         truth, scored = results.truth(comparison, "all"), results.scores(comparison, "all")
-        found.append(
+        checks.append(
             {
                 "question": question,
                 "put_in": order_text(truth),
@@ -109,7 +109,7 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
             }
         )
     failed = screened_out(results)
-    found.append(
+    checks.append(
         {
             "question": "People whom the screening stops",
             "put_in": "1, who lacks a cone",
@@ -117,11 +117,11 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
             "agrees": [test for _, test in failed] == ["colour"],
         }
     )
-    return found
+    return checks
 
 
 def _contradictions(results: Results, comparison: str, truth: Mapping[str, float]) -> list[str]:
-    """Pairs of which the scores say clearly what the truth denies."""
+    """List the pairs whose scores clearly contradict the truth."""
     return [
         f"{row['item_a']}, {row['item_b']}"
         for row in results.contrasts(comparison, "all")

@@ -1,4 +1,4 @@
-"""The parts of the paper's experiment's report: each table and figure from our own data, beside what was published."""
+"""The parts of the experiment's report: the paper's tables and figures from our data, beside what was published."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HERE = {  # table 1
     "fa": "a surface per sensor (APSS, marching cubes), then one mesh as their union",
     "fb": "one cloud as the union of the sensors' clouds, then its surface",
 }
-PARAMETERS = {  # table 2: name, where it is found
+PARAMETERS = {  # table 2: name, and where our value comes from
     "census_window": ("Cost computation: census window", "{census_window} × {census_window}"),
     "permeability_sigma": ("Cost aggregation: permeability σ", "{id[sigma]:g}"),
     "hierarchy_levels": ("Hierarchical matching: levels", "0 – {id[levels]}"),
@@ -50,7 +50,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: SVG text, or pictures as data addresses."""
+    """A figure: SVG text, or pictures as data URLs."""
 
     caption: str
     svg: str = ""
@@ -67,14 +67,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Results:
-    """All that the report tells of.
+    """What the report is made from.
 
     Parameters
     ----------
     out : the experiment's folder
-    answers : of the people, with the truth that was put in
+    answers : what the people answered, with the truth that was put in
     objective : what was measured, and with which parameters
-    seconds : by step
+    seconds : that each step took
     """
 
     out: Path
@@ -84,37 +84,37 @@ class Results:
 
     @property
     def analysis(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.answers["analysis"]
-        return found
+        analysis: Mapping[str, Any] = self.answers["analysis"]
+        return analysis
 
     def scores(self, comparison: str, dataset: str) -> dict[str, float]:
-        """Score by item, best first."""
+        """Return the scores by item, best first."""
         rows = [r for r in self.analysis["scores"] if (r["comparison"], r["dataset"]) == (comparison, dataset)]
         return dict(sorted(((r["item"], r["score"]) for r in rows), key=lambda pair: -pair[1]))
 
     def contrasts(self, comparison: str, dataset: str) -> list[Mapping[str, Any]]:
-        """The differences of scores with their p-values."""
+        """Return the differences of scores with their p-values."""
         rows = self.analysis["contrasts"]
         return [row for row in rows if (row["comparison"], row["dataset"]) == (comparison, dataset)]
 
     def alike(self, comparison: str, dataset: str) -> list[set[str]]:
-        """Pairs that the votes do not tell apart."""
+        """Return the pairs that the votes do not tell apart."""
         rows = self.contrasts(comparison, dataset)
         return [{row["item_a"], row["item_b"]} for row in rows if row["p_holm"] >= SIGNIFICANT]
 
     def truth(self, comparison: str, dataset: str) -> dict[str, float]:
-        """What was put in: mean ability by item or level, best first."""
+        """Return what was put in: the mean ability by item or level, best first."""
         values: dict[str, list[float]] = {}
         for name, ability in self.answers["abilities"].items():
-            of, approach = name.split("/")
-            if dataset in ("all", of):
+            scene, approach = name.split("/")
+            if dataset in ("all", scene):
                 level = {"all": approach, "depth": approach[:2], "fusion": approach[3:]}[comparison]
                 values.setdefault(level, []).append(ability)
-        return dict(sorted(((item, fmean(own)) for item, own in values.items()), key=lambda pair: -pair[1]))
+        return dict(sorted(((item, fmean(abilities)) for item, abilities in values.items()), key=lambda pair: -pair[1]))
 
 
 def experiment_sections(results: Results, published: Mapping[str, Any]) -> Iterator[Section]:
-    """All parts of the report, in the paper's order.
+    """Yield the parts of the report, in the paper's order.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _material(results: Results, published: Mapping[str, Any]) -> Section:
     stimuli = read_json(results.out / "stimuli" / MANIFEST)["stimuli"]
     figures = []
     for approach in (best, worst):
-        videos = [one for one in stimuli if one["approach"] == approach]
+        videos = [stimulus for stimulus in stimuli if stimulus["approach"] == approach]
         pictures = [_still(results.out / "stimuli", video) for video in videos]
         names = ", ".join(video["dataset"] for video in videos)
         figures.append(Figure(f"Figure 2. {names}, by {approach}.", pictures=pictures))
@@ -200,7 +200,7 @@ def _people(results: Results, published: Mapping[str, Any]) -> Section:
 
 
 def screened_out(results: Results) -> list[tuple[str, str]]:
-    """Participant and test of every failure."""
+    """Return participant and test of every failed screening."""
     return [(row["participant"], row["test"]) for row in results.answers["screening"] if row["verdict"] == "failed"]
 
 
@@ -229,7 +229,7 @@ def _sphere(results: Results, published: Mapping[str, Any]) -> Section:
         f"{len({row['sample'] for row in rows})} placed spheres of radius {report['settings']['radius_mm']:g} mm, "
         f"three sensors each, by DR: {min(points)} to {max(points)} points, {fmean(points):.0f} on average. "
         f"{len(set(used))} placements have a reconstruction that is used; left out by rule: "
-        f"{', '.join(one['name'] for one in report['excluded']) or 'none'}. "
+        f"{', '.join(row['name'] for row in report['excluded']) or 'none'}. "
         f"The paper: {paper['samples']} reconstructions, {paper['used']} used, {paper['points_mean']:.0f} points on "
         "average.",
         "Our sphere is matt and textured all over, and its cameras are calibrated better than real ones, so that more "
@@ -296,10 +296,14 @@ def _models(results: Results) -> Section:
     values: dict[str, dict[str, list[float]]] = {}
     for name in results.objective["reports"]:
         if name.split("/")[1] in ("views", "truth"):
-            for one in read_json(results.out / name / "report.json")["measures"]:
-                values.setdefault(one["measure"], {}).setdefault(one["approach"], []).append(one["value"])
+            for row in read_json(results.out / name / "report.json")["measures"]:
+                values.setdefault(row["measure"], {}).setdefault(row["approach"], []).append(row["value"])
     approaches = list(results.truth("all", "all"))
-    shown = [name for name, own in values.items() if not name.startswith("sensors") and own.keys() >= set(approaches)]
+    shown = [
+        measure
+        for measure, measured in values.items()
+        if not measure.startswith("sensors") and measured.keys() >= set(approaches)
+    ]
     rows = [(approach, *(f"{fmean(values[measure][approach]):.3g}" for measure in shown)) for approach in approaches]
     text = (
         "Every model of the first frame, means over the scenes, best liked first: against photographs that no sensor "
@@ -347,8 +351,8 @@ def _objective_against_subjective(results: Results) -> Section:
     ]  # fmt: skip
     columns = ("measure", "rank correlation", "95 % interval", "linear correlation", "clear pairs in order")
     text = (
-        "Which measure would have foretold the votes? Rank correlations over all scenes, each relative to its mean; of "
-        f"a measure of which less is better they are negative. “{QUALITY}” is what the people were told to see."
+        "Which measure would have predicted the votes? Rank correlations over all scenes, each relative to its mean; "
+        f"negative where less of a measure is better. “{QUALITY}” is what the people were told to see."
     )
     best = next((row["measure"] for row in overall if row["measure"] != QUALITY), QUALITY)
     charts = [(name, measure_chart(results.analysis, name)) for name in dict.fromkeys((QUALITY, best))]
@@ -377,7 +381,7 @@ def _between(row: Mapping[str, Any], name: str) -> str:
 
 
 def order_text(items: Sequence[str] | Mapping[str, float], alike: Sequence[set[str]] = ()) -> str:
-    """Items as "pm ≈ dr > id"; ≈ stands between neighbours that the votes do not tell apart."""
+    """Write items as "pm ≈ dr > id"; ≈ stands between neighbours that the votes do not tell apart."""
     names = list(items)
     text = names[0] if names else "–"
     for before, name in pairwise(names):

@@ -30,15 +30,15 @@ from app.study.options import StudyOptions, parse_options
 NAME = "The paper's study"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
 TABLES = ("analysis", "screening", "questionnaire", "participants")
-QUALITY = "novel view SSIM"  # what people are taken to see of a model: its likeness to photographs
+QUALITY = "novel view SSIM"  # what the artificial people see of a model: its likeness to photographs
 LOG_ODDS_PER_OCTAVE = 5.0  # a model half as unlike the photographs as another one wins 148 : 1
-SENSITIVITY_SPREAD = 0.3  # of people: standard deviation of the logarithm of how much quality moves them
-TASTE_SPREAD = 0.3  # of people: standard deviation of what they like about an approach besides, log-odds
+SENSITIVITY_SPREAD = 0.3  # between people: standard deviation of the logarithm of how much quality moves them
+TASTE_SPREAD = 0.3  # between people: standard deviation of their liking for an approach apart from quality, log-odds
 TIE_RATE = 0.15
 N_PEOPLE = 22  # table 3
 N_MEN, N_TRAINED = 9, 11
 AGES = (19, 59)
-LACKING = 8  # who lacks a cone: so many are before them
+LACKING = 8  # how many people come before the one who lacks a cone
 SEED = 1
 TIMEOUT_S = 300.0
 
@@ -70,19 +70,19 @@ class StudyPart:
     out: Path
 
     def settings(self) -> Settings:
-        """Of a server whose database is named by what it was made from: another experiment never overwrites votes."""
+        """Settings whose folder contains the inputs' digest, so another experiment never overwrites votes."""
         return Settings(data_dir=self.out / f"study-{self.digest()[:8]}", database_url=None, media_url=None)
 
     def digest(self) -> str:
-        """Of everything that the votes depend on."""
+        """Digest everything that the votes depend on."""
         manifest = read_json(self.out / "stimuli" / MANIFEST)
-        shown = [(one["dataset"], one["approach"], one["sha256"]) for one in manifest["stimuli"]]
+        shown = [(entry["dataset"], entry["approach"], entry["sha256"]) for entry in manifest["stimuli"]]
         truth = list(true_abilities(self.measures()).items())
         model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED, OPTIONS]
         return hashlib.sha256(json.dumps([shown, truth, model]).encode()).hexdigest()
 
     def reports(self) -> list[Path]:
-        """The validation reports that speak of the approaches."""
+        """List the validation reports that compare the approaches."""
         listed = read_json(self.out / OBJECTIVE_FILE)["reports"]
         return [self.out / name for name in listed if name.split("/")[1] in ("views", "truth")]
 
@@ -90,7 +90,7 @@ class StudyPart:
         return [measure for report in self.reports() for measure in read_report(report).measures]
 
     def take(self, progress: Progress) -> None:
-        """Make the study, let the people take it, and keep what they answered, unless that was done before."""
+        """Create the study, let the people take it, and keep what they answered, unless that was done before."""
         settings = self.settings()
         answers = settings.data_dir / ANSWERS_FILE
         if answers.is_file():
@@ -104,21 +104,21 @@ class StudyPart:
             crowd = people(abilities)
             result = simulate_study(settings, url, study["slug"], crowd, abilities, TIE_RATE, SEED, progress=progress)
             attach_results(settings, self.reports(), study["slug"])
-            found = fetched(settings, url, study["slug"], TABLES)
-        write_json(answers, {"abilities": abilities, "study": study, "votes": result["votes"], **found})
+            tables = fetched(settings, url, study["slug"], TABLES)
+        write_json(answers, {"abilities": abilities, "study": study, "votes": result["votes"], **tables})
 
     def answers(self) -> dict[str, Any]:
-        """What the people answered, and the truth that was put in."""
+        """Read what the people answered, and the truth that was put in."""
         return read_json(self.settings().data_dir / ANSWERS_FILE)
 
 
 def study_options() -> StudyOptions:
-    """Screening that stops who fails, practice, and the questions of table 3."""
+    """Return the study's options: practice, the questions of table 3, and a screening that stops those who fail."""
     return parse_options(OPTIONS)
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:
-    """Natural log-odds by "dataset/approach", sum zero in each dataset: the more like the photographs, the better.
+    """Return natural log-odds by "dataset/approach", sum zero in each dataset: better where more like the photographs.
 
     Raises
     ------
@@ -126,12 +126,14 @@ def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:
         If nothing was measured of the quality that people see.
     """
     octaves = {
-        (one.dataset, one.approach): -np.log2(max(1.0 - one.value, 1e-6)) for one in measures if one.measure == QUALITY
+        (measure.dataset, measure.approach): -np.log2(max(1.0 - measure.value, 1e-6))
+        for measure in measures
+        if measure.measure == QUALITY
     }
     if not octaves:
         raise ValueError(f"the reports hold no {QUALITY!r}, on which the artificial people's preferences depend")
     means = {
-        dataset: float(np.mean([value for (of, _), value in octaves.items() if of == dataset]))
+        dataset: float(np.mean([value for (scene, _), value in octaves.items() if scene == dataset]))
         for dataset, _ in octaves
     }
     return {
@@ -141,7 +143,7 @@ def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:
 
 
 def people(abilities: Mapping[str, float]) -> list[Person]:
-    """As many as in the paper, men and women, trained and untrained, and one more who fails the screening."""
+    """Make as many people as in the paper, men and women, trained and not, and one more who fails the screening."""
     rng = np.random.default_rng(SEED)
     approaches = sorted({name.split("/")[1] for name in abilities})
     sexes = rng.permutation(["male"] * N_MEN + ["female"] * (N_PEOPLE - N_MEN)).tolist()
@@ -151,15 +153,15 @@ def people(abilities: Mapping[str, float]) -> list[Person]:
     for sex, is_trained, age in zip(sexes, trained, rng.permutation(ages).tolist(), strict=True):
         sensitivity = float(rng.lognormal(0.0, SENSITIVITY_SPREAD))
         taste = dict(zip(approaches, rng.normal(0.0, TASTE_SPREAD, len(approaches)).tolist(), strict=True))
-        own = {name: sensitivity * ability + taste[name.split("/")[1]] for name, ability in abilities.items()}
+        preferred = {name: sensitivity * ability + taste[name.split("/")[1]] for name, ability in abilities.items()}
         observer = Observer(acuity=float(rng.uniform(-0.2, 0.0)))
-        crowd.append(Person(own, observer, {"age": age, "sex": sex, "trained": is_trained}))
+        crowd.append(Person(preferred, observer, {"age": age, "sex": sex, "trained": is_trained}))
     crowd.insert(LACKING, Person(observer=Observer(lacks="deutan", slips=0.0)))
     return crowd
 
 
 def fetched(settings: Settings, url: str, slug: str, tables: Sequence[str]) -> dict[str, Any]:
-    """Tables of a study as an analyst fetches them over REST."""
+    """Fetch tables of a study over REST, as an analyst does."""
     headers = {"Authorization": f"Bearer {add_own_token(settings, 'results')}"}
     with httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT_S) as client:
         return {name: client.get(f"/api/v1/studies/{slug}/{name}").raise_for_status().json() for name in tables}

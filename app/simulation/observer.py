@@ -12,7 +12,7 @@ from app.study.acuity import LAPSING, N_DIRECTIONS, probability_right
 from app.study.colour_vision import AXES, CONE_OF, DIRECTIONS, NOTHING, Axis, cone_signals, is_on_ring
 
 GROUND = 128  # grey level between the dots
-VISIBLE = 0.6  # difference of ring and ground, in standard deviations of the dots, that is noticed
+VISIBLE = 0.6  # least difference of ring and ground that is noticed, in standard deviations of the dots
 STEP = 4  # pixels between the places of a plate that are looked at
 
 
@@ -32,7 +32,7 @@ class Observer:
     slips: float = LAPSING
 
     def answer_ring(self, picture: NDArray[np.uint8], size: float, rng: np.random.Generator) -> int:
-        """The direction that is seen, or guessed.
+        """Return the direction that is seen or guessed.
 
         Parameters
         ----------
@@ -45,7 +45,7 @@ class Observer:
         return (seen + int(rng.integers(1, N_DIRECTIONS))) % N_DIRECTIONS
 
     def answer_plate(self, picture: NDArray[np.uint8], rng: np.random.Generator) -> int:
-        """The direction of the gap, or NOTHING where no ring stands out; now and then a slip.
+        """Return the direction of the gap, or NOTHING where no ring stands out; sometimes a slip.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Observer:
 
 
 def gap_of_ring(picture: NDArray[np.uint8]) -> int:
-    """Where the gap of a ring is: opposite of the side to which its ink leans."""
+    """Find the gap of a ring, uint8 (H, H): opposite of the side to which its ink leans."""
     ink = 255.0 - picture
     at = np.arange(len(picture)) - (len(picture) - 1) / 2
     x, y = float((ink * at[None, :]).sum()), -float((ink * at[:, None]).sum())

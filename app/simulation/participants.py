@@ -1,6 +1,6 @@
 """Artificial participants of known preference, who take the whole study over HTTP like anybody else.
 
-What a trial compares they learn from the analyst's side, because the participant's side does not tell.
+They learn what a trial compares from the analyst's routes, because the participant's routes hide it.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ class Preference:
     tie_rate: float
 
     def ability(self, dataset: str, item: str) -> float:
-        """What the item is worth in the dataset."""
-        own = f"{dataset}/{item}"
-        return self.abilities[own if own in self.abilities else item]
+        """Return an item's ability in a dataset."""
+        name = f"{dataset}/{item}"
+        return self.abilities[name if name in self.abilities else item]
 
     def missing(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
-        """What of a study has no ability: an item, or "dataset/item" where other datasets have one."""
+        """List what has no ability: an item, or "dataset/item" where the item has one in other datasets."""
         lacking = [
             (dataset, item)
             for item in items
             for dataset in datasets
             if item not in self.abilities and f"{dataset}/{item}" not in self.abilities
         ]
-        nowhere = {item for item in items if sum(one == item for _, one in lacking) == len(datasets)}
+        nowhere = {item for item in items if [name for _, name in lacking].count(item) == len(datasets)}
         return sorted({item if item in nowhere else f"{dataset}/{item}" for dataset, item in lacking})
 
     def choose(self, dataset: str, item_a: str, item_b: str, rng: np.random.Generator) -> str:
@@ -68,9 +68,9 @@ class Person:
 
     Parameters
     ----------
-    abilities : as of `Preference`, of this person's own; None: those of all
-    observer : who takes the screening
-    answers : to the questionnaire by name; what is required besides is answered somehow
+    abilities : this person's, as in `Preference`; None: everybody's
+    observer : takes the screening
+    answers : to the questionnaire, by name; other required questions get an arbitrary answer
     """
 
     abilities: Mapping[str, float] | None = None
@@ -90,14 +90,14 @@ def simulate(
     *,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Let artificial participants take a study, one after another.
+    """Let artificial participants take a study, one after another; returns a summary.
 
     Parameters
     ----------
     base_url : of the server, for example "http://127.0.0.1:8000"
     slug, invitation : of the study
     token : an analyst's bearer token
-    participants : how many, all alike, or each by themselves
+    participants : how many alike, or each person
     abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
     tie_rate : probability of no preference between equals
     seed : of all choices; the same seed and slots give the same choices
@@ -118,7 +118,9 @@ def simulate(
             abilities = dict(
                 zip(items, np.random.default_rng(seed).normal(size=len(items)).round(3).tolist(), strict=True)
             )
-        preferences = [Preference(abilities if one.abilities is None else one.abilities, tie_rate) for one in people]
+        preferences = [
+            Preference(abilities if person.abilities is None else person.abilities, tie_rate) for person in people
+        ]
         for preference in preferences:
             if missing := preference.missing(study["datasets"], items):
                 raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
@@ -151,7 +153,7 @@ def _votes(
     preference: Preference,
     rng: np.random.Generator,
 ) -> Iterator[str]:
-    """Vote in every trial of a session, and yield the choices; none of who was screened out."""
+    """Vote in every trial of a session, and yield the choices; nothing for somebody who was screened out."""
     if session["stage"] == SCREENED_OUT:
         return
     hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
@@ -173,12 +175,12 @@ def simulate_study(
     *,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """`simulate` on a study of this database, with its invitation and a token of our own.
+    """Run `simulate` on a study of this database, with its invitation and a token made for it.
 
     Raises
     ------
     ValueError
-        If there is no such study; else as `simulate`.
+        If there is no such study, or as in `simulate`.
     """
     invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
     if slug not in invitations:
@@ -214,7 +216,7 @@ def pass_stages(
     *,
     answers: Mapping[str, Any] = NO_ANSWERS,
 ) -> dict[str, Any]:
-    """Complete the stages that end by hand, up to the trials or the end."""
+    """Complete the stages before the trials, or after them up to the end."""
     rng = rng or np.random.default_rng()
     while session["stage"] not in (TRIAL, FINISHED, SCREENED_OUT):
         asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
@@ -227,12 +229,12 @@ def pass_stages(
 
 
 def stage_data(stage: str, asked: Mapping[str, Any], answers: Mapping[str, Any] = NO_ANSWERS) -> dict[str, Any]:
-    """What comes with a stage: consent as it is asked for, other answers only where they must be given."""
+    """Return the data that completes a stage: consent as asked for, other answers only where required."""
     if stage == INTRODUCTION:
         consent = {"consent": asked["consent"]} if asked["consent"] else {}
         return consent | ({"comprehension": RIGHT_ANSWER} if asked["comprehension"] else {})
     if stage == INTERVIEW:
-        needed = {one["name"]: _some_answer(one) for one in asked["questions"] if one["required"]}
+        needed = {question["name"]: _some_answer(question) for question in asked["questions"] if question["required"]}
         return {"answers": needed | dict(answers)}
     if stage == PRACTICE:
         return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in (1, 2)]}
@@ -248,14 +250,14 @@ def _some_answer(question: Mapping[str, Any]) -> Any:
 
 
 def trials_of(client: httpx.Client, slug: str, session: str, token: str) -> list[dict[str, Any]]:
-    """What each of a session's trials compares, as an analyst sees it."""
+    """Fetch what each of a session's trials compares, as an analyst."""
     path = f"/api/v1/studies/{slug}/trials?session={session}"
     rows: list[dict[str, Any]] = _ask(client, "GET", path, token).json()
     return rows
 
 
 def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | None:
-    """The next trial; None when none is left."""
+    """Fetch the next trial; None when none is left."""
     answer = _ask(client, "GET", "/api/v1/session/trials/next", session_token)
     return None if answer.status_code == 204 else answer.json()
 
@@ -263,13 +265,13 @@ def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | Non
 def vote(
     client: httpx.Client, session_token: str, trial: Mapping[str, Any], choice: str, rng: np.random.Generator
 ) -> None:
-    """Vote, after looks and pauses such as people make."""
+    """Send a vote, with looks and pauses such as people make."""
     body = {"id": str(uuid.uuid4()), "choice": choice, "viewing": viewing(trial, rng)}
     _ask(client, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", session_token, body)
 
 
 def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-    """A viewing record: some switches within the exposure, a log-normal pause before the answer."""
+    """Make up a viewing record: switches within the exposure, a log-normal pause before the answer."""
     shown_ms = 1000.0 * trial["exposure_s"]
     times = np.sort(rng.uniform(0, shown_ms, rng.integers(1, MOST_SWITCHES + 1))).round(1).tolist()
     labels = ("b", "a") if trial["first_shown"] == "a" else ("a", "b")

@@ -1,4 +1,4 @@
-"""An artificial participant's preference: Davidson's model with known abilities."""
+"""How artificial participants choose: Davidson's model with known abilities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from app.study.valid_vote import Choice
 
 
 def tie_weight(tie_rate: float) -> float:
-    """Davidson's nu for which two equal items tie with probability `tie_rate`.
+    """Return Davidson's nu for which two equal items tie with probability `tie_rate`.
 
     Source
     ------
@@ -22,7 +22,7 @@ def tie_weight(tie_rate: float) -> float:
 
 
 def choice_probabilities(ability_a: float, ability_b: float, tie_rate: float) -> tuple[float, float, float]:
-    """Probabilities of (a, b, none), proportional to (exp a, exp b, nu exp((a + b) / 2)).
+    """Return the probabilities of (a, b, none), proportional to (exp a, exp b, nu exp((a + b) / 2)).
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def choice_probabilities(ability_a: float, ability_b: float, tie_rate: float) ->
 
 
 def choose(ability_a: float, ability_b: float, tie_rate: float, rng: np.random.Generator) -> Choice:
-    """One choice between two items."""
+    """Draw one choice between two items."""
     p_a, p_b, _ = choice_probabilities(ability_a, ability_b, tie_rate)
     draw = rng.random()
     if draw < p_a:

@@ -30,7 +30,7 @@ def take_screening(ask: Ask, observer: Observer, rng: np.random.Generator) -> No
     ask : sends a request with the participant's token and returns the answer
     """
     screening = ask("GET", SCREENING, None).json()
-    tests = [one["test"] for one in screening["tests"] if not one["is_over"]]
+    tests = [test["test"] for test in screening["tests"] if not test["is_over"]]
     if "acuity" in tests and not screening["tests"][0]["has_begun"]:
         _measure(ask, screening["distance"])
     for test in tests:

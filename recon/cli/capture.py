@@ -1,4 +1,4 @@
-"""The commands of recordings, mounted as `capture`: make, import, calibrate, segment, check."""
+"""The commands on recordings, mounted as `capture`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from recon.cli.options import parse_bounds, parse_pairs, parse_position, parse_s
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
 
-app = typer.Typer(no_args_is_help=True, help="Recordings: make, import, calibrate, segment, check.")
+app = typer.Typer(no_args_is_help=True, help="Make, import, calibrate, segment and check recordings.")
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
@@ -21,20 +21,26 @@ TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middleb
 @app.command("synth")
 def capture_synth(
     out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
-    scene: Annotated[str, typer.Option(help="ball, box, people, standing, face, sphere or cuboid.")] = "ball",
+    scene: Annotated[str, typer.Option(help="Scene: ball, box, people, standing, face, sphere or cuboid.")] = "ball",
     sensors: Annotated[int, typer.Option(min=1, help="How many stereo sensors.")] = 3,
-    frames: Annotated[int, typer.Option(min=1, help="How many frames; one period of the motion.")] = 25,
+    frames: Annotated[
+        int, typer.Option(min=1, help="How many frames; together they show one period of the motion.")
+    ] = 25,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of every camera, pixels.")] = "1280x720",
     noise: Annotated[float, typer.Option(min=0, help="Sensor noise, grey levels (standard deviation).")] = 1.5,
     fps: Annotated[float, typer.Option(help="Frames a second.")] = 25.0,
-    position: Annotated[str, typer.Option(help="x,y,z in mm from the centre, for sphere and cuboid.")] = "0,0,0",
-    exposure_spread: Annotated[float, typer.Option(min=0, help="Spread of the cameras' exposures, a share.")] = 0.02,
+    position: Annotated[
+        str, typer.Option(help="Where the sphere or the cuboid is: x,y,z in mm from the centre.")
+    ] = "0,0,0",
+    exposure_spread: Annotated[
+        float, typer.Option(min=0, help="How much the cameras' exposures differ, as a share.")
+    ] = 0.02,
     calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
-    distortion: Annotated[float, typer.Option(help="k1 of the lenses, about, as OpenCV's: -0.1 is usual.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
+    distortion: Annotated[float, typer.Option(help="About the lenses' k1 in OpenCV's model; -0.1 is usual.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Record a synthetic scene with known depth, masks and mesh."""
+    """Record a synthetic scene, with its true depth, masks and mesh."""
     from recon.studio import SynthParameters, synthesise
 
     progress = ProgressLine()
@@ -67,7 +73,7 @@ def capture_import(
     pairs: Annotated[
         str | None,
         typer.Option(
-            help=f"LEFT-RIGHT view numbers of every sensor, comma between; middlebury's default: {TEMPLE_PAIRS}."
+            help=f"LEFT-RIGHT view numbers of each sensor, comma-separated; default for middlebury: {TEMPLE_PAIRS}."
         ),
     ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Frames to take; default: all (middlebury: 3).")] = None,
@@ -75,19 +81,19 @@ def capture_import(
         str | None, typer.Option(help="x0,y0,z0,x1,y1,z1 in mm; default: the source's own bounding box.")
     ] = None,
     units: Annotated[
-        str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or its length in mm.")
+        str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or a number of mm.")
     ] = None,
-    up: Annotated[
-        str, typer.Option(help="Axis of the source's world that points upwards: x, -x, y, -y, z or -z.")
-    ] = "y",
-    fps: Annotated[float | None, typer.Option(min=0.01, help="Frames a second; default: the videos', else 25.")] = None,
+    up: Annotated[str, typer.Option(help="Which axis of the source points upwards: x, -x, y, -y, z or -z.")] = "y",
+    fps: Annotated[
+        float | None, typer.Option(min=0.01, help="Frames a second; default: as the videos, else 25.")
+    ] = None,
     name: Annotated[str | None, typer.Option(help="The scene's name; default: the source's.")] = None,
     shots: Annotated[
-        str | None, typer.Option(help="json: names of the shots to take as frames, comma between.")
+        str | None, typer.Option(help="For json: names of the shots to take as frames, comma-separated.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Bring a real recording into the capture format."""
+    """Import a real recording into the capture format."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.colmap import import_colmap
     from recon.capture.importing.json_file import import_json
@@ -119,14 +125,21 @@ def capture_calibrate(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="Folder with left and right (folders or videos), or one per sensor; or every camera's own."
+            help="A folder with left and right (folders or videos), one such folder per sensor, or one per camera."
         ),
     ],
-    board: Annotated[str, typer.Option(help="chessboard:9x6:25 (inner corners, mm) or charuco:11x8:30:22.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="calibration.yml; its report lies beside it.")],
+    board: Annotated[
+        str,
+        typer.Option(
+            help="chessboard:9x6:25 (inner corners, square in mm) or charuco:11x8:30:22 (squares; square, marker: mm)."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Where to write calibration.yml; its report goes beside it.")
+    ],
     as_json: JsonOption = False,
 ) -> None:
-    """Cameras, stereo pairs and all sensors in one world, from pictures of a board."""
+    """Calibrate cameras, stereo pairs and the sensors' places from pictures of a board."""
     from recon.capture.calibration.board import parse_board
     from recon.capture.calibration.run import calibrate_folders
 
@@ -141,15 +154,18 @@ def capture_calibrate(
 def capture_segment(
     capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
     method: Annotated[
-        str | None, typer.Option(help="plate or threshold; default: plate where there is one, else threshold.")
+        str | None, typer.Option(help="plate or threshold; default: plate if the capture has one, else threshold.")
     ] = None,
-    threshold: Annotated[int | None, typer.Option(min=1, max=254, help="Grey levels above the background.")] = None,
+    threshold: Annotated[
+        int | None,
+        typer.Option(min=1, max=254, help="How much brighter than the background the foreground is, grey levels."),
+    ] = None,
     scribbles: Annotated[
-        Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; instead of a method.")
+        Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; replaces the method.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write foreground masks by clean plate, by threshold against a dark background, or by scribbles."""
+    """Write foreground masks: by clean plate, by threshold against a dark background, or from scribbles."""
     from recon.capture.masks.segment import segment_capture
 
     progress = ProgressLine()
@@ -169,7 +185,7 @@ def capture_check(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Everything that is wrong with a capture, in one go; exit 1 if it cannot be used as it is."""
+    """List everything that is wrong with a capture; exit with 1 if it cannot be used."""
     from recon.capture.checking.check import check_capture
     from recon.capture.checking.page import write_check
 
@@ -182,10 +198,14 @@ def capture_check(
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:
-    found = [f"problem: {problem}" for problem in report.problems]
-    found += [f"warning: {warning}" for warning in report.warnings]
-    verdict = "\n".join([*found, _verdict(report)])
-    return f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors\n{report.as_text()}\n{verdict}"
+    lines = [
+        f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors",
+        report.as_text(),
+        *(f"problem: {problem}" for problem in report.problems),
+        *(f"warning: {warning}" for warning in report.warnings),
+        _verdict(report),
+    ]
+    return "\n".join(lines)
 
 
 def _verdict(report: CheckReport) -> str:

@@ -1,4 +1,4 @@
-"""What every command prints: progress on standard error, results on standard output, errors as one sentence."""
+"""What every command prints: progress on standard error, results on standard output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands' options mean: sizes, ranges of frames, pairs of views, places and boxes, read from text."""
+"""Read sizes, frame ranges, view pairs, places and boxes from the text of options."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from recon.storage.remote import place
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """(width, height) of "WIDTHxHEIGHT"."""
-    found = re.fullmatch(r"(\d+)x(\d+)", text)
-    if found is None:
+    """Read (width, height) from "WIDTHxHEIGHT"."""
+    size = re.fullmatch(r"(\d+)x(\d+)", text)
+    if size is None:
         raise typer.BadParameter(f"{text!r} is not a size; expected WIDTHxHEIGHT, for example 1920x1080")
-    return int(found[1]), int(found[2])
+    return int(size[1]), int(size[2])
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """The names of "a,b,c"."""
+    """Read the names in "a,b,c"."""
     return tuple(name.strip().lower() for name in text.split(",") if name.strip())
 
 
 def parse_frames(text: str | None) -> range | None:
-    """The frames of "A:B", with either end left out for the first or last."""
+    """Read the frames of "A:B"; either end may be left out for the first or last."""
     if text is None:
         return None
-    found = re.fullmatch(r"(\d*):(\d*)", text)
-    if found is None:
+    ends = re.fullmatch(r"(\d*):(\d*)", text)
+    if ends is None:
         raise typer.BadParameter(f"{text!r} is not a range of frames; expected A:B, for example 0:25")
-    return range(int(found[1] or 0), int(found[2]) if found[2] else 2**31)
+    return range(int(ends[1] or 0), int(ends[2]) if ends[2] else 2**31)
 
 
 def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:
-    """The view numbers of "13-14,20-21"."""
-    found = [re.fullmatch(r"(\d+)-(\d+)", pair.strip()) for pair in text.split(",")]
-    if not all(found):
+    """Read the view numbers of "13-14,20-21"."""
+    pairs = [re.fullmatch(r"(\d+)-(\d+)", pair.strip()) for pair in text.split(",")]
+    if not all(pairs):
         raise typer.BadParameter(f"{text!r} are not pairs of views; expected for example 13-14,20-21")
-    return tuple((int(pair[1]), int(pair[2])) for pair in found if pair)
+    return tuple((int(pair[1]), int(pair[2])) for pair in pairs if pair)
 
 
 def parse_place(address: str) -> Path:
-    """The folder of a path or an fsspec URL."""
+    """Find the folder that a path or an fsspec URL names."""
     try:
         return place(address)
     except ValueError as error:
@@ -51,7 +51,7 @@ def parse_place(address: str) -> Path:
 
 
 def parse_position(text: str) -> tuple[float, float, float]:
-    """The numbers of "x,y,z"."""
+    """Read the numbers of "x,y,z"."""
     try:
         x, y, z = (float(value) for value in text.split(","))
     except ValueError as error:
@@ -60,7 +60,7 @@ def parse_position(text: str) -> tuple[float, float, float]:
 
 
 def parse_bounds(text: str | None) -> Any:
-    """Bounds (2, 3) in mm of "x0,y0,z0,x1,y1,z1", or None."""
+    """Read bounds, (2, 3) in mm, from "x0,y0,z0,x1,y1,z1"; None stays None."""
     if text is None:
         return None
     import numpy as np

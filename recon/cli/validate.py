@@ -1,4 +1,4 @@
-"""The commands of objective evaluation, `reconstudy validate …`; what they need is imported when they run."""
+"""The commands of objective evaluation, mounted as `validate`."""
 
 from __future__ import annotations
 
@@ -11,39 +11,46 @@ from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import parse_frames, parse_position
 
 EVERY_DATASET = "all"
-DatasetOption = Annotated[
-    str, typer.Option(help="Scene of a study that this speaks for; all for an approach whatever the scene.")
-]
+DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the results are for; all: every scene.")]
 ApproachOption = Annotated[
-    list[str] | None, typer.Option(help="Approach of a study that this speaks for, such as pm_fb; may be repeated.")
+    list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
 ]
 
-app = typer.Typer(no_args_is_help=True, help="Objective evaluation: known objects, truth, sensors and views.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Measure reconstructions: known objects, true meshes, sensors against each other, held-out views.",
+)
 
 
 @app.command("sphere")
 def validate_sphere(
-    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one per sensor and placed ball.")],
-    radius: Annotated[float, typer.Option(help="Known radius of the ball, mm.")],
+    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed ball.")],
+    radius: Annotated[float, typer.Option(help="Radius of the ball, mm.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
     sensor: Annotated[
-        list[str] | None, typer.Option(help="Sensors of the clouds, in their order; fewer names repeat.")
+        list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
     ] = None,
-    method: Annotated[str, typer.Option(help="robust or super4pcs.")] = "robust",
-    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    method: Annotated[str, typer.Option(help="How to find the sphere: robust or super4pcs.")] = "robust",
+    thresholds: Annotated[
+        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
+    ] = "5:100",
     unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
     viewpoint: Annotated[
         list[str] | None,
-        typer.Option(help="[SENSOR=]x,y,z of a sensor, mm: count only points in front of or behind the ball."),
+        typer.Option(help="[SENSOR=]x,y,z of a sensor, mm; then only points in front of or behind the ball count."),
     ] = None,
-    keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use whatever the rule says.")] = None,
-    drop: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out whatever the rule says.")] = None,
+    keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use although the rule excludes it.")] = None,
+    drop: Annotated[
+        list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out although the rule keeps it.")
+    ] = None,
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
+    ] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit spheres of a known radius; signed errors and inlier ratios per sensor and combined."""
+    """Fit spheres of known radius, and report signed errors and inlier ratios per sensor and combined."""
     from recon.validation.clouds import named_clouds
     from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
@@ -70,23 +77,29 @@ def validate_sphere(
 
 @app.command("cuboid")
 def validate_cuboid(
-    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one per sensor and placed cuboid.")],
-    size: Annotated[str, typer.Option(help="AxBxC, the known edges in mm.")],
+    clouds: Annotated[
+        list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed cuboid.")
+    ],
+    size: Annotated[str, typer.Option(help="The cuboid's edges in mm, AxBxC.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
     sensor: Annotated[
-        list[str] | None, typer.Option(help="Sensors of the clouds, in their order; fewer names repeat.")
+        list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
     ] = None,
     position: Annotated[
-        list[str] | None, typer.Option(help="x,y,z of the cuboid's middle where it is known, mm; once per sample.")
+        list[str] | None, typer.Option(help="x,y,z of the cuboid's centre in mm, if it is known; once per sample.")
     ] = None,
-    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    thresholds: Annotated[
+        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
+    ] = "5:100",
     unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
+    ] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Planes, angles, edges and position of cuboids of known size, per sensor and combined."""
+    """Fit cuboids of known size, and report planes, angles, edges and positions per sensor and combined."""
     from recon.validation.clouds import named_clouds
     from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
     from recon.validation.cuboid.report import write_cuboid_report
@@ -110,22 +123,26 @@ def validate_cuboid(
 @app.command("object")
 def validate_object(
     model: Annotated[Path, typer.Argument(help="PLY of the known object's mesh.")],
-    cloud: Annotated[Path, typer.Argument(help="PLY, or text with x y z, of its reconstruction.")],
+    cloud: Annotated[Path, typer.Argument(help="Reconstruction of the object: PLY, or text with x y z.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
-    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP of the inlier curve, mm.")] = "5:100",
+    thresholds: Annotated[
+        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
+    ] = "5:100",
     delta: Annotated[
         float | None,
-        typer.Option(help="How far from the model a point may lie in the search, mm; default: 2 % of its diagonal."),
+        typer.Option(help="How far from the model points may lie during the search, mm; default: 2 % of its diagonal."),
     ] = None,
-    trim: Annotated[float, typer.Option(help="Share of the points that the refinement uses, the nearest.")] = 0.8,
+    trim: Annotated[float, typer.Option(help="Share of the points, nearest first, that the refinement uses.")] = 0.8,
     unit: Annotated[str, typer.Option(help="Unit of the cloud: mm, cm, m or in.")] = "mm",
     model_unit: Annotated[str, typer.Option(help="Unit of the model: mm, cm, m or in.")] = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same report.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
+    ] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a known mesh in a cloud; signed distances to it and inlier ratios."""
+    """Find a known mesh in a cloud, and report signed distances and inlier ratios."""
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.known_object.registration import RegistrationParameters
     from recon.validation.known_object.report import ambiguity_text, write_object_report
@@ -140,12 +157,12 @@ def validate_object(
     )
     report, measured = measure_object(model, cloud, settings)
     page = write_object_report(report, measured, out)
-    found, row = report["registration"], report["table"][0]
+    registration, row = report["registration"], report["table"][0]
     sentence = (
-        f"{found['overlap']:.1%} of the cloud within {found['delta_mm']:.3g} mm of the model; "
+        f"{registration['overlap']:.1%} of the cloud within {registration['delta_mm']:.3g} mm of the model; "
         f"{row['inliers']:.2%} within {row['threshold_mm']:g} mm: {page}"
     )
-    doubt = f"\n{ambiguity_text(report)}" if found["is_ambiguous"] else ""
+    doubt = f"\n{ambiguity_text(report)}" if registration["is_ambiguous"] else ""
     print_result({"report": str(page), **report}, sentence + doubt, as_json=as_json)
 
 
@@ -154,16 +171,16 @@ def validate_views(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
     capture: Annotated[
-        Path | None, typer.Option(help="Folder of the recording; default: where it was when it was reconstructed.")
+        Path | None, typer.Option(help="Folder of the recording; default: where the run says it was.")
     ] = None,
-    frames: Annotated[str | None, typer.Option(help="A:B, the frames A to B-1; default: all of the run.")] = None,
+    frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all of the run.")] = None,
     threshold: Annotated[
         float | None,
-        typer.Option(help="Within which depths of two sensors agree, mm; default: a pixel of disparity in depth."),
+        typer.Option(help="Depths of two sensors agree within this, mm; default: the depth of one pixel of disparity."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Sensors against each other, and every model seen from held-out and from the sensors' own cameras."""
+    """Compare sensors with each other, and models with held-out and with the sensors' own photographs."""
     from recon.validation.views.evaluation import ViewSettings, measure_views
     from recon.validation.views.report import write_views_report
 
@@ -177,26 +194,29 @@ def validate_views(
 @app.command("mesh")
 def validate_mesh(
     mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
-    truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same frame.")],
+    truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same coordinates.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
-    thresholds: Annotated[str, typer.Option(help="FROM:TO or FROM:TO:STEP, mm.")] = "1:20:1",
+    thresholds: Annotated[str, typer.Option(help="Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")] = "1:20:1",
     threshold: Annotated[
-        float | None, typer.Option(help="The one of these whose F-score counts as a measure; default: the middle one.")
+        float | None, typer.Option(help="The threshold whose F-score counts as a measure; default: the middle one.")
     ] = None,
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
     cell: Annotated[
         float | None,
-        typer.Option(help="Compare `sampled` points by their means in cells of this size, mm, as Tanks and Temples."),
+        typer.Option(help="Compare means of points in cells of this size, mm, as Tanks and Temples does."),
     ] = None,
-    voxel: Annotated[float, typer.Option(help="Over which ETH3D averages, mm.")] = 10.0,
+    voxel: Annotated[float, typer.Option(help="Size of the voxels over which ETH3D averages, mm.")] = 10.0,
     scanner: Annotated[
-        str | None, typer.Option(help="x,y,z, mm: where the truth was scanned from; ETH3D counts what is seen there.")
+        str | None,
+        typer.Option(
+            help="x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the samples on the surfaces.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the samples on the surfaces.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Accuracy, completeness and F-score against the truth."""
+    """Report accuracy, completeness and F-score against the truth."""
     from recon.validation.measures import Subject
     from recon.validation.truth.evaluation import MeshSettings, measure_mesh
     from recon.validation.truth.report import write_mesh_report
@@ -215,7 +235,7 @@ def validate_mesh(
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
-    """The thresholds of "FROM:TO" in steps of 2.5 mm, or of "FROM:TO:STEP"."""
+    """Read the thresholds of "FROM:TO", in steps of 2.5 mm, or of "FROM:TO:STEP"."""
     try:
         low, high, step = [float(value) for value in text.split(":")] + [2.5] * (text.count(":") == 1)
     except ValueError:
@@ -228,7 +248,7 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
 
 
 def parse_edges(text: str) -> tuple[float, float, float]:
-    """The edges of "AxBxC", mm."""
+    """Read the edges of "AxBxC", mm."""
     try:
         a, b, c = (float(value) for value in text.lower().split("x"))
     except ValueError:
@@ -239,7 +259,7 @@ def parse_edges(text: str) -> tuple[float, float, float]:
 
 
 def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
-    """Sensor and place of "SENSOR=x,y,z", or of "x,y,z" for the only sensor, S1."""
+    """Read a sensor and its place from "SENSOR=x,y,z", or from "x,y,z" for the only sensor, S1."""
     name, _, place = text.rpartition("=")
     try:
         x, y, z = (float(value) for value in place.split(","))
@@ -282,7 +302,7 @@ def _cuboid_sentences(report: dict[str, Any], page: Path) -> str:
             lines.append(f"no fit: {row['name']}: {row['failure']}")
             continue
         angles, edges = (
-            ", ".join(f"{one[column]:+.3g}" for one in report[part] if one["name"] == row["name"])
+            ", ".join(f"{error[column]:+.3g}" for error in report[part] if error["name"] == row["name"])
             for part, column in (("angles", "error_deg"), ("edges", "error_mm"))
         )
         faces = f"faces {' '.join(row['faces'])}"

@@ -1,4 +1,4 @@
-"""The fly-through: one model's video, from the same cameras and under the same light as every other approach's."""
+"""The fly-through: a video of one approach's models, by the same cameras and light as every other approach's."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 
-PART_FRAMES = 50  # two groups of pictures: nothing is predicted across, so a join costs no quality
+PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"
-WHERE = ("workers", "cluster")  # options that do not change what is made
+WHERE = ("workers", "cluster")  # options that say where work runs, not what is made
 LOOPS = ("repeat", "bounce", "static")
 
 
@@ -67,14 +67,18 @@ class RenderOptions:
 
     @property
     def n_frames(self) -> int:
-        """How many frames a video has."""
+        """The number of frames of a video."""
         return round(self.seconds * self.fps)
 
 
 def shown_frames(n_recorded: int, n_shown: int, step: float, loop: str) -> list[int]:
-    """Which of the recorded frames each frame of a video shows.
+    """Choose which recorded frame each frame of a video shows.
 
-    `step` is how many recorded frames pass from one shown frame to the next.
+    Parameters
+    ----------
+    n_recorded, n_shown : frames of the recording and of the video
+    step : recorded frames from one shown frame to the next
+    loop : see `RenderOptions`
     """
     at = np.floor(np.arange(n_shown) * step + 1e-6).astype(int)
     if loop == "static" or n_recorded == 1:
@@ -89,10 +93,10 @@ def shown_frames(n_recorded: int, n_shown: int, step: float, loop: str) -> list[
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One model's fly-through: what each frame of its video shows.
+    """The fly-through of one approach: what each frame of its video shows.
 
-    It is made in parts of fixed length, so that several processes can share one video, the bytes do not depend on how
-    many do, and a run that was stopped loses a part at most.
+    A film is made in parts of fixed length. So several processes share a video, its bytes do not depend on how many do,
+    and a start that is stopped loses one part at most.
     """
 
     run: Run
@@ -101,7 +105,7 @@ class Film:
 
     @property
     def meshes(self) -> list[str]:
-        """The models it shows, in the order in which they were recorded; names in the run."""
+        """The names in the run of the models that it shows, in the order of the recording."""
         return [mesh_name(self.approach, frame) for frame in self.run.frames]
 
     @property
@@ -111,7 +115,7 @@ class Film:
 
     @property
     def shown(self) -> list[int]:
-        """Which of the models each frame shows."""
+        """The number of the model that each frame shows."""
         step = self.run.capture.fps / self.options.fps
         return shown_frames(len(self.run.frames), self.options.n_frames, step, self.loop)
 
@@ -122,18 +126,18 @@ class Film:
         return [range(first, min(first + PART_FRAMES, n_frames)) for first in range(0, n_frames, PART_FRAMES)]
 
     def cameras(self) -> tuple[Camera, ...]:
-        """One a frame; the same for every approach of the run."""
+        """Place a camera for each frame, the same for every approach of the run."""
         return camera_path(self.run.capture.rig, self.run.capture.bounds, self.options.n_frames, self.options.size)
 
     def names(self, part: range | None = None) -> list[str]:
-        """Where video, quality and master lie in the stimulus set, or those of a part until the parts are joined."""
+        """Name video, quality and master in the stimulus set, or those of a part that is not yet joined."""
         stem = f"{self.run.dataset}/{self.approach}"
         if part is not None:
             stem = f"{PARTS}/{stem}/{part.start:04d}"
         return [f"{stem}.mp4", f"{stem}.quality.json", *([f"{stem}.master.mp4"] if self.options.master else [])]
 
     def key(self) -> dict[str, Any]:
-        """What the video is made from."""
+        """Describe what the video is made from."""
         return {
             "meshes": self.run.artefacts.digests(self.meshes),
             "rig": [camera_key(camera) for camera in self.cameras()],
@@ -143,13 +147,20 @@ class Film:
 
 
 def is_finished(film: Film, out: Path) -> bool:
-    """Whether a film's video is there already."""
+    """Return whether a film's video is finished."""
     key = film.key()
     return all(Artefacts(out).has(name, key) for name in film.names())
 
 
 def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
-    """Render, encode and check some frames of a film, unless that is done already; returns how many they are."""
+    """Render, encode and check some frames of a film, unless they are finished; returns how many they are.
+
+    Parameters
+    ----------
+    film, part : which frames of it
+    out : folder of the stimulus set
+    threads : that may be used; the frames do not depend on it
+    """
 
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
@@ -167,7 +178,7 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
 
 
 def make_film(film: Film, out: Path) -> Stimulus:
-    """Join the parts of a film, unless its video is there already, and describe it."""
+    """Join the parts of a film, unless its video is finished, and describe it."""
     artefacts = Artefacts(out)
     artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, artefacts))
     artefacts.remove(name for part in film.parts for name in film.names(part))
@@ -206,7 +217,7 @@ def _join_parts(film: Film, artefacts: Artefacts, paths: list[Path]) -> None:
 
 
 def _quality(check: VideoCheck) -> dict[str, Any]:
-    """How near the encoded frames are to the rendered ones, in luma, for the manifest."""
+    """Summarise for the manifest how near the encoded frames are to the rendered ones, in luma."""
     return {
         "psnr_y_mean_db": round(fmean(check.psnr_db), 2),
         "psnr_y_worst_db": round(min(check.psnr_db), 2),
@@ -217,5 +228,5 @@ def _quality(check: VideoCheck) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _mesh_once(path: Path) -> Mesh:
-    """A mesh that is shown for several frames in a row is read once, and the renderer sees the same object."""
+    """Read a mesh once for all frames in a row that show it, so that the renderer gets the same object."""
     return read_mesh(path)

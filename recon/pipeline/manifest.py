@@ -1,4 +1,4 @@
-"""The stimulus set's manifest: the one file that the study server reads of all that was made here."""
+"""The stimulus set's manifest: how the study server learns what was made here."""
 
 from __future__ import annotations
 
@@ -17,10 +17,15 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Stimulus:
-    """One video of one scene made by one approach; paths relative to the manifest.
+    """The video of a scene by an approach.
 
-    `model_frames` is how many models it shows and `loop` how they fill its length; `quality` is how near the encoded
-    frames are to the rendered ones.
+    Parameters
+    ----------
+    dataset, approach, levels : the scene, and the approach with its level of each factor
+    video, master : paths from the manifest
+    width, height, fps, n_frames, codec, renderer : of the video
+    model_frames, loop : how many models it shows, and how they fill its length
+    quality : how near the encoded frames are to the rendered ones
     """
 
     dataset: str
@@ -41,6 +46,12 @@ class Stimulus:
 
 def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:
     """Write ``manifest.json`` with the digest of every video.
+
+    Parameters
+    ----------
+    folder, name : of the stimulus set
+    stimuli : its videos
+    provenance : which runs, options and versions they come from
 
     Raises
     ------

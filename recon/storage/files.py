@@ -14,20 +14,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-FULL = 2**16  # bytes; a disk with less than that is what made writing fail
-STALE_S = 3600.0  # a temporary file of another host that was not written to for so long has no writer any more
+FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
+STALE_S = 3600.0  # after so long without a write, a temporary file of another host has no writer any more
 
 
 class DiskFullError(OSError):
-    """There is no room left for a file; what was whole before is still there."""
+    """No room is left for a file; what was whole before is still there."""
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
 
-    The temporary name keeps the suffix, because encoders choose the format by it, and says which process of which
-    host writes it.
+    The temporary name keeps the suffix, because encoders choose the format by it, and holds the host and the process
+    that write it.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files below `folder` whose process was killed before it could rename them."""
     for path in folder.rglob(".*.part*"):
-        found = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
-        if found and _is_left(path, found[1], int(found[2])):
+        name = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
+        if name and _is_left(path, host=name[1], process=int(name[2])):
             path.unlink(missing_ok=True)
 
 
@@ -80,7 +80,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_space(path: Path, error: Exception) -> None:
-    """Raise what a full disk calls for, if that is why writing failed: programs and libraries put it in many words."""
+    """Raise DiskFullError if a full disk is why writing failed: programs and libraries say it in many ways."""
     free = shutil.disk_usage(path.parent).free
     if free < FULL or (isinstance(error, OSError) and error.errno == errno.ENOSPC):
         raise DiskFullError(
@@ -93,7 +93,8 @@ def _host() -> str:
     return re.sub(r"\W", "_", socket.gethostname())
 
 
-def _is_left(path: Path, host: str, process: int) -> bool:
+def _is_left(path: Path, *, host: str, process: int) -> bool:
+    """Whether the process that wrote a temporary file is gone."""
     if host == _host():
         return not _is_running(process)
     try:

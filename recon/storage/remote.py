@@ -1,8 +1,8 @@
-"""Folders behind an fsspec URL, such as ``s3://bucket/run``: worked on through copies on each machine.
+"""Folders behind an fsspec URL, such as ``s3://bucket/run``: each machine works on copies of their files.
 
-The copy of ``s3://bucket/run/run.json`` is ``TMP/reconstudy-copies-UID/s3:/bucket/run/run.json``: where a file comes
-from is told by its path alone, in every process of every machine. All other code works with paths; what it reads it
-has `fetched`, and what it wrote it has `stored`. Copies may be removed whenever nothing runs.
+The copy of ``s3://bucket/run/run.json`` is ``TMP/reconstudy-copies-UID/s3:/bucket/run/run.json``, so a path alone says
+where a file comes from, in every process of every machine. All other code works with paths: it calls `fetched` before
+it reads a file, and `stored` after it wrote one. Copies may be removed whenever nothing runs.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ LOCAL = ("file", "local")
 
 
 def place(address: str) -> Path:
-    """The folder or file that a path or an fsspec URL names; for a URL, where its copy lies on this machine.
+    """Find the path that a path or an fsspec URL names; for a URL, that of its copy on this machine.
 
     Raises
     ------
     ValueError
-        If no file system answers to the URL, or the folder of copies is somebody else's.
+        If there is no file system for the URL, or the folder of copies belongs to another user.
     """
     scheme, mark, rest = address.partition("://")
     if not mark:
@@ -40,17 +40,17 @@ def place(address: str) -> Path:
 
 
 def address_of(path: Path) -> str:
-    """The URL of a copy; other paths as they are."""
+    """Return the URL of a copy; other paths as they are."""
     return _url(path) or str(path)
 
 
 def fetched(path: Path) -> Path:
-    """The same path, after a copy was brought up to date.
+    """Bring a copy up to date, and return its path; other paths as they are.
 
     Raises
     ------
     ValueError
-        If it is the copy of a file that is not there.
+        If there is no file behind the URL.
     OSError
         If the file system behind the URL fails.
     """
@@ -68,7 +68,13 @@ def fetched(path: Path) -> Path:
 
 
 def stored(path: Path) -> Path:
-    """The same path, after what was written to a copy was put where it belongs; raises `OSError` where that fails."""
+    """Upload a copy that was written to, and return its path; other paths as they are.
+
+    Raises
+    ------
+    OSError
+        If the file system behind the URL fails.
+    """
     url = _url(path)
     if url is not None:
         with _naming(url):
@@ -80,12 +86,12 @@ def stored(path: Path) -> Path:
 
 
 def is_copy(path: Path) -> bool:
-    """Whether a path is the copy of a file or folder behind a URL."""
+    """Return whether a path is the copy of a file or folder behind a URL."""
     return _url(path) is not None
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is such a file, for a copy: behind its URL."""
+    """Return whether a file exists; for a copy, behind its URL."""
     url = _url(path)
     if url is None:
         return path.is_file()
@@ -95,13 +101,13 @@ def is_there(path: Path) -> bool:
 
 
 def missing(paths: Iterable[Path]) -> list[Path]:
-    """Those of the files that are not there; behind a URL each folder is listed once."""
+    """List the files that do not exist; behind a URL each folder is listed once."""
     listed = cache(_listed)
     return [path for path in paths if not (path.name in listed(path.parent) if is_copy(path) else path.is_file())]
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there, behind its URL too."""
+    """Remove a file or a folder, if it exists; for a copy, behind its URL too."""
     url = _url(path)
     if url is not None:
         with _naming(url):
@@ -146,15 +152,15 @@ def _listed(folder: Path) -> set[str]:
     with _naming(url):
         files, name = _files(url)
         try:
-            found = files.ls(name, detail=True)
+            entries = files.ls(name, detail=True)
         except FileNotFoundError:
             return set()
-        return {PurePath(entry["name"]).name for entry in found if entry["type"] == "file"}
+        return {PurePath(entry["name"]).name for entry in entries if entry["type"] == "file"}
 
 
 @contextmanager
 def _naming(url: str) -> Iterator[None]:
-    """Say with which address something is wrong; a file system's packages raise errors of many kinds."""
+    """Name the address in errors; the packages of file systems raise many kinds."""
     try:
         yield
     except FileNotFoundError as error:
@@ -180,6 +186,6 @@ def _note_of(path: Path) -> Path:
 
 
 def _state(path: Path, version: str) -> str:
-    """What was copied, and that the copy has not been written to since."""
+    """Describe which version was copied, and the copy as it was left: a later write to it shows."""
     facts = path.stat()
     return f"{version} {facts.st_mtime_ns} {facts.st_size}"
