@@ -17,6 +17,7 @@ from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import read_json, write_json
 from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.options import ClusterOption, WorkersOption
 
 if TYPE_CHECKING:
     from app.settings import Settings
@@ -137,12 +138,8 @@ def experiment_paper(
     scale: Annotated[
         str, typer.Option(help="small takes minutes; full makes videos in full HD of 15 s and takes hours.")
     ] = "small",
-    workers: Annotated[
-        int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
-    ] = 1,
-    cluster: Annotated[
-        str | None, typer.Option(help="Let the workers of this Dask scheduler do the heavy work, tcp://HOST:8786.")
-    ] = None,
+    workers: WorkersOption = 1,
+    cluster: ClusterOption = None,
     yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -11,6 +11,8 @@ import typer
 from app.cli.shared import DEFAULT_URL, UrlOption, by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
+StudyArgument = Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")]
+
 app = typer.Typer()
 stimuli_app = typer.Typer(no_args_is_help=True, help="Check and import stimulus sets.")
 study_app = typer.Typer(
@@ -164,7 +166,7 @@ def study_import(
 
 @study_app.command("export")
 def study_export(
-    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
+    study: StudyArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: standard output.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -181,7 +183,7 @@ def study_export(
 
 @study_app.command("invite")
 def study_invite(
-    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
+    study: StudyArgument,
     places: Annotated[
         int | None, typer.Option(min=1, help="How many participants may use it; default: any number.")
     ] = None,
@@ -200,7 +202,7 @@ def study_invite(
 
 @study_app.command("balance")
 def study_balance(
-    study: Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")],
+    study: StudyArgument,
     as_json: JsonOption = False,
 ) -> None:
     """Check that all orders follow from the seed, and that labels, first looks and datasets are balanced."""

@@ -12,19 +12,10 @@ import typer
 
 from recon.cli.capture import app as capture_app
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import parse_frames, parse_names, parse_place, parse_size
+from recon.cli.options import ClusterOption, WorkersOption, parse_frames, parse_names, parse_place, parse_size
 from recon.cli.validate import app as validate_app
 from recon.storage.remote import address_of
 
-WorkersOption = Annotated[
-    int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
-]
-ClusterOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
-    ),
-]
 OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 
 app = typer.Typer(no_args_is_help=True)

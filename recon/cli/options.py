@@ -1,14 +1,24 @@
-"""Read sizes, frame ranges, view pairs, places and boxes from the text of options."""
+"""Options that several commands share, and how to read sizes, frame ranges, view pairs, places and boxes."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from recon.storage.remote import place
+
+WorkersOption = Annotated[
+    int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
+    ),
+]
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -15,6 +15,12 @@ DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the resu
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
 ]
+ReportOption = Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")]
+SensorsOption = Annotated[
+    list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
+]
+ThresholdsOption = Annotated[str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")]
+UnitOption = Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")]
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -26,15 +32,11 @@ app = typer.Typer(
 def validate_sphere(
     clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed ball.")],
     radius: Annotated[float, typer.Option(help="Radius of the ball, mm.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
-    sensor: Annotated[
-        list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
-    ] = None,
+    out: ReportOption,
+    sensor: SensorsOption = None,
     method: Annotated[str, typer.Option(help="How to find the sphere: robust or super4pcs.")] = "robust",
-    thresholds: Annotated[
-        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
-    ] = "5:100",
-    unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    thresholds: ThresholdsOption = "5:100",
+    unit: UnitOption = "mm",
     viewpoint: Annotated[
         list[str] | None,
         typer.Option(help="[SENSOR=]x,y,z of a sensor, mm; then only points in front of or behind the ball count."),
@@ -81,17 +83,13 @@ def validate_cuboid(
         list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed cuboid.")
     ],
     size: Annotated[str, typer.Option(help="The cuboid's edges in mm, AxBxC.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
-    sensor: Annotated[
-        list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
-    ] = None,
+    out: ReportOption,
+    sensor: SensorsOption = None,
     position: Annotated[
         list[str] | None, typer.Option(help="x,y,z of the cuboid's centre in mm, if it is known; once per sample.")
     ] = None,
-    thresholds: Annotated[
-        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
-    ] = "5:100",
-    unit: Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")] = "mm",
+    thresholds: ThresholdsOption = "5:100",
+    unit: UnitOption = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
     seed: Annotated[
@@ -124,10 +122,8 @@ def validate_cuboid(
 def validate_object(
     model: Annotated[Path, typer.Argument(help="PLY of the known object's mesh.")],
     cloud: Annotated[Path, typer.Argument(help="Reconstruction of the object: PLY, or text with x y z.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
-    thresholds: Annotated[
-        str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")
-    ] = "5:100",
+    out: ReportOption,
+    thresholds: ThresholdsOption = "5:100",
     delta: Annotated[
         float | None,
         typer.Option(help="How far from the model points may lie during the search, mm; default: 2 % of its diagonal."),
@@ -169,7 +165,7 @@ def validate_object(
 @app.command("views")
 def validate_views(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    out: ReportOption,
     capture: Annotated[
         Path | None, typer.Option(help="Folder of the recording; default: where the run says it was.")
     ] = None,
@@ -195,7 +191,7 @@ def validate_views(
 def validate_mesh(
     mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
     truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same coordinates.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")],
+    out: ReportOption,
     thresholds: Annotated[str, typer.Option(help="Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")] = "1:20:1",
     threshold: Annotated[
         float | None, typer.Option(help="The threshold whose F-score counts as a measure; default: the middle one.")
