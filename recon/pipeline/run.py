@@ -1,9 +1,9 @@
 """A run on disk: where each file of a reconstruction lies, and what ``run.json`` says about them.
 
-How a run knows what is finished and what is in it: every stage leaves a note beside each file it has finished, with the
-digests of what the file was made from and of the file itself, and makes only what has no such note (`Artefacts`). When
-all stages are done, ``run.json`` is written last, and lists approaches, frames, parameters, warnings and the meshes'
-digests: a folder without it is no run yet.
+How a run knows what is finished and what is in it: every stage leaves a note in ``.finished/`` for each file that it
+finished, with the digests of what the file was made from and of the file itself, and makes only what has no such note
+(`Artefacts`). When all stages are done, ``run.json`` is written last, and lists approaches, frames, parameters,
+warnings and the meshes' digests: a folder without it is no run yet.
 
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
 ``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
