@@ -31,7 +31,7 @@ import sys, time
 from pathlib import Path
 import httpx
 from app.main import running_server
-from app.operate import add_experimenter
+from app.operations.manage import add_experimenter
 from app.settings import Settings
 
 settings = Settings(data_dir=Path(sys.argv[1]), database_url=None)
