@@ -43,7 +43,7 @@ export class Outbox {
     for (const { id } of await this.shelf.list(this.owner)) await this.shelf.remove(id);
   }
 
-  /** Resolves when the server has everything that it can take; rejects when it refuses something for now. @returns {Promise<void>} */
+  /** Resolves when the server has everything that it can take; rejects when it refuses something that it may take later. @returns {Promise<void>} */
   emptied() {
     const turn = this.delivery.catch(() => {}).then(() => this.#deliver());
     this.delivery = turn;
