@@ -30,9 +30,10 @@ const waiting = async (owner = OWNER) => (await shelf.list(owner)).map((pending)
 
 test("a vote is kept before it is sent, and forgotten when the server has it", async () => {
   const requests = serve(200);
-  await outbox.putVote("trial-1", vote());
+  const slow = { ...shelf, add: async (pending) => shelf.add(await settle().then(() => pending)) };
+  await new Outbox(slow, OWNER).putVote("trial-1", vote());
   assert.deepEqual(await waiting(), ["trial-1"]);
-  await outbox.emptied();
+  await settle();
   assert.deepEqual(await waiting(), []);
   assert.deepEqual(requests.map(({ method, url }) => `${method} ${url}`), ["PUT /api/v1/session/trials/trial-1/vote"]);
 });
