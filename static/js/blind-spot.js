@@ -1,4 +1,4 @@
-/** Moves a dot away from a cross until it vanishes in the blind spot, which is farther away the farther the eye is from the display. */
+/** Moves a dot away from a cross until it vanishes in the blind spot: the farther from the cross that is, the farther the eye is from the display. */
 
 import { required } from "./elements.js";
 

@@ -121,7 +121,7 @@ export class DecodedPlayer {
     return due - this.current <= 1;
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return this.counts;
   }

@@ -19,7 +19,7 @@ import { dialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./
 /** @typedef {import("./session.js").Session} Session */
 
 const N_INSTRUCTIONS = 3;
-const VOTING_S = 5; // about what a vote takes, for the length that is announced
+const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"]]);
 
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
@@ -34,11 +34,11 @@ let outbox; // of the session, as soon as it has begun
 /** @type {object[]} rounds of practice */
 const practised = [];
 let wrongAnswers = 0;
-let pageKey = ""; // of the session: which page of the instructions is open
-let consentKey = ""; // of the session: the digest of the text that was agreed to
+let pageKey = ""; // under which the tab remembers the open page of the session's instructions
+let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
 let isUnderWay = false; // see `guarded`
 
-/** What comes in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
+/** What the page does in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
 const STAGES = {
   introduction: introduce,
   screening: screen,
@@ -313,7 +313,7 @@ function explain(error, showView) {
   showView("problem");
 }
 
-/** Which message tells why nobody is let in. @param {Refusal} refusal @returns {string} */
+/** The key of the message that says why the participant cannot begin. @param {Refusal} refusal @returns {string} */
 function messageFor({ status, problem }) {
   return problem.standing ?? MESSAGE_AT_THE_DOOR.get(status) ?? "";
 }

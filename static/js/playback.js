@@ -1,6 +1,6 @@
 /** Plays video elements for an exposure: their clock, a film that stands still, and the browser's counts of frames. */
 
-const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
+const SHORTEST_LOOP_S = 0.25; // least rest of an exposure for which the film begins again: a shorter one would only flash
 
 /**
  * Plays elements together, over and over if they are shorter than the exposure; the first one's clock is the exposure's.

@@ -63,7 +63,7 @@ export class StackedPlayer {
     return playFor([this.video], exposure_s, signal);
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return this.count?.quality ?? {};
   }

@@ -15,7 +15,7 @@ import { tell } from "./views.js";
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
-/** @type {Promise<never>} after the study was abandoned nothing comes of what was under way */
+/** @type {Promise<never>} for what was under way when the study was abandoned */
 const NEVER = new Promise(() => {});
 
 export class Trials {

@@ -79,7 +79,7 @@ export class TwinPlayer {
     if (top !== bottom) this.n_mismatches += 1;
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return { ...this.count?.quality, n_mismatches: this.n_mismatches };
   }
