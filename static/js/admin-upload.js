@@ -1,35 +1,33 @@
-// A form that takes a zip file, of stimuli or of results: sends it and leads to the page that tells how its check goes.
+// Sends a zip file of stimuli or of results, then opens the page that shows how its check goes.
 
-const form = /** @type {HTMLFormElement | null} */ (document.getElementById("upload-form"));
-const state = document.getElementById("upload-state");
+import { byId, required } from "./elements.js";
 
-form?.addEventListener("submit", (event) => {
-  event.preventDefault();
-  const file = /** @type {File} */ (new FormData(form).get("file"));
-  const request = new XMLHttpRequest(); // fetch tells no progress of what it sends
-  const bar = /** @type {HTMLProgressElement} */ (state.querySelector("progress"));
-  const words = state.querySelector("span");
+/** @param {HTMLFormElement} form */
+function sendFile(form) {
+  const state = byId("upload-state");
+  const bar = required(HTMLProgressElement, "progress", state);
+  const words = required(HTMLElement, "span", state);
+  const button = required(HTMLButtonElement, "button", form);
+  const request = new XMLHttpRequest(); // fetch reports no progress of an upload
   state.hidden = false;
   words.textContent = "";
-  form.querySelector("button").disabled = true;
+  button.disabled = true;
+  const fail = (/** @type {string} */ reason) => {
+    bar.value = 0;
+    words.textContent = reason;
+    button.disabled = false;
+  };
   request.upload.addEventListener("progress", (sent) => (bar.value = sent.loaded / sent.total));
   request.addEventListener("load", () => {
     if (request.status === 202) window.location.assign(JSON.parse(request.responseText).job);
     else fail(reasonOf(request));
   });
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));
-  request.open("PUT", form.dataset.to);
-  request.setRequestHeader("X-CSRF-Token", form.dataset.formToken);
+  request.open("PUT", form.dataset.to ?? "");
+  request.setRequestHeader("X-CSRF-Token", form.dataset.formToken ?? "");
   request.setRequestHeader("Content-Type", "application/zip");
-  request.send(file);
-
-  /** @param {string} reason */
-  function fail(reason) {
-    bar.value = 0;
-    words.textContent = reason;
-    form.querySelector("button").disabled = false;
-  }
-});
+  request.send(new FormData(form).get("file"));
+}
 
 /**
  * Why an upload was refused; a proxy before the server answers with a page of its own.
@@ -42,4 +40,12 @@ function reasonOf(request) {
   } catch {
     return `The server refused the file (${request.status}${request.status === 413 ? ", it is too large" : ""}).`;
   }
+}
+
+const form = document.getElementById("upload-form"); // absent for those who may not upload
+if (form instanceof HTMLFormElement) {
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    sendFile(form);
+  });
 }

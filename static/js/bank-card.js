@@ -1,13 +1,15 @@
-/** A bank card of the size that its participant gives it, by slider, keys, buttons or by dragging it. */
+/** Draws a bank card that the participant resizes, by slider, keys, buttons or dragging, until it is as large as a real one. */
+
+import { required } from "./elements.js";
 
 const STEP = 1; // CSS pixels; 2 % of a card are four to ten
-const FIRST = { smallest: 220, largest: 420 }; // it begins elsewhere each time, so that it is fitted anew
+const FIRST = { smallest: 220, largest: 420 }; // random each time, so that every fit is made afresh
 
 export class BankCard {
   /** @param {ParentNode} view with the card, its slider and two buttons */
   constructor(view) {
-    this.card = /** @type {HTMLElement} */ (view.querySelector(".bank-card"));
-    this.slider = /** @type {HTMLInputElement} */ (view.querySelector("input[type=range]"));
+    this.card = required(HTMLElement, ".bank-card", view);
+    this.slider = required(HTMLInputElement, "input[type=range]", view);
     this.slider.addEventListener("input", () => this.#set(this.slider.valueAsNumber));
     for (const button of /** @type {NodeListOf<HTMLElement>} */ (view.querySelectorAll("[data-resize]"))) {
       button.addEventListener("click", () => this.#set(this.width + STEP * Number(button.dataset.resize)));

@@ -1,9 +1,11 @@
-/** A dot that moves away from a cross until it vanishes in the blind spot; how far that is tells the distance of the eye. */
+/** Moves a dot away from a cross until it vanishes in the blind spot: the farther from the cross that is, the farther the eye is from the display. */
+
+import { required } from "./elements.js";
 
 const START_MM = 30;
-const START_RANGE_MM = 25; // it begins elsewhere each time, so that nobody answers by the time that passes
+const START_RANGE_MM = 25; // random each time, so that nobody answers by the time that passes
 const SPEED_MM_S = 20; // slow: answering takes a third of a second, or 7 mm
-const MARGIN_MM = 10; // to the right edge of the window, where it begins again
+const MARGIN_MM = 10; // to the right edge of the window, where the dot begins again
 
 /**
  * @param {HTMLElement} field with a cross and a dot
@@ -12,8 +14,8 @@ const MARGIN_MM = 10; // to the right edge of the window, where it begins again
  * @returns {Promise<number>} CSS pixels from the cross to where the dot vanished
  */
 export function watchDot(field, cssPixelMm, isActive) {
-  const dot = /** @type {HTMLElement} */ (field.querySelector(".blind-dot"));
-  const cross = /** @type {HTMLElement} */ (field.querySelector(".blind-cross"));
+  const dot = required(HTMLElement, ".blind-dot", field);
+  const cross = required(HTMLElement, ".blind-cross", field);
   return new Promise((resolve) => {
     const watching = new AbortController();
     const { signal } = watching;

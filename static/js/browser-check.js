@@ -1,4 +1,4 @@
-/** Whether this browser and this window can show the study, told before it begins. */
+/** Tells before the study begins whether this browser and window can show it. */
 
 import { display, whenRefreshIsKnown } from "./display.js";
 import { fill } from "./page.js";
@@ -7,7 +7,7 @@ const SMALLEST_WINDOW = { width: 1000, height: 550 }; // CSS pixels; a laptop's 
 const SLOWEST_REFRESH_HZ = 45; // a film of 25 frames a second needs about twice as many
 
 /**
- * Shows each check with its value, now and whenever the window changes; what is unfavourable is told.
+ * Shows each check with its value, now and whenever the window changes, and marks what is unfavourable.
  * @param {HTMLElement} list with an item for each check: data-check, data-good, data-fair and data-bad texts
  * @param {import("./session.js").Technique | null} technique how this browser shows the films; null: it cannot
  */

@@ -1,4 +1,4 @@
-/** The way to the server: one call, what can go wrong with it, and trying again in patience. */
+/** Requests to the server, what can go wrong with them, and retries with growing pauses. */
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 30_000;
@@ -16,7 +16,7 @@ export class Refusal extends Error {
     this.detail = detail;
   }
 
-  /** What the server says with it (RFC 9457). @returns {{standing?: "paused" | "closed"}} of a study that takes nobody in */
+  /** The problem that the server describes (RFC 9457). @returns {{standing?: "paused" | "closed"}} why a study admits nobody */
   get problem() {
     try {
       return Object(JSON.parse(this.detail));
@@ -45,7 +45,7 @@ export async function request(url, options) {
 
 /**
  * @template T
- * @param {() => Promise<T>} action done again, with growing pauses, until the server can be reached
+ * @param {() => Promise<T>} action repeated, with growing pauses, until the server can be reached
  * @returns {Promise<T>}
  */
 export async function patiently(action) {
@@ -74,7 +74,7 @@ export function waitBeforeTry(failures) {
   return Math.max(FIRST_WAIT_MS, longest * (0.5 + 0.5 * Math.random()));
 }
 
-/** @param {number} milliseconds or less: the browser may say first that it is online again */
+/** @param {number} milliseconds at most: less if the browser says that it is online again */
 function untilNextTry(milliseconds) {
   return new Promise((resolve) => {
     const done = () => {

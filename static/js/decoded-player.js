@@ -1,4 +1,4 @@
-/** Shows A and B from films of their own, decoded picture by picture: only pictures of one number, all of them there, are ever drawn. */
+/** Shows A and B from separate films, decoded picture by picture: one is drawn only when all films have decoded theirs of the same number. */
 
 import { fitToPage, stripsOf } from "./film-window.js";
 import { readTrack } from "./mp4.js";
@@ -6,9 +6,9 @@ import { FilmClock, Stillness } from "./playback.js";
 
 /** @typedef {import("./session.js").Shown} Shown */
 
-const AHEAD = 8; // pictures that are decoded before their time
+const AHEAD = 8; // pictures decoded before they are due
 const FIRST_PICTURE_MS = 10_000; // patience with a decoder that gives out nothing
-const LONGEST_STEP_MS = 100; // of the film's clock: what a hidden tab or a busy machine takes longer is not skipped
+const LONGEST_STEP_MS = 100; // of the film's clock at a refresh: after a hidden tab or a busy moment the film goes on where it was
 
 export class DecodedPlayer {
   /** @param {HTMLElement} film the window */
@@ -28,7 +28,7 @@ export class DecodedPlayer {
   }
 
   /**
-   * Resolves when the first picture of each is drawn or can be.
+   * Resolves when the first picture of every film has been decoded.
    * @param {Blob[]} blobs strip by strip @param {import("./session.js").Media} media @param {Shown} first @param {AbortSignal} signal
    */
   async load(blobs, media, first, signal) {
@@ -55,7 +55,7 @@ export class DecodedPlayer {
     this.canvas.remove();
   }
 
-  /** Drawn at once, from the pictures that belong together. @param {Shown} which */
+  /** Draws the present picture of another strip at once. @param {Shown} which */
   show(which) {
     this.shown = which;
     const picture = this.lanes[this.strips[which]]?.picture(this.current);
@@ -105,7 +105,7 @@ export class DecodedPlayer {
     return passes * this.n_pictures + Math.min(this.n_pictures - 1, Math.floor(position_s * this.fps + 1e-6));
   }
 
-  /** Goes on to the newest number that is due and decoded in every lane. @param {number} due @returns {boolean} whether something could be shown that is not older than a picture's time */
+  /** Goes on to the newest number that is due and decoded in every lane. @param {number} due @returns {boolean} whether what is shown is at most one picture late */
   #advance(due) {
     for (const lane of this.lanes) lane.feed(due + AHEAD);
     let next = due;
@@ -121,13 +121,13 @@ export class DecodedPlayer {
     return due - this.current <= 1;
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return this.counts;
   }
 }
 
-/** One film's decoder, and the pictures that it has given out; a picture's number stands for its time. */
+/** One film's decoder and the pictures that it has decoded. A picture's timestamp is its number. */
 class Lane {
   /** @param {import("./mp4.js").Track} track */
   constructor(track) {

@@ -1,4 +1,4 @@
-/** Directions by key: the number pad, the keys around S, or the arrows, two of them together for a slanted one. */
+/** Directions by key: the number pad, the keys around S, or the arrows, two together for a diagonal. */
 
 /** From 0 (right) anticlockwise by 45 degrees; keys by their place, whatever is printed on them. @type {Record<string, number>} */
 const BY_PLACE = {

@@ -1,4 +1,4 @@
-/** What the browser says of the display. */
+/** What the browser tells about the display. */
 
 const N_REFRESHES = 40;
 

@@ -10,8 +10,8 @@ export function stripsOf(media) {
 }
 
 /**
- * Keeps the film as large as the page allows, less a fraction of a pixel: the step from the one half to the other is a
- * whole number of the display's pixels. Browsers round it to that, and B would be moved against A by the rest.
+ * Keeps the film as large as the page allows, less a fraction of a pixel, so that the step from one strip to the next is a
+ * whole number of the display's pixels. Browsers round it to that; B would otherwise be shifted against A.
  * @param {HTMLElement} film @param {Media} media @param {AbortSignal} signal
  */
 export function fitToPage(film, media, signal) {
@@ -38,7 +38,7 @@ function fitOnce(film, media) {
   for (const [name, value] of Object.entries(measures)) film.style.setProperty(name, String(value));
 }
 
-/** Of a film that holds all strips. @param {Media} media @returns {number} pixels */
+/** The height of a film that holds all strips. @param {Media} media @returns {number} pixels */
 export function stackedHeight({ height, guard_rows, reference }) {
   const n_strips = reference ? 3 : 2;
   return n_strips * height + (n_strips - 1) * guard_rows;

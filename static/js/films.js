@@ -1,8 +1,8 @@
-/** Films in memory: fetched whole before they are shown, so that no network can disturb a trial. */
+/** Keeps films in memory: they are fetched whole before they are shown, so that the network cannot disturb a trial. */
 
 import { Unreachable, patiently, request } from "./connection.js";
 
-/** @typedef {{received: number, size: number, whole: Promise<Blob[]>}} Film bytes so far, of so many (0: unknown), and its files */
+/** @typedef {{received: number, size: number, whole: Promise<Blob[]>}} Film bytes received, bytes in all (0: unknown), and its files */
 
 export class Films {
   constructor() {
@@ -10,7 +10,7 @@ export class Films {
     this.films = new Map();
   }
 
-  /** @param {string[]} urls of all that a trial shows @returns {Film} under way or here */
+  /** @param {string[]} urls of all that a trial shows @returns {Film} perhaps still on its way */
   get(urls) {
     const key = urls.join(" ");
     const known = this.films.get(key);
@@ -25,7 +25,7 @@ export class Films {
       },
       whole: Promise.all(parts.map((part) => patiently(() => part.download()))),
     };
-    film.whole.catch(() => this.films.delete(key)); // whoever shows the film hears of it
+    film.whole.catch(() => this.films.delete(key)); // who shows the film handles the error
     this.films.set(key, film);
     return film;
   }
@@ -37,7 +37,7 @@ export class Films {
   }
 }
 
-/** One file on its way. */
+/** A file that is being fetched. */
 class Part {
   /** @param {string} url */
   constructor(url) {

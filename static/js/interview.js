@@ -1,4 +1,4 @@
-/** The questionnaire: what its fields hold, as the answers that the server keeps, and here until it has them. */
+/** The questionnaire's answers, and the draft that keeps them through a reload until the server has them. */
 
 import { inTab } from "./remembered.js";
 
@@ -18,12 +18,12 @@ export function readAnswers(form) {
   return answers;
 }
 
-/** Remembers what is typed, so that nothing of it is lost with the page. @param {HTMLFormElement} form @param {string} session its id */
+/** Saves what is typed, so that a reload loses nothing. @param {HTMLFormElement} form @param {string} session its id */
 export function keepDraft(form, session) {
   inTab.set(DRAFT, JSON.stringify({ session, answers: Object.fromEntries(new FormData(form)) }));
 }
 
-/** Fills in what was typed before, in this session; what another one left here is forgotten. @param {HTMLFormElement} form @param {string} session */
+/** Fills in what was typed before in this session; forgets the draft of any other session. @param {HTMLFormElement} form @param {string} session */
 export function restoreDraft(form, session) {
   const draft = JSON.parse(inTab.get(DRAFT) ?? "{}");
   if (draft.session !== session) forgetDraft();

@@ -2,9 +2,9 @@
  * Reads the pictures of a film of one stimulus: MP4 as the server makes it, one H.264 track whose pictures lie in the
  * order in which they are shown.
  *
- * No library, because these films are ours and of one kind, and what is not of it is refused: mp4box (2.4) would be
- * 330 kB and mediabunny (1.61) 690 kB of script beside the 110 kB of everything else that a participant's browser loads,
- * and the participant's pages need no package at all until then.
+ * No library: the server makes all films alike and anything else is refused. mp4box (2.4) would be 330 kB and
+ * mediabunny (1.61) 690 kB of script beside the 110 kB of everything else that a participant's browser loads, and the
+ * participant's pages need no other package.
  */
 
 /**
@@ -43,10 +43,10 @@ export function readTrack(file) {
 function places(table) {
   const sizes = pictureSizes(inside(table, "stsz"));
   const chunks = chunkStarts(table);
-  const runs = inside(table, "stsc"); // from this chunk on, counted from 1, so many pictures in each
+  const runs = inside(table, "stsc"); // each run: its first chunk, counted from 1, and how many pictures each chunk has
   const n_runs = runs.getUint32(4);
   /** @type {[number, number][]} */
-  const found = [];
+  const placed = [];
   for (let run = 0; run < n_runs; run += 1) {
     const first = runs.getUint32(8 + 12 * run) - 1;
     const after = run + 1 < n_runs ? runs.getUint32(8 + 12 * (run + 1)) - 1 : chunks.length;
@@ -54,14 +54,14 @@ function places(table) {
     for (const start of chunks.slice(first, after)) {
       let at = start;
       for (let picture = 0; picture < n_pictures; picture += 1) {
-        const size = sizes[found.length];
-        found.push([at, size]);
+        const size = sizes[placed.length];
+        placed.push([at, size]);
         at += size;
       }
     }
   }
-  if (found.length !== sizes.length) throw new Error(`the film has ${found.length} pictures in its chunks, expected ${sizes.length}`);
-  return found;
+  if (placed.length !== sizes.length) throw new Error(`the film has ${placed.length} pictures in its chunks, expected ${sizes.length}`);
+  return placed;
 }
 
 /** @param {DataView} table @returns {number[]} bytes */
@@ -74,11 +74,11 @@ function chunkStarts(table) {
 
 /** @param {DataView} box @returns {number[]} bytes */
 function pictureSizes(box) {
-  const common = box.getUint32(4); // 0: each has its own
+  const common = box.getUint32(4); // 0: sizes differ and follow
   return numbers(box.getUint32(8), (index) => common || box.getUint32(12 + 4 * index));
 }
 
-/** Pictures that need no other one; null: all. @param {DataView | null} box @returns {Set<number> | null} from 0 */
+/** Pictures that can be decoded without any other. @param {DataView | null} box @returns {Set<number> | null} counted from 0; null: all */
 function keyNumbers(box) {
   return box && new Set(numbers(box.getUint32(4), (index) => box.getUint32(8 + 4 * index) - 1));
 }

@@ -1,4 +1,4 @@
-/** Votes, and word of interrupted trials, on their way: kept in this browser until the server has them on its disk. */
+/** Keeps votes and reports of interrupted trials in this browser until the server has stored them. */
 
 import { Refusal, patiently } from "./connection.js";
 import { sendVoid, sendVote } from "./session.js";
@@ -6,16 +6,16 @@ import { sendVoid, sendVote } from "./session.js";
 /**
  * @typedef {import("./session.js").Vote} Vote
  * @typedef {{reason: import("./session.js").Reason, viewing: import("./session.js").Viewing}} Interruption
- * @typedef {{id: string, owner: string, trial: string, vote?: Vote, interruption?: Interruption}} Pending one of the two
+ * @typedef {{id: string, owner: string, trial: string, vote?: Vote, interruption?: Interruption}} Pending a vote or an interruption
  */
 
 const DATABASE = "reconstudy";
 const STORE = "votes";
 const SETTLED_ELSEWHERE = 409; // another tab has voted on this trial
-const NEVER_TAKEN = 422; // it is not as the server wants it, and sending it again does not make it so: the trial comes again
+const NEVER_TAKEN = 422; // the server finds it invalid, and always will; it shows the trial again
 
 export class Outbox {
-  /** @param {Shelf} shelf @param {string} owner whose votes to send: a browser may serve several participants in a row */
+  /** @param {Shelf} shelf @param {string} owner id of the session whose votes to send: a browser may serve several participants in a row */
   constructor(shelf, owner) {
     this.shelf = shelf;
     this.owner = owner;
@@ -35,15 +35,15 @@ export class Outbox {
   /** @param {Pending} pending */
   async #put(pending) {
     await this.shelf.add(pending);
-    this.emptied().catch(() => {}); // whoever waits for emptied() hears of it
+    this.emptied().catch(() => {}); // who waits for emptied() handles the error
   }
 
-  /** Forgets what is still here: its participant has withdrawn. */
+  /** Drops what was not sent: the participant has withdrawn. */
   async clear() {
     for (const { id } of await this.shelf.list(this.owner)) await this.shelf.remove(id);
   }
 
-  /** Resolves when the server has every vote that it can take; rejects when it takes none now. @returns {Promise<void>} */
+  /** Resolves when the server has everything that it can take; rejects when it refuses something that it may take later. @returns {Promise<void>} */
   emptied() {
     const turn = this.delivery.catch(() => {}).then(() => this.#deliver());
     this.delivery = turn;
@@ -59,7 +59,7 @@ export class Outbox {
   }
 }
 
-/** Whether what was sent need not be kept any longer: else it throws. @param {unknown} error */
+/** Accepts that the server will never take something, or has another tab's vote; throws any other error. @param {unknown} error */
 function letGo(error) {
   if (error instanceof Refusal && error.status === NEVER_TAKEN) console.error("this can never be taken and is dropped:", error);
   else if (!(error instanceof Refusal) || error.status !== SETTLED_ELSEWHERE) throw error;
@@ -128,8 +128,8 @@ function answer(question) {
 }
 
 /**
- * A UUID of version 7 (RFC 9562): when it was made, then 74 random bits. So what waits here leaves in the order in which
- * it was given, and the server finds the ids of one time side by side. @returns {string}
+ * Makes a UUID of version 7 (RFC 9562): the time, then 74 random bits. Sorted by it, votes leave in the order in which
+ * they were given, and the server's index has neighbouring times side by side. @returns {string}
  */
 export function newId() {
   const time = Date.now().toString(16).padStart(12, "0");

@@ -1,24 +1,19 @@
-/** What every part of the participant's page does with it. */
+/** What the parts of the participant's page share: full screen, texts, keys and timers. */
 
 export const SWITCH_KEYS = new Set([" ", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"]);
 
-/** Asks for the full screen, as far as the browser has one; call on a press. */
+/** Asks for the full screen where the browser has one. Browsers allow it during a press only. */
 export function enterFullScreen() {
   if (document.fullscreenElement === null) document.documentElement.requestFullscreen?.().catch(() => {});
 }
 
-/** What is filled in goes by request: a form that the browser sends itself leaves the page. @param {Event} event a form's submit */
+/** Stops the browser from leaving the page to send a form, which the page sends itself. @param {Event} event a form's submit */
 export function stayOnSubmit(event) {
   const form = /** @type {HTMLFormElement} */ (event.target);
   if (!form.hasAttribute("method")) event.preventDefault();
 }
 
-/** @param {ParentNode} parent @param {string} selector @returns {HTMLElement} */
-export function find(parent, selector) {
-  return /** @type {HTMLElement} */ (parent.querySelector(selector));
-}
-
-/** @param {string | undefined} text with {places} @param {Record<string, unknown>} values @returns {string} */
+/** Fills in the places of a text. @param {string | undefined} text with {places} @param {Record<string, unknown>} values @returns {string} */
 export function fill(text, values) {
   return (text ?? "").replace(/\{(\w+)\}/g, (place, name) => String(values[name] ?? place));
 }

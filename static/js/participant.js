@@ -3,6 +3,7 @@
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
+import { byId } from "./elements.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, stayOnSubmit } from "./page.js";
@@ -13,12 +14,12 @@ import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
-import { byId, dialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
+import { dialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
 
 /** @typedef {import("./session.js").Session} Session */
 
 const N_INSTRUCTIONS = 3;
-const VOTING_S = 5; // about what a vote takes, for the length that is announced
+const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"]]);
 
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
@@ -29,15 +30,15 @@ const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
 /** @type {Outbox} */
-let outbox; // of the session, once there is one
+let outbox; // of the session, as soon as it has begun
 /** @type {object[]} rounds of practice */
 const practised = [];
 let wrongAnswers = 0;
-let pageKey = ""; // of the session: which page of the instructions is open
-let consentKey = ""; // of the session: the digest of the text that was agreed to
-let isUnderWay = false; // a part of the way
+let pageKey = ""; // under which the tab remembers the open page of the session's instructions
+let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
+let isUnderWay = false; // see `guarded`
 
-/** What comes in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
+/** What the page does in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
 const STAGES = {
   introduction: introduce,
   screening: screen,
@@ -82,7 +83,7 @@ function welcome() {
   show("welcome");
 }
 
-/** The one press that uses the invitation up; should its answer be lost, the key leads to the same session again. */
+/** Uses the invitation up; should the answer be lost, the key leads to the same session again. */
 function begin() {
   enterFullScreen();
   byId("begin").toggleAttribute("disabled", true);
@@ -90,18 +91,18 @@ function begin() {
   inBrowser.set(beginKey, key);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
-    history.replaceState(null, "", location.pathname); // it may have asked for another participant, who is here now
+    history.replaceState(null, "", location.pathname); // the query may have asked for another participant, who has begun now
     await enterSession(session);
     await goTo(session);
   });
 }
 
-/** Goes on where this browser left. */
+/** Goes on with the session that this browser has begun. */
 async function resume() {
-  const found = await patiently(readSession);
-  await enterSession(found);
-  if (found.stage !== "withdrawn") await outbox.emptied();
-  const session = await patiently(readSession); // with the votes that were still here
+  const before = await patiently(readSession);
+  await enterSession(before);
+  if (before.stage !== "withdrawn") await outbox.emptied();
+  const session = await patiently(readSession); // counts the votes that were still in this browser
   tellSession(session);
   trials.lastBreak = session.progress.done;
   if (session.stage !== "trial") await goTo(session);
@@ -129,7 +130,7 @@ function consent(event) {
   showInstructions(1);
 }
 
-/** Whether this session's participant has agreed, here, to the text as it stands now; or none is asked for. */
+/** Whether the participant has agreed, in this tab, to the present text of the consent, or the study asks for none. */
 function hasAgreed() {
   const form = document.getElementById("consent");
   return !form || inTab.get(consentKey) === form.dataset.sha256;
@@ -151,7 +152,7 @@ function turnInstructions(event) {
   else guarded(endIntroduction);
 }
 
-/** One question on the instructions, which the server marks; a wrong answer leads back to them. @param {Event} event */
+/** Sends the answer to the question on the instructions; a wrong answer leads back to them. @param {Event} event */
 function checkComprehension(event) {
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   guarded(async () => {
@@ -169,7 +170,7 @@ function checkComprehension(event) {
   });
 }
 
-/** @param {object} [more] that came of it */
+/** @param {object} [more] results of the question on the instructions */
 async function endIntroduction(more = {}) {
   enterFullScreen();
   const form = document.getElementById("consent");
@@ -187,7 +188,7 @@ async function endIntroduction(more = {}) {
   });
 }
 
-/** @param {string} stage @param {object} data what came of it */
+/** @param {string} stage @param {object} data its results */
 async function completed(stage, data) {
   await goTo(await patiently(() => completeStage(stage, data)));
 }
@@ -207,7 +208,7 @@ function sendInterview(event) {
   });
 }
 
-/** Practice: each pair again until it was switched; what is chosen is not judged. */
+/** Practice: shows each pair again until the participant has switched; any choice will do. */
 async function practise() {
   const pairs = await patiently(readPractice);
   while (practised.length < pairs.length) {
@@ -236,7 +237,7 @@ function endPractice() {
   guarded(() => completed("practice", { rounds: practised }));
 }
 
-/** Enter in a field does not end the interview. @param {KeyboardEvent} event */
+/** Keeps Enter in a field from ending the interview. @param {KeyboardEvent} event */
 function stayOnEnter(event) {
   if (event.key === "Enter" && event.target instanceof HTMLInputElement) event.preventDefault();
 }
@@ -258,7 +259,7 @@ function thank() {
   show("thanks");
 }
 
-/** Withdraws from the study; what is still on its way is not sent any more. */
+/** Withdraws from the study; what was not sent is dropped. */
 function leaveForGood() {
   dialog().close();
   trials.abandon();
@@ -278,8 +279,8 @@ function leaveFullScreen() {
 }
 
 /**
- * Runs a part of the way; what stops it is told in one calm sentence.
- * One runs at a time: who presses again while the server has not answered does not go the same way twice.
+ * Runs a part of the session, and explains on the page what stops it. A part that is asked for while another runs is
+ * ignored: a second press before the server's answer does nothing.
  * @param {() => Promise<void>} part
  */
 async function guarded(part) {
@@ -312,7 +313,7 @@ function explain(error, showView) {
   showView("problem");
 }
 
-/** Which message tells why nobody is let in. @param {Refusal} refusal @returns {string} */
+/** The key of the message that says why the participant cannot begin. @param {Refusal} refusal @returns {string} */
 function messageFor({ status, problem }) {
   return problem.standing ?? MESSAGE_AT_THE_DOOR.get(status) ?? "";
 }
@@ -325,7 +326,7 @@ function sentence(error, problem) {
 
 /** @param {Session} session */
 async function enterSession(session) {
-  inBrowser.forget(beginKey); // its answer has come; the next participant at this browser makes a new one
+  inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
   stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
   pageKey = `instructions of ${session.session}`;
@@ -338,7 +339,7 @@ async function enterSession(session) {
   await takeOver(session.session, yieldToOther);
 }
 
-/** The session goes on in another tab: nothing more is done here. */
+/** Stops this page: the session goes on in another tab. */
 function yieldToOther() {
   trials.abandon();
   leaveFullScreen();
@@ -353,7 +354,7 @@ function tellSession({ study, stage, progress, resume_code, debriefing }) {
   byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));
 }
 
-/** @param {string} text paragraphs apart by an empty line */
+/** @param {string} text paragraphs with an empty line between */
 function paragraphsOf(text) {
   return text.split("\n\n").filter(Boolean).map((words) => {
     const paragraph = document.createElement("p");

@@ -1,4 +1,4 @@
-/** A canvas whose pixels are the display's own, however the page is zoomed: what is drawn is neither scaled nor smoothed. */
+/** A canvas whose pixels are those of the display, however the page is zoomed: a picture is neither scaled nor smoothed. */
 
 const MIDDLE = { x: 0.5, y: 0.4 }; // where pictures stand, above the answers
 

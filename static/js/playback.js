@@ -1,6 +1,6 @@
-/** Playing video elements for an exposure: their clock, standing still, and what the browser counts. */
+/** Plays video elements for an exposure: their clock, a film that stands still, and the browser's counts of frames. */
 
-const SHORTEST_LOOP_S = 0.25; // what is left of an exposure after the last whole pass; less would only flash
+const SHORTEST_LOOP_S = 0.25; // least rest of an exposure for which the film begins again: a shorter one would only flash
 
 /**
  * Plays elements together, over and over if they are shorter than the exposure; the first one's clock is the exposure's.
@@ -80,7 +80,7 @@ export class Stillness {
   }
 }
 
-/** What the browser counts belongs to an element, so it is counted from where the exposure began. */
+/** Frames and stalls since the exposure began; the browser itself counts since the element was made. */
 export class PlaybackCount {
   /** @param {HTMLVideoElement[]} videos @param {AbortSignal} signal the end of the exposure */
   constructor(videos, signal) {
@@ -105,12 +105,12 @@ export class PlaybackCount {
   #now() {
     const counts = this.videos.map((video) => video.getVideoPlaybackQuality());
     return {
-      frames: counts.reduce((sum, one) => sum + one.totalVideoFrames, 0),
-      dropped: counts.reduce((sum, one) => sum + one.droppedVideoFrames, 0),
+      frames: counts.reduce((sum, count) => sum + count.totalVideoFrames, 0),
+      dropped: counts.reduce((sum, count) => sum + count.droppedVideoFrames, 0),
     };
   }
 
-  /** Frames decoded, frames not shown, and waits for data since then. */
+  /** Frames decoded, frames not shown, and waits for data. */
   get quality() {
     const { frames, dropped } = this.#now();
     return {
@@ -150,7 +150,7 @@ export function attach(video, blob) {
   video.src = URL.createObjectURL(blob);
 }
 
-/** Forgets it again. @param {HTMLVideoElement} video */
+/** Takes the file away again, and frees its memory. @param {HTMLVideoElement} video */
 export function detach(video) {
   const address = video.src;
   video.pause();

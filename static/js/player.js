@@ -1,5 +1,6 @@
-/** Shows one strip of a film that holds A above B, and a reference below. There is one video element, so all come from the same frame. */
+/** Shows a strip of a film that holds A above B, and a reference below: with one video element, all come from the same frame. */
 
+import { required } from "./elements.js";
 import { fitToPage, stackedHeight, stripsOf } from "./film-window.js";
 import { PlaybackCount, attach, checkSize, detach, followFrames, playFor, readiness } from "./playback.js";
 
@@ -9,7 +10,7 @@ export class StackedPlayer {
   /** @param {HTMLElement} film the window that crops */
   constructor(film) {
     this.film = film;
-    this.video = /** @type {HTMLVideoElement} */ (film.querySelector("video"));
+    this.video = required(HTMLVideoElement, "video", film);
     this.strips = { a: 0, b: 1, reference: 2 }; // counted from the top
     /** @type {Shown} */
     this.shown = "a";
@@ -62,7 +63,7 @@ export class StackedPlayer {
     return playFor([this.video], exposure_s, signal);
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return this.count?.quality ?? {};
   }

@@ -1,6 +1,6 @@
-/** What a page remembers under a name; for as long as it is open where the browser refuses storage. */
+/** Remembers texts by name: in the browser's storage, or until the page closes where the browser refuses storage. */
 
-/** @param {() => Storage} storage asked for each time: even looking at it may be refused */
+/** @param {() => Storage} storage asked for each time, because even reading the property may be refused */
 function remembering(storage) {
   /** @type {Map<string, string>} */
   const here = new Map();

@@ -1,9 +1,10 @@
-/** The screening: the display's size, the distance of the eyes, rings and plates. What is right only the server knows. */
+/** The screening: the display's size, the distance of the eyes, rings and plates. Only the server knows the right answers. */
 
 import { BankCard } from "./bank-card.js";
 import { watchDot } from "./blind-spot.js";
 import { Refusal, patiently } from "./connection.js";
 import { listenForDirections } from "./directions.js";
+import { byId, required } from "./elements.js";
 import { PixelStage } from "./pixel-stage.js";
 import { answerItem, readItem, readPicture, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
 import { enterFullScreen } from "./page.js";
@@ -26,7 +27,7 @@ const BLANK_MS = 250; // between pictures
 /** Takes a participant through every test that is not over yet. @param {Page} page */
 export async function takeScreening(page) {
   const state = await patiently(readScreening);
-  if (state.tests.every((one) => one.is_over)) return;
+  if (state.tests.every((test) => test.is_over)) return;
   page.show("screening");
   await pressed("begin-screening");
   enterFullScreen();
@@ -37,9 +38,9 @@ export async function takeScreening(page) {
   }
 }
 
-/** @param {Page} page @param {ScreeningState} state @param {boolean} hasBegun then nothing is measured any more */
+/** @param {Page} page @param {ScreeningState} state @param {boolean} hasBegun then the display and the distance are measured already */
 async function takeRings(page, state, hasBegun) {
-  const certificate = hasBegun ? known(state) : await measure(page, state);
+  const certificate = hasBegun ? certificateOf(state) : await measure(page, state);
   if (!certificate) {
     await patiently(() => skipTest("acuity", "no card"));
     return;
@@ -48,7 +49,7 @@ async function takeRings(page, state, hasBegun) {
   byId("cannot-certify").hidden = certificate.can_certify;
   page.show("rings-intro");
   await pressed("begin-rings");
-  const stage = new PixelStage(/** @type {HTMLCanvasElement} */ (byId("ring-canvas")));
+  const stage = new PixelStage(required(HTMLCanvasElement, "#ring-canvas"));
   await takeItems(page, "acuity", "rings", (picture) => stage.show(picture), () => stage.clear());
 }
 
@@ -56,7 +57,7 @@ async function takeRings(page, state, hasBegun) {
 async function takePlates(page) {
   page.show("plates-intro");
   await pressed("begin-plates");
-  const plate = /** @type {HTMLImageElement} */ (byId("plate"));
+  const plate = required(HTMLImageElement, "#plate");
   const showPlate = async (/** @type {Blob} */ picture) => {
     plate.src = URL.createObjectURL(picture);
     await plate.decode();
@@ -70,7 +71,7 @@ async function takePlates(page) {
 }
 
 /**
- * Pictures and answers, one after the other, until the server has no more.
+ * Shows a test's pictures, one after the other, and sends the answers until the server has no more pictures.
  * @param {Page} page @param {string} test @param {string} view
  * @param {(picture: Blob) => Promise<void>} draw @param {() => void} blank
  */
@@ -96,7 +97,7 @@ async function takeItems(page, test, view, draw, blank) {
  */
 function answered(page, view, item) {
   const shownAt = performance.now();
-  const dial = /** @type {HTMLElement} */ (document.querySelector(`[data-view="${view}"] .dial`));
+  const dial = required(HTMLElement, `[data-view="${view}"] .dial`);
   return new Promise((resolve) => {
     const listening = new AbortController();
     const give = (/** @type {number | null} */ answer) => {
@@ -114,13 +115,12 @@ function answered(page, view, item) {
   });
 }
 
-/** The display's size and the distance of the eyes. @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate | null>} null: there is no card */
+/** Measures the display's size and the distance of the eyes. @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate | null>} null: there is no card */
 async function measure(page, state) {
   const measured = await fitCards(page);
   if (!measured) return null;
   if (measured.certificate) return measured.certificate; // the distance is fixed
-  const find = state.distance === "blind spot" ? () => findBlindSpot(page, measured) : () => /** @type {Promise<Certificate>} */ (typeDistance(page, "distance"));
-  const certificate = await find();
+  const certificate = await (state.distance === "blind spot" ? findBlindSpot(page, measured) : typeDistance(page, "distance"));
   return certificate.can_certify ? certificate : stepBack(page, certificate);
 }
 
@@ -148,12 +148,12 @@ async function fitCards(page) {
 let card;
 
 /**
- * @template {string} T @param {Page} page @param {"distance" | "step-back"} view with a form of the same name
- * @param {Promise<T>} [orElse] what may be pressed instead; a distance that is on its way counts all the same
+ * @template {string} [T=never] @param {Page} page @param {"distance" | "step-back"} view with a form of the same name
+ * @param {Promise<T>} [orElse] what may be pressed instead; a distance that was sent before counts all the same
  * @returns {Promise<Certificate | T>}
  */
 async function typeDistance(page, view, orElse = new Promise(() => {})) {
-  const form = /** @type {HTMLFormElement} */ (byId(`${view}-form`));
+  const form = required(HTMLFormElement, `#${view}-form`);
   const again = byId(`${view}-again`);
   again.hidden = true;
   for (;;) {
@@ -161,7 +161,7 @@ async function typeDistance(page, view, orElse = new Promise(() => {})) {
     const given = await Promise.race([submittedNumber(form), orElse]);
     if (typeof given === "string") return given;
     const measured = await unlessImplausible(() => sendDistance({ typed_cm: given }));
-    if (measured) return known(measured);
+    if (measured) return certificateOf(measured);
     again.hidden = false;
   }
 }
@@ -174,6 +174,7 @@ async function findBlindSpot(page, { pixel_mm }) {
   for (;;) {
     page.show("blind-intro");
     await pressed("begin-blind");
+    /** @type {number[]} CSS pixels */
     const blind_spots = [];
     while (blind_spots.length < N_BLIND_SPOTS) {
       page.tell({ spot: blind_spots.length + 1, spots: N_BLIND_SPOTS });
@@ -181,31 +182,31 @@ async function findBlindSpot(page, { pixel_mm }) {
       blind_spots.push(await watchDot(byId("blind-field"), cssPixelMm, () => page.showing() === "blind" && !isDialogOpen()));
     }
     const measured = await unlessImplausible(() => sendDistance({ blind_spots, device_pixel_ratio }));
-    if (measured) return known(measured);
+    if (measured) return certificateOf(measured);
     byId("blind-again").hidden = false;
   }
 }
 
-/** The display's pixels are too large from here: further away it can, or nobody can say. @param {Page} page @param {Certificate} certificate @returns {Promise<Certificate>} */
+/** Asks to sit farther away: from here the display's pixels are too large for a certificate. @param {Page} page @param {Certificate} certificate @returns {Promise<Certificate>} */
 async function stepBack(page, certificate) {
-  let found = certificate;
+  let current = certificate;
   const stay = pressed("stay");
-  while (!found.can_certify) {
-    page.tell({ ...found });
+  while (!current.can_certify) {
+    page.tell({ ...current });
     const next = await typeDistance(page, "step-back", stay);
     if (typeof next === "string") break;
-    found = next;
+    current = next;
   }
-  return found;
+  return current;
 }
 
 /** @param {ScreeningState} state @returns {Certificate} */
-function known({ certificate }) {
+function certificateOf({ certificate }) {
   if (!certificate) throw new Error("the distance was taken, and there is no certificate");
   return certificate;
 }
 
-/** @template T @param {() => Promise<T>} send @returns {Promise<T | null>} null when the server finds that it cannot be */
+/** @template T @param {() => Promise<T>} send @returns {Promise<T | null>} null when the server finds it implausible */
 async function unlessImplausible(send) {
   try {
     return await patiently(send);
@@ -215,7 +216,7 @@ async function unlessImplausible(send) {
   }
 }
 
-/** @param {...string} ids of buttons @returns {Promise<string>} the one that is pressed first */
+/** @param {...string} ids of buttons @returns {Promise<string>} id of the button that is pressed first */
 function pressed(...ids) {
   return new Promise((resolve) => {
     const listening = new AbortController();
@@ -233,7 +234,7 @@ function pressed(...ids) {
 function submittedNumber(form) {
   return new Promise((resolve) => {
     const submit = () => {
-      const field = /** @type {HTMLInputElement} */ (form.querySelector("input[type=number]"));
+      const field = required(HTMLInputElement, "input[type=number]", form);
       if (!form.reportValidity()) return;
       form.removeEventListener("submit", submit);
       resolve(field.valueAsNumber);
@@ -244,9 +245,4 @@ function submittedNumber(form) {
 
 function isDialogOpen() {
   return document.querySelector("dialog[open]") !== null;
-}
-
-/** @param {string} id @returns {HTMLElement} */
-function byId(id) {
-  return /** @type {HTMLElement} */ (document.getElementById(id));
 }

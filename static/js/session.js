@@ -1,4 +1,4 @@
-/** The session API as the page uses it (`/api/v1`); who is asking stands in an HttpOnly cookie. */
+/** The session API as the page uses it (`/api/v1`); an HttpOnly cookie says which session asks. */
 
 import { Unreachable, request } from "./connection.js";
 
@@ -62,20 +62,20 @@ import { Unreachable, request } from "./connection.js";
  * @property {{window_width: number, window_height: number, device_pixel_ratio: number, full_screen: boolean}} [display]
  *
  * @typedef {object} Vote
- * @property {string} id made here, so that the same vote sent twice is known for one
+ * @property {string} id made by the browser, so that a vote sent twice counts once
  * @property {Letter | "none"} choice
  * @property {Viewing} viewing
  */
 
 /**
- * @typedef {object} Certificate what this display can certify from where its participant sits
+ * @typedef {object} Certificate whether this display is fine enough for the acuity test from where the participant sits
  * @property {boolean} can_certify
  * @property {number} distance_cm
  * @property {number} needed_distance_cm
  *
  * @typedef {object} ScreeningState
  * @property {{test: "acuity" | "colour", has_begun: boolean, is_over: boolean, n_answered: number}[]} tests
- * @property {"typed" | "fixed" | "blind spot"} distance how it is to be known
+ * @property {"typed" | "fixed" | "blind spot"} distance how to measure it
  * @property {number | null} pixel_mm of the display's own pixels
  * @property {Certificate | null} certificate
  *
@@ -91,14 +91,14 @@ const API = "/api/v1";
 const LONGEST_REASON = 300; // characters
 const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 
-let session = ""; // the id of the one that this page shows, once there is one
+let session = ""; // the id of the session that this page shows; empty before there is one
 
-/** From now on nothing is asked of another session, should the cookie come to name one. @param {string} id */
+/** Names the session in every request from now on, in case the cookie comes to hold another. @param {string} id */
 export function stayWith(id) {
   session = id;
 }
 
-/** @param {string} slug @param {string} invitation @param {string} key the same again for the same session @returns {Promise<Session>} */
+/** @param {string} slug @param {string} invitation @param {string} key the same key leads to the same session @returns {Promise<Session>} */
 export function beginSession(slug, invitation, key) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key });
 }
@@ -173,40 +173,40 @@ export function sendVoid(trial, record) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/void`, record);
 }
 
-/** For the server's log: a film could not be shown. @param {string} trial @param {string} why */
+/** Reports a film that could not be shown, for the server's log. @param {string} trial @param {string} why */
 export function tellTrouble(trial, why) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/trouble`, { why: why.slice(0, LONGEST_REASON) });
 }
 
 /** @param {string} url of a ring or a plate @returns {Promise<Blob>} */
 export async function readPicture(url) {
-  const response = await request(url, { headers: meant() });
+  const response = await request(url, { headers: sessionHeader() });
   return response.blob().catch((cause) => {
     throw new Unreachable(`${url} broke off`, { cause });
   });
 }
 
-/** For the server's log: this browser cannot show the study. @param {string} slug @param {string} invitation */
+/** Reports a browser that cannot show the study, for the server's log. @param {string} slug @param {string} invitation */
 export function tellTurnedAway(slug, invitation) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation });
 }
 
-/** Says for which session a request is: who sits at another tab may have begun since. @returns {Record<string, string>} */
-function meant() {
+/** The header that names this page's session: another tab may have begun another one since. @returns {Record<string, string>} */
+function sessionHeader() {
   return session ? { "Session-Id": session } : {};
 }
 
-/** @param {string} method @param {string} path @param {object} [body] @returns {Promise<any>} */
+/** @template T @param {string} method @param {string} path @param {object} [body] @returns {Promise<T>} as the API describes it */
 async function call(method, path, body) {
   const json = body && new TextEncoder().encode(JSON.stringify(body));
   const response = await request(API + path, {
     method,
-    headers: { ...meant(), ...(json && { "Content-Type": "application/json" }) },
+    headers: { ...sessionHeader(), ...(json && { "Content-Type": "application/json" }) },
     body: json,
     cache: "no-store",
     keepalive: json !== undefined && json.length < LARGEST_KEPT_ALIVE, // a vote on its way survives the page
   });
-  if (response.status === 204) return null;
+  if (response.status === 204) return /** @type {T} */ (null);
   return response.json().catch((cause) => {
     throw new Unreachable(`half an answer from ${path}`, { cause });
   });

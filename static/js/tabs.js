@@ -1,9 +1,10 @@
-/** One tab at a time: two that show the same session would send two votes for one trial. */
+/** Lets one tab at a time have a session: two would send two votes for a trial. */
 
 const PATIENCE_MS = 800; // a page that is being reloaded still holds the session for a moment
 
 /**
- * Where the browser has no locks (a laboratory's plain http), every tab is taken for the only one: the server keeps the first vote.
+ * Takes the session unless another tab has it. Where the browser has no locks (a laboratory's plain http), every tab takes
+ * it; the server keeps a trial's first vote.
  * @param {string} session its id
  * @param {() => void} onLost another tab has taken the session over
  * @returns {Promise<boolean>} whether this tab has the session now

@@ -1,4 +1,4 @@
-/** How this browser shows A and B in step: the best way that it has and the study allows, decided before the study. */
+/** Chooses, before the study, the best way to show A and B in step that the browser has and the study allows. */
 
 import { DecodedPlayer } from "./decoded-player.js";
 import { StackedPlayer } from "./player.js";
@@ -10,14 +10,14 @@ import { TwinPlayer } from "./twin-player.js";
  */
 
 const H264 = 'video/mp4; codecs="avc1.640032"'; // high profile, level 5.0: two stimuli of 1920x1080, one above the other
-const SINGLE_CODEC = "avc1.640028"; // level 4.0: one of them
+const SINGLE_CODEC = "avc1.640028"; // level 4.0: one stimulus
 const SINGLE_H264 = `video/mp4; codecs="${SINGLE_CODEC}"`;
 
 /** @type {Record<Technique, new (film: HTMLElement) => Player>} */
 const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer, "two videos": TwinPlayer };
 
 /**
- * @param {{second?: string, fallback?: string}} offered type of the films besides H.264, and what the study allows where neither plays
+ * @param {{second?: string, fallback?: string}} offered second: type of the films besides H.264; fallback: technique that the study allows where neither plays
  * @returns {Promise<Technique | null>} null: this browser cannot show the study
  */
 export async function bestTechnique({ second, fallback }) {
@@ -43,7 +43,7 @@ function plays(type) {
   return document.createElement("video").canPlayType(type) !== "";
 }
 
-/** Browsers decode picture by picture on https and on this computer only. */
+/** Whether the browser decodes picture by picture, which browsers do on https and localhost only. */
 async function decodes() {
   if (!("VideoDecoder" in window)) return false;
   const { supported } = await VideoDecoder.isConfigSupported({ codec: SINGLE_CODEC });

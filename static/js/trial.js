@@ -3,8 +3,9 @@
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
+import { required } from "./elements.js";
 import { newId } from "./outbox.js";
-import { SWITCH_KEYS, after, fill, find, isPlain } from "./page.js";
+import { SWITCH_KEYS, after, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { display, dwell, tenths } from "./viewing.js";
 import { askForChoice } from "./vote-form.js";
@@ -17,16 +18,16 @@ import { askForChoice } from "./vote-form.js";
  * @typedef {import("./session.js").Reason} Reason
  * @typedef {import("./outbox.js").Interruption} Interruption
  * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "interrupted" | "failed"} State
- * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome one of the two
+ * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome a vote or an interruption
  */
 
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const REFERENCE_KEY = "r";
 const RIGHT_BUTTON = 2;
-const MAY_COME_AGAIN = 1; // attempts; a repetition that is interrupted goes on, and says so
+const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
 
-let pageIsLeft = false; // a page that is left is hidden too; coming back shows the trial again
+let pageIsLeft = false; // leaving the page hides it, too, but coming back shows the trial again
 window.addEventListener("pagehide", () => (pageIsLeft = true));
 window.addEventListener("pageshow", () => (pageIsLeft = false));
 
@@ -52,7 +53,7 @@ export class Trial {
     this.screen = screen;
     this.description = description;
     this.film = film;
-    this.player = newPlayer(technique, find(screen, ".film"));
+    this.player = newPlayer(technique, required(HTMLElement, ".film", screen));
     /** @type {Vote["viewing"]} */
     this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [] };
     this.askedAt = NaN; // performance.now() when the participant was ready for it
@@ -115,7 +116,7 @@ export class Trial {
     const { media, first_shown } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blobs) => signal.aborted || this.player.load(blobs, media, first_shown, signal))
+      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, first_shown, signal)))
       .then(() => signal.aborted || this.#go("fixation"), (error) => signal.aborted || this.#go("failed", error));
   }
 
@@ -169,7 +170,7 @@ export class Trial {
     this.screen.addEventListener("mousedown", preventDefault, { signal }); // no scrolling by the middle button
     this.screen.addEventListener("contextmenu", preventDefault, { signal });
     document.addEventListener("keydown", onKey, { signal });
-    find(this.screen, ".end-exposure").addEventListener("click", () => this.#endExposure(), { signal });
+    required(HTMLElement, ".end-exposure", this.screen).addEventListener("click", () => this.#endExposure(), { signal });
   }
 
   /** Leaving the full screen or hiding the tab interrupts what is seen. @param {AbortSignal} signal */
@@ -230,7 +231,7 @@ export class Trial {
     this.player.show(which);
     if (which !== "reference") this.letter = which;
     this.screen.dataset.letter = which;
-    const status = find(this.screen, "[data-showing]");
+    const status = required(HTMLElement, "[data-showing]", this.screen);
     const { showing, showingReference } = status.dataset;
     status.textContent = which === "reference" ? showingReference ?? "" : fill(showing, { letter: which.toUpperCase() });
   }
@@ -243,7 +244,7 @@ export class Trial {
   /** @param {AbortSignal} signal */
   #ask(signal) {
     const openedAt = performance.now();
-    const form = /** @type {HTMLFormElement} */ (find(this.screen, "form"));
+    const form = required(HTMLFormElement, "form", this.screen);
     askForChoice(form, signal, (choice, n_changes) => this.#vote(choice, performance.now() - openedAt, n_changes));
   }
 
@@ -262,13 +263,13 @@ function labelTrial(screen, { number, total, free_exposure, media }) {
   for (const label of screen.querySelectorAll("[data-label]")) {
     label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
   }
-  /** @type {HTMLProgressElement} */ (find(screen, ".progress progress")).value = (number - 1) / total;
+  required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }
 
-/** Tells of the loading only when it lasts. @param {HTMLElement} screen @param {import("./films.js").Film} film @param {AbortSignal} signal */
+/** Shows how far the loading is, once it lasts. @param {HTMLElement} screen @param {import("./films.js").Film} film @param {AbortSignal} signal */
 function showProgress(screen, film, signal) {
-  const loading = find(screen, ".loading");
-  const bar = /** @type {HTMLProgressElement} */ (find(loading, "progress"));
+  const loading = required(HTMLElement, ".loading", screen);
+  const bar = required(HTMLProgressElement, "progress", loading);
   loading.classList.remove("is-told");
   bar.value = 0;
   const update = () => {

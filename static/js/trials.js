@@ -1,4 +1,4 @@
-/** A session's trials, one after the other, with what is fetched meanwhile and what is there while the server is not. */
+/** Runs a session's trials, fetches the next film meanwhile, and goes on for a trial while the server cannot be reached. */
 
 import { patiently } from "./connection.js";
 import { Films } from "./films.js";
@@ -15,11 +15,11 @@ import { tell } from "./views.js";
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
-/** What comes of anything after the study was abandoned here. @type {Promise<never>} */
+/** @type {Promise<never>} for what was under way when the study was abandoned */
 const NEVER = new Promise(() => {});
 
 export class Trials {
-  /** @param {HTMLElement} screen @param {Technique | null} technique null: none is ever shown @param {number} breakEvery trials; 0: never */
+  /** @param {HTMLElement} screen @param {Technique | null} technique null: this browser can show none @param {number} breakEvery trials; 0: never */
   constructor(screen, technique, breakEvery) {
     this.screen = screen;
     this.technique = technique;
@@ -34,7 +34,7 @@ export class Trials {
   }
 
   /**
-   * A trial is asked for when the server has every vote before it; while it cannot be reached, the next one is already here.
+   * Asks for a trial when the server has every vote before it; while the server cannot be reached, shows the one fetched ahead.
    * @param {Outbox} outbox @returns {Promise<"over" | "break" | "interrupted">} why it stopped
    */
   async run(outbox) {
@@ -49,10 +49,10 @@ export class Trials {
     }
   }
 
-  /** Shows one, of the study or to practise. @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
+  /** Shows a trial, of the study or to practise. @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
   async show(description, askedAt) {
     if (this.isAbandoned) return NEVER;
-    this.current = new Trial(this.screen, description, this.#film(description), this.#way());
+    this.current = new Trial(this.screen, description, this.#film(description), this.#knownTechnique());
     try {
       return await this.current.run(askedAt);
     } catch (error) {
@@ -63,7 +63,7 @@ export class Trials {
     }
   }
 
-  /** Stops the one that runs for good, and any whose description or film is still on its way. */
+  /** Stops the present trial for good, and any whose description or film is still on its way. */
   abandon() {
     this.isAbandoned = true;
     this.current?.abandon();
@@ -91,7 +91,7 @@ export class Trials {
   /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @returns {Promise<boolean>} false when it was interrupted */
   async #take(description, askedAt, outbox) {
     const { following } = description;
-    this.films.keepOnly([description, following].flatMap((one) => (one ? [this.#addresses(one)] : [])));
+    this.films.keepOnly([description, following].flatMap((trial) => (trial ? [this.#addresses(trial)] : [])));
     if (following) this.#film(description).whole.then(() => this.isAbandoned || this.#film(following)).catch(() => {});
     const { vote, interruption } = await this.show(description, askedAt);
     if (vote) await outbox.putVote(description.trial, vote);
@@ -109,18 +109,18 @@ export class Trials {
     return answered > 0;
   }
 
-  /** @param {TrialDescription} description @returns {import("./films.js").Film} under way or here */
+  /** @param {TrialDescription} description @returns {import("./films.js").Film} perhaps still on its way */
   #film(description) {
     return this.films.get(this.#addresses(description));
   }
 
   /** @param {TrialDescription} description @returns {string[]} of its films */
   #addresses({ media }) {
-    return filmsOf(this.#way(), media);
+    return filmsOf(this.#knownTechnique(), media);
   }
 
   /** @returns {Technique} */
-  #way() {
+  #knownTechnique() {
     if (!this.technique) throw new Error("this browser cannot show the films");
     return this.technique;
   }

@@ -1,7 +1,8 @@
-/** On the instructions: a drawing on which switching is tried, with the keys that will do it in a trial. */
+/** On the instructions: a drawing on which to try the switching, with the keys of a trial. */
 
+import { byId } from "./elements.js";
 import { SWITCH_KEYS } from "./page.js";
-import { byId, page } from "./views.js";
+import { page } from "./views.js";
 
 export function listenForTries() {
   byId("try").addEventListener("click", switchTry);

@@ -1,4 +1,4 @@
-/** Shows A and B by a video element each, as a last resort: they are started together and may still be a frame apart, which is counted. */
+/** Shows A and B by a video element each, as a last resort: started together they may still be a frame apart, which is counted. */
 
 import { fitToPage, stripsOf } from "./film-window.js";
 import { PlaybackCount, attach, checkSize, detach, followFrames, playFor, readiness } from "./playback.js";
@@ -24,7 +24,7 @@ export class TwinPlayer {
   }
 
   /**
-   * Resolves when every first frame can be painted.
+   * Resolves when the first frame of every film can be painted.
    * @param {Blob[]} blobs strip by strip @param {import("./session.js").Media} media @param {Shown} first @param {AbortSignal} signal
    */
   async load(blobs, media, first, signal) {
@@ -54,7 +54,7 @@ export class TwinPlayer {
     this.videos.forEach((video, strip) => (video.style.zIndex = strip === this.strips[which] ? "1" : "0"));
   }
 
-  /** Seconds into the film, by the last frame of the one that is shown. */
+  /** Seconds into the film, by the last frame of the film that is shown. */
   get mediaTime() {
     const strip = this.strips[this.shown];
     return this.frameTimes[strip] ?? this.videos[strip].currentTime;
@@ -73,13 +73,13 @@ export class TwinPlayer {
     return playFor(this.videos, exposure_s, signal, () => this.#compare());
   }
 
-  /** Counts a refresh of the display at which A and B are different frames, as far as the browser tells of them. */
+  /** Counts a refresh of the display at which A and B are different frames, as far as the browser tells. */
   #compare() {
     const [top, bottom] = this.videos.map((video, strip) => Math.round((this.frameTimes[strip] ?? video.currentTime) * this.fps));
     if (top !== bottom) this.n_mismatches += 1;
   }
 
-  /** What the record says of the exposure. */
+  /** The exposure's counts, for the viewing record. */
   get quality() {
     return { ...this.count?.quality, n_mismatches: this.n_mismatches };
   }

@@ -2,7 +2,7 @@
 
 /** @typedef {import("./session.js").Viewing} Viewing */
 
-const LONGEST_MS = 24 * 3600 * 1000; // as the server takes it: the vote of a tab left open over a weekend counts, and its length tells
+const LONGEST_MS = 24 * 3600 * 1000; // the server's limit: a vote from a tab left open over a weekend still counts
 
 /** @returns {NonNullable<Viewing["display"]>} */
 export function display() {
@@ -14,7 +14,7 @@ export function display() {
   };
 }
 
-/** @param {Viewing} viewing @param {boolean} hasReference @returns {NonNullable<Viewing["dwell_ms"]>} for which each was on screen */
+/** @param {Viewing} viewing @param {boolean} hasReference @returns {NonNullable<Viewing["dwell_ms"]>} how long each was on screen */
 export function dwell({ first_shown, shown_ms, switches }, hasReference) {
   const looks = { a: 0, b: 0, reference: 0 };
   /** @type {import("./session.js").Shown} */
@@ -27,7 +27,7 @@ export function dwell({ first_shown, shown_ms, switches }, hasReference) {
   return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
 }
 
-/** @param {number} milliseconds @returns {number} to a tenth, and no more than the server takes */
+/** @param {number} milliseconds @returns {number} to a tenth, at most the server's limit */
 export function tenths(milliseconds) {
   return Math.round(10 * Math.min(milliseconds, LONGEST_MS)) / 10;
 }

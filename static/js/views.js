@@ -1,5 +1,6 @@
 /** The views of the participant's page, of which one is shown at a time, and the values in their texts. */
 
+import { byId, required } from "./elements.js";
 import { fill } from "./page.js";
 
 export const page = byId("study");
@@ -21,7 +22,7 @@ export function show(name) {
   if (!isOver) change(name);
 }
 
-/** Shows a view that what is still under way does not replace. @param {string} name */
+/** Shows a view that no later one replaces: the study is over on this page. @param {string} name */
 export function showAtTheEnd(name) {
   isOver = true;
   change(name);
@@ -42,23 +43,18 @@ function change(name) {
 export function pressPrimary(event) {
   const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
   if (event.key !== "Enter" || event.repeat || hasOwnEnter || dialog().open) return;
-  const button = /** @type {HTMLElement | null} */ (viewOf(page.dataset.showing ?? "")?.querySelector("[data-primary]"));
-  if (!button || button.hidden) return;
+  const button = page.querySelector(`[data-view="${page.dataset.showing}"] [data-primary]`);
+  if (!(button instanceof HTMLElement) || button.hidden) return;
   event.preventDefault();
   button.click();
 }
 
-/** That asks whether somebody wants to withdraw. */
+/** The dialog that asks whether the participant wants to withdraw. */
 export function dialog() {
-  return /** @type {HTMLDialogElement} */ (byId("withdraw"));
+  return required(HTMLDialogElement, "#withdraw");
 }
 
 /** @param {string} name @returns {HTMLElement} */
 export function viewOf(name) {
-  return /** @type {HTMLElement} */ (page.querySelector(`[data-view="${name}"]`));
-}
-
-/** @param {string} id @returns {HTMLElement} */
-export function byId(id) {
-  return /** @type {HTMLElement} */ (document.getElementById(id));
+  return required(HTMLElement, `[data-view="${name}"]`, page);
 }

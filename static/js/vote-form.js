@@ -1,6 +1,7 @@
-/** The form on which a participant says which is better, by mouse or by key, and may change their mind until Next. */
+/** The form on which participants choose, by mouse or by key; they may change their mind until Next. */
 
-import { after, enterFullScreen, find, isPlain } from "./page.js";
+import { required } from "./elements.js";
+import { after, enterFullScreen, isPlain } from "./page.js";
 
 /** @typedef {import("./session.js").Vote["choice"]} Choice */
 
@@ -12,10 +13,10 @@ const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
  * @param {(choice: Choice, n_changes: number) => void} onNext
  */
 export function askForChoice(form, signal, onNext) {
-  const hint = find(form, ".choose");
+  const hint = required(HTMLElement, ".choose", form);
   form.reset();
   hint.textContent = "";
-  find(form, "legend").focus({ preventScroll: true });
+  required(HTMLElement, "legend", form).focus({ preventScroll: true });
   guardFromClicks(form, signal);
   offerFullScreen(form, signal);
   let n_choices = 0;
@@ -36,7 +37,7 @@ function answerByKey(event, form) {
   if (event.repeat || !isPlain(event)) return;
   const choice = CHOICE_OF_KEY.get(event.key);
   if (choice) {
-    const radio = /** @type {HTMLInputElement} */ (form.querySelector(`input[value="${choice}"]`));
+    const radio = required(HTMLInputElement, `input[value="${choice}"]`, form);
     radio.focus({ preventScroll: true });
     radio.click();
   } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
@@ -53,7 +54,7 @@ function guardFromClicks(form, signal) {
 
 /** @param {HTMLFormElement} form @param {AbortSignal} signal */
 function offerFullScreen(form, signal) {
-  const button = find(form, "[data-fullscreen]");
+  const button = required(HTMLElement, "[data-fullscreen]", form);
   const update = () => (button.hidden = !document.fullscreenEnabled || document.fullscreenElement !== null);
   update();
   document.addEventListener("fullscreenchange", update, { signal });
