@@ -1,4 +1,4 @@
-"""A study's overview, live: who is in which stage, how far, how fast, and what looks unusual."""
+"""Show a study's overview, live: each participant's stage, progress and flags, and the pace of votes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from app.web.admin.layout import study_page
 from app.web.gates import AStudy, Person, database, is_still_signed_in, now
 
 LOOKS_EVERY_S = 1.0
-ASKS_EVERY_S = 3.0  # whether who watches still may
-STREAM_LASTS_S = 300.0  # then the browser opens another one
-HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
+ASKS_EVERY_S = 3.0  # between checks that the viewer is still signed in
+STREAM_LASTS_S = 300.0  # then the browser opens another stream
+HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
 PACE_MINUTES = 60
 
@@ -36,7 +36,7 @@ router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
 @dataclass(frozen=True)
 class Line:
-    """A participant as the monitor shows them."""
+    """A participant's row in the monitor."""
 
     participant: str
     stage: str
@@ -54,7 +54,7 @@ class Line:
 
 
 class Sight:
-    """A study's monitor as all its open pages show it: rendered once a second, however many they are."""
+    """A study's monitor as all open pages show it, rendered once a second however many there are."""
 
     def __init__(self) -> None:
         self._lock = anyio.Lock()
@@ -62,7 +62,7 @@ class Sight:
         self._text = ""
 
     async def at(self, time_s: float, render: Callable[[], str]) -> str:
-        """What it shows at a time of the event loop's clock."""
+        """Return the monitor at a time of the event loop's clock."""
         second = int(time_s // LOOKS_EVERY_S)
         async with self._lock:
             if self._looked < second:
@@ -74,7 +74,7 @@ class Sight:
 @router.get("")
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
-        invitations = [one for one in invitations_of(connection, study.id) if not one.is_used]
+        invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
     link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
     context = {**monitor_of(request, study, PATIENCE_S), "link": link}
     return study_page(request, "overview", person, study, context)
@@ -82,16 +82,14 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
 
 @router.get("/live")
 async def live(request: Request, person: Person, study: AStudy) -> Response:  # noqa: ARG001 (the gate)
-    """The monitor again whenever it changes, by server-sent events."""
+    """Send the monitor whenever it changes, as server-sent events."""
     stopped = anyio.Event()
     changes = _changes(request, study, stopped)
     return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=LOOKS_EVERY_S)
 
 
 async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
-    """The monitor whenever it changes, until the page is left or its reader's session ends, or the server stops, by a
-    signal or in its thread.
-    """
+    """Yield the monitor whenever it changes, until the page is left, its reader's session ends, or the server stops."""
     sight = request.app.state.sights.setdefault(study.id, Sight())
     last, asked_s = "", anyio.current_time()
     with anyio.move_on_after(STREAM_LASTS_S):
@@ -117,7 +115,7 @@ def _rendered(request: Request, study: Study) -> str:
 
 
 def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[str, Any]:
-    """What the monitor shows now; `patience_s` is how long to wait for what looks unusual."""
+    """Return the monitor's content now; `patience_s` is how long to wait for flags."""
     moment = now(request)
     with database(request).reading() as connection:
         people = participant_records(connection, study.id)

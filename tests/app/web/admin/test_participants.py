@@ -123,7 +123,7 @@ def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     assert {vote["participant"] for vote in votes if vote["excluded"]} == {"P002"}
     results = f"/admin/studies/{taken['slug']}/results"
     assert "6 votes are left out" in experimenter.get(results).text
-    assert "Everybody is counted" in experimenter.get(results, params={"everybody": "true"}).text
+    assert "All participants are counted" in experimenter.get(results, params={"everybody": "true"}).text
     experimenter.act(f"{person}/include")
     assert "Every vote is counted" in experimenter.get(results).text
     assert "undone by Eva Example" in experimenter.get(person).text
