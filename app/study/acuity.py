@@ -54,7 +54,7 @@ class AcuityTest:
 
 
 @dataclass(frozen=True)
-class Look:
+class Ring:
     """A ring: its size (logMAR), its gap's direction (0 right, then anticlockwise by 45 degrees), and the answer."""
 
     size: float
@@ -121,7 +121,7 @@ def probability_right(size: float | NDArray[np.float64], threshold: NDArray[np.f
     return np.asarray(GUESSING + (1 - GUESSING - LAPSING) * seen)
 
 
-def posterior(looks: Sequence[Look]) -> NDArray[np.float64]:
+def posterior(rings: Sequence[Ring]) -> NDArray[np.float64]:
     """Return the probability of each of THRESHOLDS given the answers, with a wide prior.
 
     Returns
@@ -129,31 +129,31 @@ def posterior(looks: Sequence[Look]) -> NDArray[np.float64]:
     float64 (221,), sums to 1
     """
     log_posterior = -0.5 * ((THRESHOLDS - PRIOR_MEAN) / PRIOR_SD) ** 2
-    for look in looks:
-        right = probability_right(look.size, THRESHOLDS)
-        log_posterior += np.log(right if look.is_right else 1 - right)
+    for ring in rings:
+        right = probability_right(ring.size, THRESHOLDS)
+        log_posterior += np.log(right if ring.is_right else 1 - right)
     weights = np.exp(log_posterior - log_posterior.max())
     return np.asarray(weights / weights.sum())
 
 
-def next_size(looks: Sequence[Look], test: AcuityTest) -> float | None:
+def next_size(rings: Sequence[Ring], test: AcuityTest) -> float | None:
     """Return the size of the next ring, logMAR: the most probable threshold so far; None when the test is over.
 
     Source
     ------
     Lieberman and Pentland 1982 (Best-PEST); Bach 1996. Unlike theirs, the maximum is a posteriori: see `posterior`.
     """
-    if len(looks) >= test.n_trials:
+    if len(rings) >= test.n_trials:
         return None
-    if not looks:
+    if not rings:
         return min(max(LARGEST_FIRST, test.smallest), max(test.largest, test.smallest))
-    size = float(THRESHOLDS[int(np.argmax(posterior(looks)))])
-    if len(looks) % EASY_EVERY == EASY_EVERY - 1:
+    size = float(THRESHOLDS[int(np.argmax(posterior(rings)))])
+    if len(rings) % EASY_EVERY == EASY_EVERY - 1:
         size += EASIER_BY
     return round(max(min(size, test.largest), test.smallest), 3)
 
 
-def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
+def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
     """Return the acuity estimated from the answers, and whether the limit is reached.
 
     A display that cannot draw the ring at the limit never yields a pass; it may still show that a participant
@@ -164,9 +164,9 @@ def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
     ValueError
         If the test is not over.
     """
-    if len(looks) < test.n_trials:
-        raise ValueError(f"{len(looks)} of {test.n_trials} rings answered; the test is not over")
-    probability = posterior(looks)
+    if len(rings) < test.n_trials:
+        raise ValueError(f"{len(rings)} of {test.n_trials} rings answered; the test is not over")
+    probability = posterior(rings)
     logmar = float(THRESHOLDS @ probability)
     cumulative = np.cumsum(probability)
     tail = (1 - INTERVAL) / 2
@@ -174,4 +174,4 @@ def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
     verdict: Verdict = "passed" if logmar <= test.limit else "failed"
     if not test.can_certify and low <= test.smallest:
         verdict = "cannot be certified"
-    return Acuity(round(logmar, 3), low, high, len(looks), verdict)
+    return Acuity(round(logmar, 3), low, high, len(rings), verdict)

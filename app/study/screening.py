@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.study.acuity import AcuityTest, Look, gap_arcmin, gap_mm, judge, next_size, smallest_size
+from app.study.acuity import AcuityTest, Ring, gap_arcmin, gap_mm, judge, next_size, smallest_size
 from app.study.colour_vision import (
     AXES,
     DIRECTIONS,
@@ -157,7 +157,7 @@ def next_content(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]
     items : so far, all answered
     """
     if test == "acuity":
-        size = next_size(_looks(items), acuity_test(setup))
+        size = next_size(_rings(items), acuity_test(setup))
         gap = int(np.random.default_rng([setup["seed"], len(items)]).integers(8))
         return None if size is None else {"size": size, "gap": gap}
     plan = _plan(setup)
@@ -202,7 +202,7 @@ def verdict_of(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) 
     if test == "colour":
         answers = [Answer(item.content["kind"], item.content["gap"], _given(item)) for item in items]
         return judge_colours(answers, _colour_test(setup))
-    acuity = judge(_looks(items), acuity_test(setup))
+    acuity = judge(_rings(items), acuity_test(setup))
     return acuity.verdict, {"logmar": acuity.logmar, "low": acuity.low, "high": acuity.high}
 
 
@@ -210,8 +210,8 @@ def acuity_test(setup: Mapping[str, Any]) -> AcuityTest:
     return AcuityTest(setup["limit"], setup["n_trials"], setup["smallest"], setup["largest"])
 
 
-def _looks(items: Sequence[Item]) -> list[Look]:
-    return [Look(item.content["size"], item.content["gap"], _given(item)) for item in items]
+def _rings(items: Sequence[Item]) -> list[Ring]:
+    return [Ring(item.content["size"], item.content["gap"], _given(item)) for item in items]
 
 
 def _given(item: Item) -> int:

@@ -60,23 +60,23 @@ class Flags:
         """
         with self._lock:
             known = self._known.setdefault(study_id, _Known())
-            self._look_again(study_id, known, _votes_of(people), now)
+            self._compute_again(study_id, known, _votes_of(people), now)
             work = known.work
         if work is not None:
             wait([work], patience_s)
         with self._lock:
             return self._finished(known, now)
 
-    def is_looking(self, study_id: int) -> bool:
+    def is_computing(self, study_id: int) -> bool:
         """Are newer flags being computed?"""
         with self._lock:
             known = self._known.get(study_id)
             return known is not None and known.work is not None and not known.work.done()
 
-    def _look_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
+    def _compute_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
         if known.work is None and votes != known.votes and now >= known.again_at:
             known.votes, known.begun_at = votes, now
-            known.work = self._worker.submit(_look, self._database, study_id)
+            known.work = self._worker.submit(_compute, self._database, study_id)
 
     def _finished(self, known: _Known, now: datetime) -> FlagsOf:
         if known.work is not None and known.work.done():
@@ -94,6 +94,6 @@ def _votes_of(people: Sequence[Mapping[str, Any]]) -> Votes:
     return frozenset(tuple(row[name] for name in facts) for row in people if row["n_votes"])
 
 
-def _look(database: Database, study_id: int) -> FlagsOf:
+def _compute(database: Database, study_id: int) -> FlagsOf:
     analysis = analysis_of(database, study_id)
     return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}

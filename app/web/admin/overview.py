@@ -24,8 +24,8 @@ from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page
 from app.web.gates import AStudy, Person, database, is_still_signed_in, now
 
-LOOKS_EVERY_S = 1.0
-ASKS_EVERY_S = 3.0  # between checks that the viewer is still signed in
+REFRESH_S = 1.0
+CHECK_SIGNED_IN_S = 3.0  # between checks that the viewer is still signed in
 STREAM_LASTS_S = 300.0  # then the browser opens another stream
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
@@ -53,21 +53,21 @@ class Line:
         return round(100 * self.n_votes / self.n_trials) if self.n_trials else 0
 
 
-class Sight:
+class SharedMonitor:
     """A study's monitor as all open pages show it, rendered once a second however many there are."""
 
     def __init__(self) -> None:
         self._lock = anyio.Lock()
-        self._looked = -1
+        self._rendered_s = -1
         self._text = ""
 
     async def at(self, time_s: float, render: Callable[[], str]) -> str:
         """Return the monitor at a time of the event loop's clock."""
-        second = int(time_s // LOOKS_EVERY_S)
+        second = int(time_s // REFRESH_S)
         async with self._lock:
-            if self._looked < second:
+            if self._rendered_s < second:
                 self._text = await run_in_threadpool(render)
-                self._looked = second
+                self._rendered_s = second
             return self._text
 
 
@@ -85,24 +85,24 @@ async def live(request: Request, person: Person, study: AStudy) -> Response:  # 
     """Send the monitor whenever it changes, as server-sent events."""
     stopped = anyio.Event()
     changes = _changes(request, study, stopped)
-    return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=LOOKS_EVERY_S)
+    return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=REFRESH_S)
 
 
 async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
     """Yield the monitor whenever it changes, until the page is left, its reader's session ends, or the server stops."""
-    sight = request.app.state.sights.setdefault(study.id, Sight())
-    last, asked_s = "", anyio.current_time()
+    monitor = request.app.state.monitors.setdefault(study.id, SharedMonitor())
+    last, checked_s = "", anyio.current_time()
     with anyio.move_on_after(STREAM_LASTS_S):
         while not (stopped.is_set() or request.app.state.is_stopping or await request.is_disconnected()):
-            if anyio.current_time() >= asked_s + ASKS_EVERY_S:
+            if anyio.current_time() >= checked_s + CHECK_SIGNED_IN_S:
                 if not await run_in_threadpool(is_still_signed_in, request):
                     return
-                asked_s = anyio.current_time()
-            shown = await sight.at(anyio.current_time(), partial(_rendered, request, study))
+                checked_s = anyio.current_time()
+            shown = await monitor.at(anyio.current_time(), partial(_rendered, request, study))
             if shown != last:
                 last = shown
                 yield ServerSentEvent(shown, event="monitor")
-            with anyio.move_on_after(LOOKS_EVERY_S - anyio.current_time() % LOOKS_EVERY_S):  # all pages at once
+            with anyio.move_on_after(REFRESH_S - anyio.current_time() % REFRESH_S):  # all pages at once
                 await stopped.wait()
 
 

@@ -148,7 +148,7 @@ def _unusual(request: Request, study: Study) -> dict[str, Any]:
     flags: Flags = request.app.state.flags
     return {
         "flags": flags.of(study.id, votes, now(request), PATIENCE_S),
-        "is_looking": flags.is_looking(study.id),
+        "is_computing": flags.is_computing(study.id),
     }
 
 

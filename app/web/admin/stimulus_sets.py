@@ -70,9 +70,9 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
     server = settings(request)
     folder, packed = await receive_zip(request, actor, database, server.sets_dir, server.largest_upload_mb)
 
-    def work(tell: Progress) -> str:
+    def work(progress: Progress) -> str:
         with folder:
-            name = install_set(server, packed, Path(folder.name) / "unpacked", tell)
+            name = install_set(server, packed, Path(folder.name) / "unpacked", progress)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
         return "/admin/sets"
 
@@ -80,7 +80,7 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 
-def install_set(server: Settings, packed: Path, unpacked: Path, tell: Progress) -> str:
+def install_set(server: Settings, packed: Path, unpacked: Path, progress: Progress) -> str:
     """Unpack an upload, check it like any stimulus set, move it to its place, and return its name.
 
     Raises
@@ -91,7 +91,7 @@ def install_set(server: Settings, packed: Path, unpacked: Path, tell: Progress) 
     unpack(packed, unpacked, server.largest_upload_mb * MB, _check_content)
     inside = list(unpacked.iterdir())
     folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # a zip file may hold one folder
-    stimulus_set = read_stimulus_set(folder, tell)
+    stimulus_set = read_stimulus_set(folder, progress)
     name = slugify(stimulus_set.name)
     if (server.sets_dir / name).exists():
         raise StimuliError(f"there is a stimulus set {name!r} already; give this one another name in its manifest")

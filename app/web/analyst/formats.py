@@ -28,8 +28,8 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of a spreadsheet'
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A client's wishes for a table.
+class TableRequest:
+    """Format and page that a client asks for, and what it already has.
 
     Parameters
     ----------
@@ -43,28 +43,28 @@ class Wanted:
     offset: int
 
 
-def wanted(
+def table_request(
     request: Request,
     given: Annotated[Format | None, Query(alias="format", description="overrides Accept; else JSON")] = None,
     limit: Annotated[int | None, Query(ge=1, le=MOST_ROWS, description="largest number of rows")] = None,
     offset: Annotated[int, Query(ge=0, le=10**9, description="rows to skip")] = 0,
-) -> Wanted:
+) -> TableRequest:
     """Read format and page from the request: `?format=`, else the preference of Accept, else JSON."""
     known = frozenset(tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(","))
-    return Wanted(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
+    return TableRequest(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
 
 
-ChosenFormat = Annotated[Wanted, Depends(wanted)]
+ChosenFormat = Annotated[TableRequest, Depends(table_request)]
 
 
-def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wanted, name: str) -> Response:
+def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: TableRequest, name: str) -> Response:
     """Return rows as a JSON array of objects, as CSV with a header, or as Parquet, with the same columns.
 
     `X-Total-Count` gives the number of rows in all, which tells the client of a page when it has them. Rows are read
     one by one, and a temporary file takes what exceeds a little memory: a million votes need no more memory than
     ten.
     """
-    columns, counted = list(columns), Counted(rows)
+    columns, counted = list(columns), CountedRows(rows)
     end = None if chosen.limit is None else chosen.offset + chosen.limit
     page = islice(counted, chosen.offset, end)
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
@@ -78,7 +78,7 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wan
 def streamed(
     content: SpooledTemporaryFile[bytes],
     media_type: str,
-    chosen: Wanted,
+    chosen: TableRequest,
     headers: Mapping[str, str],
     beside: str = "",
 ) -> Response:
@@ -96,13 +96,13 @@ def streamed(
     )
 
 
-class Counted:
+class CountedRows:
     """Rows that are counted as they pass."""
 
     def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
         self._rows, self._n = iter(rows), 0
 
-    def __iter__(self) -> Counted:
+    def __iter__(self) -> CountedRows:
         return self
 
     def __next__(self) -> Mapping[str, Any]:
@@ -117,12 +117,12 @@ class Counted:
         return self._n
 
 
-def json_object(content: Mapping[str, Any], chosen: Wanted) -> Response:
+def json_object(content: Mapping[str, Any], chosen: TableRequest) -> Response:
     """Return an object as JSON, unless the client has it already."""
     return tagged(json_bytes(content), MEDIA_TYPES["json"], chosen, {})
 
 
-def tagged(content: bytes, media_type: str, chosen: Wanted, headers: Mapping[str, str]) -> Response:
+def tagged(content: bytes, media_type: str, chosen: TableRequest, headers: Mapping[str, str]) -> Response:
     """Return content with its digest as entity tag; 304 if the client has it."""
     digest = hashlib.sha256(content).hexdigest()
     if is_known(chosen, digest):
@@ -130,7 +130,7 @@ def tagged(content: bytes, media_type: str, chosen: Wanted, headers: Mapping[str
     return Response(content, media_type=media_type, headers={**_own_headers(digest), **headers})
 
 
-def is_known(chosen: Wanted, digest: str) -> bool:
+def is_known(chosen: TableRequest, digest: str) -> bool:
     """Does the client have this content already?"""
     return bool(chosen.known & {_tag(digest), "*"})
 

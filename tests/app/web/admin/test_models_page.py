@@ -65,7 +65,10 @@ def test_a_model_is_what_its_file_holds(folder: Path) -> None:
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE[:-4] + b"\0\0\xc0\x7f" + FACE, "not finite"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x03" + b"\xff" * 12, "no triangles"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x04" + FACE[1:], "no triangles"),
-        (HEADER.replace("vertex 3", "vertex 99999999999").format(points=FLOATS, faces=LIST).encode(), "bytes after its header, expected"),
+        (
+            HEADER.replace("vertex 3", "vertex 99999999999").format(points=FLOATS, faces=LIST).encode(),
+            "bytes after its header, expected",
+        ),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:

@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.web.admin import participants
 from app.web.admin import votes_page as admin_votes
-from app.web.admin.overview import Sight
+from app.web.admin.overview import SharedMonitor
 from app.web.admin.votes_page import looks_of
 from tests.app.web.admin.dashboard import Dashboard, link_of, signed_in, until
 
@@ -87,14 +87,14 @@ def test_a_monitor_that_many_watch_is_made_once_a_second() -> None:
     made: list[float] = []
 
     async def watch() -> None:
-        sight = Sight()
+        monitor = SharedMonitor()
 
         async def look(at: float) -> None:
             def render() -> str:
                 made.append(at)
                 return f"at {at}"
 
-            assert await sight.at(at, render) == f"at {at}"
+            assert await monitor.at(at, render) == f"at {at}"
 
         for second in (7.0, 8.0):
             async with anyio.create_task_group() as pages:
