@@ -103,7 +103,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     of_votes = app.state.database.with_own_connection()
     app.state.votes = VoteWriter(of_votes)
     app.state.flags = Flags(app.state.database)
-    app.state.sights = WeakValueDictionary()  # of the studies that somebody watches
+    app.state.monitors = WeakValueDictionary()  # of the studies that somebody watches
     app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())

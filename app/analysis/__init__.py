@@ -1,5 +1,5 @@
-"""From votes to conclusions: a votes table in, triads, scores, errors and tests out. Pure: no files but at the edges,
-no clock, no chance.
+"""Analyse votes: read a votes table; compute triads, scores, errors and tests; write the report. Nothing here reads a
+clock or draws unseeded random numbers; only reading and writing touch files.
 """
 
 from app.analysis.analyse import analyse

@@ -1,5 +1,5 @@
-"""Do participants agree with each other (Kendall's coefficient of agreement u), are preferences transitive, and do
-datasets put the items in the same order?
+"""Measure agreement between participants (Kendall's u), transitivity of preferences, and agreement between datasets
+(rank correlations, Kendall's W).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LARGEST_TRANSITIVITY = 60  # items; 34 220 triples
 
 @dataclass(frozen=True)
 class Agreement:
-    """Kendall's u with its test; None where the design does not allow it."""
+    """Kendall's u with its test; all None where the design does not allow it."""
 
     u: float | None
     minimum: float | None
@@ -43,14 +43,12 @@ def agreement(counts: PairCounts) -> Agreement:
 
     Parameters
     ----------
-    counts : PairCounts
-        Every pair judged by the same number of participants, without ties; else all fields are None.
+    counts : PairCounts, every pair judged by the same number of participants, without ties; else all fields are None
 
     Source
     ------
     Kendall and Babington Smith (1940), sections 13 to 17: u = 2 Sigma / (C(m,2) C(n,2)) - 1 with Sigma the number of
-    pairs of participants who agree on a pair of items, and the chi-square approximation with its continuity
-    correction of one.
+    pairs of participants who agree on a pair of items; the chi-square approximation has a continuity correction of one.
     """
     n_pairs, totals = comb(counts.n_items, 2), counts.totals
     if (
@@ -80,8 +78,7 @@ def transitivity(counts: PairCounts) -> dict[str, int] | None:
 
     Returns
     -------
-    dict or None
-        `weak`, `moderate`, `strong` and `n_triples`; None for too many items.
+    dict, `weak`, `moderate`, `strong` and `n_triples`; None for too many items
 
     Source
     ------
@@ -93,36 +90,34 @@ def transitivity(counts: PairCounts) -> dict[str, int] | None:
     share = np.full((n, n), np.nan)
     share[counts.first, counts.second] = (counts.wins + counts.ties / 2) / counts.totals
     share[counts.second, counts.first] = (counts.losses + counts.ties / 2) / counts.totals
-    found = {"weak": 0, "moderate": 0, "strong": 0, "n_triples": 0}
+    violations = {"weak": 0, "moderate": 0, "strong": 0, "n_triples": 0}
     for triple in combinations(range(n), 3):
         broken = _broken(share, triple)
         if broken is not None:
-            found["n_triples"] += 1
+            violations["n_triples"] += 1
             for name, is_broken in zip(("weak", "moderate", "strong"), broken, strict=True):
-                found[name] += is_broken
-    return found
+                violations[name] += is_broken
+    return violations
 
 
 def _broken(share: NDArray[np.float64], triple: tuple[int, ...]) -> tuple[bool, bool, bool] | None:
-    """Return which kinds are violated in some order of the triple that meets the premise; None if a pair was not
-    compared.
-    """
+    """Return which kinds some order of the triple violates whose premise it meets; None if a pair was not compared."""
     x, y, z = triple
     if np.isnan(share[x, y] + share[y, z] + share[x, z]):
         return None
     orders = [(x, y, z), (x, z, y), (y, x, z), (y, z, x), (z, x, y), (z, y, x)]
     weak = moderate = strong = False
     for a, b, c in orders:
-        one, other, both = share[a, b], share[b, c], share[a, c]
-        if one >= 0.5 and other >= 0.5:
-            weak |= bool(both < 0.5)
-            moderate |= bool(both < min(one, other))
-            strong |= bool(both < max(one, other))
+        first, second, across = share[a, b], share[b, c], share[a, c]
+        if first >= 0.5 and second >= 0.5:
+            weak |= bool(across < 0.5)
+            moderate |= bool(across < min(first, second))
+            strong |= bool(across < max(first, second))
     return weak, moderate, strong
 
 
 def _has_repeats(votes: VotesTable) -> bool:
-    """Whether a participant judged a pair more than once: those who agree would be counted with themselves."""
+    """Did a participant judge a pair more than once? Kendall's u would then count them as agreeing with themselves."""
     if not votes.has_participants:
         return False
     low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
@@ -131,22 +126,22 @@ def _has_repeats(votes: VotesTable) -> bool:
 
 
 def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
-    """Return agreement and transitivity per dataset, and over all votes without a name of a dataset."""
+    """Return agreement and transitivity of each named dataset; of all votes where datasets have no names."""
     names = [(name, votes.where(votes.dataset == index)) for index, name in enumerate(votes.datasets) if name]
     rows = []
     for name, part in names or [("all", votes)]:
         if len(part):
             counts = count_pairs(only_compared(part))
-            found = NO_AGREEMENT if _has_repeats(part) else agreement(counts)
+            kendall_u = NO_AGREEMENT if _has_repeats(part) else agreement(counts)
             rows.append(
                 {
                     "dataset": name,
-                    "u": found.u,
-                    "u_min": found.minimum,
-                    "chi2": found.chi2,
-                    "df": found.df,
-                    "p_value": found.p_value,
-                    "votes_per_pair": found.n_votes_per_pair,
+                    "u": kendall_u.u,
+                    "u_min": kendall_u.minimum,
+                    "chi2": kendall_u.chi2,
+                    "df": kendall_u.df,
+                    "p_value": kendall_u.p_value,
+                    "votes_per_pair": kendall_u.n_votes_per_pair,
                     "transitivity": transitivity(counts),
                 }
             )
@@ -158,14 +153,12 @@ def dataset_agreement_rows(scores: Mapping[str, Mapping[str, float]]) -> list[di
 
     Parameters
     ----------
-    scores : mapping
-        Dataset -> item -> score.
+    scores : mapping, dataset -> item -> score
 
     Returns
     -------
-    list of dict
-        `dataset_a, dataset_b, n_items, pearson, spearman, kendall`; correlations are None for fewer than three shared
-        items, or where the scores of a dataset do not differ.
+    list of dict, `dataset_a, dataset_b, n_items, pearson, spearman, kendall`; a correlation is None for fewer than
+    three shared items, or where the scores of a dataset do not differ
     """
     rows = []
     for first, second in combinations(scores, 2):
@@ -179,27 +172,29 @@ def dataset_agreement_rows(scores: Mapping[str, Mapping[str, float]]) -> list[di
 
 
 def concordance(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Any] | None:
-    """Return Kendall's coefficient of concordance W of the datasets' orders of the items, with its test.
+    """Return Kendall's coefficient of concordance W between the datasets' orders of the items, with its test.
 
     Parameters
     ----------
-    scores : mapping
-        Dataset -> item -> score.
+    scores : mapping, dataset -> item -> score
 
     Returns
     -------
-    dict or None
-        `n_datasets, n_items, w, chi2, df, p_value`; W is 1 if all datasets order the items alike and 0 if their mean
-        ranks are all equal. None unless two or more datasets have scores of the same items, three or more.
+    dict, `n_datasets, n_items, w, chi2, df, p_value`; W is 1 if all datasets order the items alike and 0 if all mean
+    ranks are equal. None unless at least two datasets have scores of the same items, three or more.
 
     Source
     ------
     Kendall and Babington Smith (1939), with their correction for tied ranks; chi2 = m (n - 1) W, df = n - 1.
     """
     items = list(next(iter(scores.values()), {}))
-    if len(scores) < 2 or len(items) < 3 or any(set(own) != set(items) for own in scores.values()):
+    if (
+        len(scores) < 2
+        or len(items) < 3
+        or any(set(dataset_scores) != set(items) for dataset_scores in scores.values())
+    ):
         return None
-    ranks = np.array([rankdata([own[item] for item in items]) for own in scores.values()])
+    ranks = np.array([rankdata([dataset_scores[item] for item in items]) for dataset_scores in scores.values()])
     m, n = ranks.shape
     spread = float(np.sum((ranks.sum(axis=0) - m * (n + 1) / 2) ** 2))
     tied = sum(float(np.sum(sizes**3 - sizes)) for row in ranks for sizes in [np.unique(row, return_counts=True)[1]])

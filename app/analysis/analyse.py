@@ -1,4 +1,4 @@
-"""The whole analysis of a votes table, as the object that becomes analysis.json."""
+"""Run the whole analysis of a votes table: the object that becomes analysis.json."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
+from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores, only_compared
-from app.analysis.checks import check_rows
 from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
 from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
 from app.analysis.correlation import ScoreSet, correlation_rows
@@ -18,7 +18,7 @@ from app.analysis.factors import Effect, ModelTest, check_factors, effects_of, f
 from app.analysis.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.observers import observer_rows
-from app.analysis.rows import (
+from app.analysis.result_rows import (
     contrast_rows,
     effect_row,
     group_rows,
@@ -34,16 +34,15 @@ from app.analysis.triads import triads
 from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable
 from app.analysis.warnings import MOST_PAIRS, warnings_of
 
-MEASURE_REPLICATES = 500  # over participants, for the intervals of correlations
+MEASURE_REPLICATES = 500  # bootstrap samples of participants for the intervals of correlations
 
 
 def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict[str, Any]:
-    """Analyse votes: screening, scores, factors, agreement.
+    """Analyse votes: screen participants, fit scores, test factors, groups and datasets, measure agreement.
 
     Returns
     -------
-    dict
-        The content of analysis.json; only lists, dictionaries, text, numbers and None.
+    dict, the content of analysis.json; only lists, dictionaries, text, numbers and None
 
     Raises
     ------
@@ -59,20 +58,20 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     screened = triads(used)
     effects, tests = _factor_results(used, settings, compared)
     groups = _group_comparisons(used, settings)
-    tests += [one.test for one in groups if one.test is not None]
+    tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
     return {
         "schema_version": 1,
         "settings": settings.as_dict(),
         "votes": _tally(votes, used),
-        "scores": [row for one in compared for row in score_rows(one)],
+        "scores": [row for comparison in compared for row in score_rows(comparison)],
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
-        "models": [model_row(one) for one in compared],
-        "tie_models": [row for one in compared for row in tie_model_rows(one, settings)],
-        "contrasts": [row for one in compared for row in contrast_rows(one)],
+        "models": [model_row(comparison) for comparison in compared],
+        "tie_models": [row for comparison in compared for row in tie_model_rows(comparison, settings)],
+        "contrasts": [row for comparison in compared for row in contrast_rows(comparison)],
         "effects": effects,
         "tests": _test_rows(tests),
-        "groups": [row for one in groups for row in group_rows(one)],
+        "groups": [row for group in groups for row in group_rows(group)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
         "measures": _measure_rows(used, settings, compared),
@@ -81,22 +80,27 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "dataset_concordance": concordance(by_dataset),
         "observers": observer_rows(used, screened, ties=settings.ties),
         "checks": check_rows(votes),
-        "pairs": [row for one in compared if len(one.fit.counts.first) <= MOST_PAIRS for row in pair_rows(one)],
+        "pairs": [
+            row
+            for comparison in compared
+            if len(comparison.fit.counts.first) <= MOST_PAIRS
+            for row in pair_rows(comparison)
+        ],
         "warnings": warnings_of(votes, used, compared),
     }
 
 
 def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
-    """Raise if what is said of all votes together would be taken for one dataset or factor."""
-    for what, names in (("dataset", votes.datasets), ("factor", settings.factors)):
+    """Raise if a dataset or factor has the name that stands for all of them together."""
+    for kind, names in (("dataset", votes.datasets), ("factor", settings.factors)):
         if ALL in names:
-            raise VotesError(f"a {what} is called {ALL!r}, which stands for all of them together: rename it")
+            raise VotesError(f"a {kind} is called {ALL!r}, which stands for all of them together: rename it")
 
 
 def _factor_results(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
 ) -> tuple[list[dict[str, Any]], list[ModelTest]]:
-    """Return the additive model's effects, and all tests between models."""
+    """Return the additive model's effects, and all likelihood-ratio tests between models."""
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
     additive: dict[str, Part] = {}
@@ -112,11 +116,15 @@ def _factor_results(
             tests += model_tests(
                 part, settings.factors, dataset, ties=settings.ties, order_effect=settings.order_effect
             )
-    for one in compared if settings.order_effect else ():
-        without = fit_scores(one.votes, ties=settings.ties)
-        tests.append(order_test(one.fit, without, one.comparison, one.dataset))
-    for model in dict.fromkeys(one.comparison for one in compared):
-        parts = {one.dataset: Part(one.votes, one.fit) for one in compared if one.comparison == model}
+    for comparison in compared if settings.order_effect else ():
+        without = fit_scores(comparison.votes, ties=settings.ties)
+        tests.append(order_test(comparison.fit, without, comparison.comparison, comparison.dataset))
+    for model in dict.fromkeys(comparison.comparison for comparison in compared):
+        parts = {
+            comparison.dataset: Part(comparison.votes, comparison.fit)
+            for comparison in compared
+            if comparison.comparison == model
+        }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
     return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
@@ -124,15 +132,17 @@ def _factor_results(
 
 def _group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
     parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
-    return [one for dataset, part in parts if len(part) for one in compare_groups(part, dataset, settings)]
+    return [
+        comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
+    ]
 
 
 def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:
-    """Return dataset -> item -> score of the single datasets that have scores."""
+    """Return dataset -> item -> score for every single dataset that has scores."""
     return {
-        one.dataset: dict(zip(one.fit.items, one.fit.scores.tolist(), strict=True))
-        for one in compared
-        if one.comparison == ALL and one.dataset != ALL and one.fit.scores is not None
+        comparison.dataset: dict(zip(comparison.fit.items, comparison.fit.scores.tolist(), strict=True))
+        for comparison in compared
+        if comparison.comparison == ALL and comparison.dataset != ALL and comparison.fit.scores is not None
     }
 
 
@@ -146,20 +156,21 @@ def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
 def _measure_rows(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
 ) -> list[dict[str, Any]]:
-    """Return the measures beside the scores; their intervals need replicates, which are made here if there are none."""
+    """Correlate the measures with the scores; draws bootstrap replicates for the intervals if there are none."""
     if not settings.measures:
         return []
     if not settings.bootstrap:
         compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed=())))
-    of_items = [one for one in compared if one.comparison == ALL and one.fit.scores is not None]
-    single = [one for one in of_items if one.dataset != ALL] or of_items
-    return correlation_rows(
-        {one.dataset: _score_set(one) for one in single}, settings.measures, np.random.default_rng([settings.seed, 1])
-    )
+    with_scores = [
+        comparison for comparison in compared if comparison.comparison == ALL and comparison.fit.scores is not None
+    ]
+    single = [comparison for comparison in with_scores if comparison.dataset != ALL] or with_scores
+    score_sets = {comparison.dataset: _score_set(comparison) for comparison in single}
+    return correlation_rows(score_sets, settings.measures, np.random.default_rng([settings.seed, 1]))
 
 
-def _score_set(one: Comparison) -> ScoreSet:
-    fit = one.fit
+def _score_set(comparison: Comparison) -> ScoreSet:
+    fit = comparison.fit
     assert fit.scores is not None
     place = {item: index for index, item in enumerate(fit.items)}
     different = [
@@ -168,34 +179,34 @@ def _score_set(one: Comparison) -> ScoreSet:
         if c.p_holm < SIGNIFICANT
     ]
     replicates = np.zeros((0, len(fit.items)))
-    if one.bootstrap is not None:
-        replicates = np.full((len(one.bootstrap.kept), len(fit.items)), np.nan)
-        replicates[one.bootstrap.kept] = one.bootstrap.scores
+    if comparison.bootstrap is not None:
+        replicates = np.full((len(comparison.bootstrap.kept), len(fit.items)), np.nan)
+        replicates[comparison.bootstrap.kept] = comparison.bootstrap.scores
     return ScoreSet(fit.items, fit.scores, replicates, different)
 
 
 def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
-    """Return the tests with Holm's correction over each family: one kind of test, on the single datasets or on all
-    together.
+    """Return the tests with Holm's correction over each family: tests of one kind, on single datasets or on all
+    votes.
     """
     families: dict[tuple[str, bool], list[ModelTest]] = {}
     for test in tests:
         families.setdefault((test.name.split()[0], test.dataset == ALL), []).append(test)
     rows = []
     for family in families.values():
-        own = [test.p_value if test.p_participant is None else test.p_participant for test in family]
-        for test, corrected in zip(family, holm(np.array(own)).tolist(), strict=True):
+        p_values = [test.p_value if test.p_participant is None else test.p_participant for test in family]
+        for test, corrected in zip(family, holm(np.array(p_values)).tolist(), strict=True):
             rows.append(asdict(test) | {"p_holm": corrected})
     return rows
 
 
 def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
-    """Return the scores as they would be without the experimenter's exclusions; empty if there are none."""
+    """Return the scores without the experimenter's exclusions; empty if nobody was excluded."""
     everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
     if len(everybody) == len(used):
         return []
     plain = replace(settings, bootstrap=0)
-    return [row for one in compare(everybody, plain) for row in score_rows(one)]
+    return [row for comparison in compare(everybody, plain) for row in score_rows(comparison)]
 
 
 def _used(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
@@ -209,7 +220,7 @@ def _used(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
 
 
 def _tally(votes: VotesTable, used: VotesTable) -> dict[str, Any]:
-    """Count what was read and what became of it; the parts add up to the whole."""
+    """Count the votes read and how they were used; the parts add up to the total."""
     practice = int(votes.count[votes.practice].sum())
     checks = int(votes.count[(votes.role != MAIN) & ~votes.practice & ~votes.excluded].sum())
     total, analysed = votes.n_votes, used.n_votes

@@ -1,4 +1,4 @@
-"""What is known beside the votes, as tables: items' factors, participants' groups, objective measures."""
+"""Read the tables beside the votes: items' factors, participants' groups, objective measures."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def read_items(path: Path) -> dict[str, dict[str, str]]:
 
 
 def read_participants(path: Path) -> dict[str, dict[str, str]]:
-    """Read what is known of participants, `participant,<grouping>,…`, as {grouping: {participant: group}}; an empty
-    cell puts a participant into no group.
+    """Read participants' groups, `participant,<grouping>,…`, as {grouping: {participant: group}}; an empty cell means
+    no group.
 
     Raises
     ------
@@ -33,28 +33,28 @@ def read_participants(path: Path) -> dict[str, dict[str, str]]:
     return _read_attributes(path, "participant", "grouping", may_be_empty=True)
 
 
-def _read_attributes(path: Path, of: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
+def _read_attributes(path: Path, key: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
     frame = read_csv(path)
-    if of not in frame.columns or len(frame.columns) < 2:
-        found = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {found}; expected {of} and at least one {attribute}")
+    if key not in frame.columns or len(frame.columns) < 2:
+        columns = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {columns}; expected {key} and at least one {attribute}")
     for column in frame.columns:
         empty = np.flatnonzero(frame[column].isna() | (frame[column] == ""))
-        if len(empty) and (column == of or not may_be_empty):
+        if len(empty) and (column == key or not may_be_empty):
             raise VotesError(f"{path}: row {empty[0] + 1}: {column} is empty")
-    twice = np.flatnonzero(frame[of].duplicated())
+    twice = np.flatnonzero(frame[key].duplicated())
     if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: the {of} {frame[of][twice[0]]!r} appears a second time")
-    names = frame[of].tolist()
+        raise VotesError(f"{path}: row {twice[0] + 1}: the {key} {frame[key][twice[0]]!r} appears a second time")
+    names = frame[key].tolist()
     return {
         column: {name: value for name, value in zip(names, frame[column].tolist(), strict=True) if value}
         for column in frame.columns
-        if column != of
+        if column != key
     }
 
 
 def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell is
+    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell means
     no value.
 
     Raises
@@ -64,8 +64,8 @@ def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
     """
     frame = read_csv(path)
     if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
-        found = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {found}; expected dataset, item and at least one measure")
+        columns = ", ".join(frame.columns)
+        raise VotesError(f"{path}: has the columns {columns}; expected dataset, item and at least one measure")
     twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
     if len(twice):
         raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
@@ -76,8 +76,8 @@ def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
             values = numbers(np.array(texts, object), measure, may_be_negative=True)
         except VotesError as error:
             raise VotesError(f"{path}: {error}") from error
-        own = measures.setdefault(measure, {})
+        by_dataset = measures.setdefault(measure, {})
         for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
             if text:
-                own.setdefault(dataset, {})[item] = float(value)
+                by_dataset.setdefault(dataset, {})[item] = float(value)
     return measures

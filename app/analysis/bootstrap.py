@@ -1,4 +1,6 @@
-"""Intervals by drawing participants, not votes, with replacement: the fits of all replicates in one batch."""
+"""Bootstrap confidence intervals of scores: participants, not votes, are drawn with replacement, and all replicates are
+fitted in one batch.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +18,18 @@ from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-5  # of the last step: errors below 1e-9, far below what the draws themselves leave open
-RUNAWAY = 15.0  # log-odds beyond which a replicate is suspected to have no maximum, and looked at alone
+TOLERANCE = 1e-5  # log-odds, of the last step: leaves errors below 1e-9, far below the sampling error
+RUNAWAY = 15.0  # log-odds beyond which a replicate may have no maximum and is fitted alone
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Scores of the replicates.
+    """Scores of the bootstrap replicates.
 
     Parameters
     ----------
-    scores : float64 (R, n)
-        Of the replicates that have a maximum.
-    kept : bool (R',)
-        Which of all replicates these are.
+    scores : float64 (R, n), log-odds, of the replicates that have a maximum
+    kept : bool (R',), which of all replicates these are
     """
 
     scores: Array
@@ -37,27 +37,43 @@ class Bootstrap:
 
     @property
     def n_without_maximum(self) -> int:
-        """Replicates that have no maximum and are left out."""
+        """Number of replicates without a maximum, which are left out."""
         return int((~self.kept).sum())
 
     def has_percentiles(self, level: float) -> bool:
-        """Whether a tail of the distribution is known: those without a maximum are the extremes, and miss there."""
+        """Have enough replicates converged for percentiles? Those without a maximum are missing extremes."""
         return self.n_without_maximum <= (1 - level) / 2 * len(self.kept)
 
     def interval(self, level: float) -> Array:
-        """Return the percentile interval of each score, (2, n)."""
+        """Return the percentile interval of each score, float64 (2, n), log-odds."""
         tail = (1 - level) / 2
         result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0)
         return result
 
 
 def participant_weights(n_participants: int, n_replicates: int, rng: np.random.Generator) -> Array:
-    """Return how often each participant is drawn in each replicate, float64 (R, J); rows sum to J."""
+    """Draw how often each participant appears in each replicate.
+
+    Parameters
+    ----------
+    n_participants : J
+    n_replicates : R
+    rng : Generator
+
+    Returns
+    -------
+    float64 (R, J), rows sum to J
+    """
     return rng.multinomial(n_participants, np.full(n_participants, 1 / n_participants), n_replicates).astype(np.float64)
 
 
 def participant_counts(fit: Fit, votes: VotesTable) -> NDArray[np.float32]:
-    """Return each participant's wins, losses and ties per pair of the fit, float32 (J, 3 C), exact up to 2^24 votes."""
+    """Count each participant's wins, losses and ties on the pairs of the fit.
+
+    Returns
+    -------
+    float32 (J, 3 * C), votes, exact up to 2^24
+    """
     counts, n = fit.counts, fit.counts.n_items
     first, second, outcome = outcome_index(votes, is_ordered=counts.is_ordered)
     pair_of = np.full((n, n), -1)
@@ -67,7 +83,7 @@ def participant_counts(fit: Fit, votes: VotesTable) -> NDArray[np.float32]:
     if not counts.is_ordered:
         pair = np.where(swap, pair_of[second, first], pair)
         outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
-    kept = pair >= 0  # a pair of nothing but ties is not in the fit if ties are dropped
+    kept = pair >= 0  # where ties are dropped, the fit has no pair that only has ties
     n_cells = 3 * len(counts.first)
     code = votes.participant[kept] * n_cells + outcome[kept] * len(counts.first) + pair[kept]
     table = np.bincount(code, votes.count[kept], len(votes.participants) * n_cells)
@@ -75,16 +91,13 @@ def participant_counts(fit: Fit, votes: VotesTable) -> NDArray[np.float32]:
 
 
 def bootstrap_scores(fit: Fit, votes: VotesTable, weights: Array) -> Bootstrap:
-    """Fit the model again to every replicate.
+    """Fit the model again to every bootstrap replicate.
 
     Parameters
     ----------
-    fit : Fit
-        With status `ok`.
-    votes : VotesTable
-        The votes it was fitted to.
-    weights : float64 (R, J)
-        Of all participants in the table.
+    fit : Fit with status `ok`
+    votes : VotesTable, the votes it was fitted to
+    weights : float64 (R, J), how often each participant of the table was drawn
     """
     assert fit.theta is not None
     # Single precision is exact for counts and twice as fast; `maximise` goes on in double precision.
@@ -103,7 +116,7 @@ def bootstrap_scores(fit: Fit, votes: VotesTable, weights: Array) -> Bootstrap:
 
 
 def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bool) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the scores (R, n) and whether there is a maximum (R,)."""
+    """Return the scores (R, n), and for each replicate whether a maximum exists (R,)."""
     assert fit.theta is not None
     design, start = fit.design, fit.theta
     if design.has_tie and not has_tie:
@@ -119,7 +132,7 @@ def _fit_batch(fit: Fit, wins: Array, losses: Array, ties: Array, *, has_tie: bo
 
 
 def _is_possible(design: Design, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether the pairs drawn in each replicate, bool (R, C), link all items; few different sets of pairs are drawn."""
+    """Do the pairs drawn in each replicate, bool (R, C), link all items? Few different sets of pairs are drawn."""
     result = np.ones(len(seen), bool)
     partial = np.flatnonzero(~seen.all(axis=1))
     if len(partial):
@@ -131,11 +144,11 @@ def _is_possible(design: Design, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _fit_possible(
     fit: Fit, design: Design, start: Array, wins: Array, losses: Array, ties: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    found = maximise(design, wins, losses, ties, start=start, search=Search(TOLERANCE, RUNAWAY))
-    effects = found.theta[:, : design.n_effects]
+    maximum = maximise(design, wins, losses, ties, start=start, search=Search(TOLERANCE, RUNAWAY))
+    effects = maximum.theta[:, : design.n_effects]
     scores = effects if design.levels is None else effects @ design.levels.T
-    is_there = found.converged.copy()
-    for replicate in np.flatnonzero(~found.converged):
+    is_there = maximum.converged.copy()
+    for replicate in np.flatnonzero(~maximum.converged):
         alone = _fit_alone(fit, wins[replicate], losses[replicate], ties[replicate])
         if alone is not None:
             scores[replicate], is_there[replicate] = alone, True
@@ -145,8 +158,8 @@ def _fit_possible(
 def _fit_alone(fit: Fit, wins: Array, losses: Array, ties: Array) -> Array | None:
     seen = wins + losses + ties > 0
     first, second = fit.counts.first[seen], fit.counts.second[seen]
-    own = wins[seen].astype(float), losses[seen].astype(float), ties[seen].astype(float)
-    counts = PairCounts(fit.counts.n_items, first, second, *own, is_ordered=fit.counts.is_ordered)
+    table = wins[seen].astype(float), losses[seen].astype(float), ties[seen].astype(float)
+    counts = PairCounts(fit.counts.n_items, first, second, *table, is_ordered=fit.counts.is_ordered)
     try:
         refit = fit_counts(counts, fit.items, ties=fit.ties, levels=fit.design.levels, penalty=None)
     except (ConvergenceError, RuntimeError):

@@ -1,5 +1,5 @@
-"""Scores by the Bradley-Terry model: maximum likelihood with ties and order effect, and errors for people, not votes,
-as the sample.
+"""Fit scores with the Bradley-Terry model: maximum likelihood with ties and order effect; standard errors take
+participants, not votes, as the sample.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from app.analysis.conjugate_gradients import maximise_many_items
 from app.analysis.counts import PairCounts, count_pairs, outcome_index
 from app.analysis.existence import Existence, ford, recession
-from app.analysis.many_items import maximise_many_items
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.penalised import maximise_firth
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
@@ -21,39 +21,32 @@ from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 
-LARGEST_COVARIANCE = 3000  # items; beyond, a matrix of all covariances takes minutes and a gigabyte
+LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes minutes and a gigabyte
 MANY_ITEMS = 100  # above, Newton's steps are cheaper by conjugate gradients
-ALIKE = 1e-12  # a variance between participants below this share of that of their votes is rounding
+ALIKE = 1e-12  # a variance between participants below this share of their votes' variance is rounding
 LARGEST_FIRTH = 300  # parameters; each step inverts a matrix
-RIDGE = 0.1  # of the penalised estimate where Firth's correction does not apply (Rao-Kupper, many parameters)
+RIDGE = 0.1  # penalty where Firth's correction does not apply (Rao-Kupper, many parameters)
 
 
 class ConvergenceError(RuntimeError):
-    """The maximum exists and was not found."""
+    """The maximum exists, and Newton's method did not reach it."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """One model fitted to one table of votes.
+    """A model fitted to one table of votes.
 
     Parameters
     ----------
-    items : tuple of str
-        The items (or factor levels) compared.
-    ties : str
-        Key of `TIE_MODELS`.
-    status : str
-        `ok`, `separated` (no finite maximum: the numbers are those of `penalty`) or `disconnected` (no numbers).
-    groups : tuple of tuples of str
-        Items between which a contrast exists; in descending order if `separated`.
-    penalty : str or None
-        Name of the penalised estimate that stands in for a maximum.
-    theta : float64 (P,) or None
-        Scores with sum zero (or effects), order effect and tie parameter, the latter two if present.
-    participant_covariance : float64 (P, P) or None
-        From the sandwich clustered by participant.
-    n_participants : int or None
-        None where they are unknown.
+    items : the items (or factor levels) compared
+    ties : key of `TIE_MODELS`
+    status : `ok`, `separated` (no finite maximum: the numbers are those of `penalty`) or `disconnected` (no numbers)
+    groups : islands of items if `disconnected`; if `separated`, groups in descending order that votes set apart
+    penalty : name of the penalised estimate that stands in for a maximum
+    theta : float64 (P,), log-odds: scores with sum zero (or effects), then order effect and tie parameter, each if
+        present
+    participant_covariance : float64 (P, P), sandwich estimate clustered by participant
+    n_participants : None where they are unknown
     """
 
     items: tuple[str, ...]
@@ -70,7 +63,7 @@ class Fit:
 
     @property
     def scores(self) -> Array | None:
-        """Scores of the items, float64 (n,)."""
+        """Scores of the items, float64 (n,), log-odds."""
         if self.theta is None:
             return None
         effects = self.theta[: self.design.n_effects]
@@ -101,7 +94,7 @@ class Fit:
 
     @property
     def deviance(self) -> float | None:
-        """Twice the log-likelihood that the saturated model has more."""
+        """Twice the log-likelihood by which the saturated model exceeds this one."""
         if self.expected is None:
             return None
         observed = np.stack([self.counts.wins, self.counts.losses, self.counts.ties])
@@ -141,7 +134,7 @@ class Fit:
 
     @property
     def tie_parameter(self) -> float | None:
-        """log nu or log theta; None where its maximum is not finite or there is none."""
+        """The value of log nu or log theta; None without such a parameter or without a finite maximum."""
         if TIE_MODELS[self.ties].parameter is None or self.theta is None:
             return None
         if not self.design.has_tie:
@@ -150,9 +143,13 @@ class Fit:
         return self._parameter(-1) if has_decided else None
 
     def preference(self, difference: Array) -> Array:
-        """Probability that the first of two items is preferred, given that one of them is, for differences of scores.
+        """Return the probability that the first of two items is preferred, given a preference.
 
-        By Davidson's model it does not depend on how often there is no preference; by Rao and Kupper's it does.
+        In Davidson's model it does not depend on how often there is none; in Rao and Kupper's it does.
+
+        Parameters
+        ----------
+        difference : float64 (…), log-odds, first score less second
         """
         assert self.theta is not None
         tie = self.theta[-1] if self.design.has_tie else 0.0
@@ -161,15 +158,13 @@ class Fit:
         return result
 
     def error(self, parameter: int, *, by_participant: bool = False) -> float | None:
-        """Return the standard error of one parameter."""
+        """Return the standard error of a parameter, log-odds."""
         covariance = self.participant_covariance if by_participant else self.covariance
         return None if covariance is None else float(np.sqrt(covariance[parameter, parameter]))
 
     @property
     def p_value(self) -> float | None:
-        """P-value of the goodness of fit, by Pearson's X2, which keeps its size where the deviance test rejects too
-        often.
-        """
+        """P-value of the goodness of fit by Pearson's X2; the deviance test would reject too often."""
         if self.pearson_x2 is None or not self.df:
             return None
         return float(chi2.sf(self.pearson_x2, self.df))
@@ -186,26 +181,20 @@ def fit_scores(
     levels: Array | None = None,
     penalty: str = "firth",
 ) -> Fit:
-    """Fit scores to votes.
+    """Fit scores to votes by maximum likelihood.
 
     Parameters
     ----------
-    votes : VotesTable
-        Every one of its items is fitted: leave out the others with `only_compared`.
-    ties : str
-        Key of `TIE_MODELS`.
-    order_effect : bool
-        Add the advantage of the item shown first.
-    levels : float64 (n, q), optional
-        The items' scores are `levels @ effects`.
-    penalty : str
-        The estimate where no maximum exists: `firth`, or `ridge`, which also stands in for the former with
-        Rao and Kupper's ties and with very many parameters.
+    votes : VotesTable; every one of its items is fitted, so leave out the others with `only_compared`
+    ties : key of `TIE_MODELS`
+    order_effect : add the advantage of the item shown first
+    levels : float64 (n, q), makes the items' scores `levels @ effects`
+    penalty : the estimate where no maximum exists: `firth`, or `ridge`, which also replaces Firth's with Rao and
+        Kupper's ties and with very many parameters
 
     Returns
     -------
-    Fit
-        With `status` for every way in which a maximum can fail to exist.
+    Fit, whose `status` names every way in which a maximum can fail to exist
 
     Raises
     ------
@@ -227,9 +216,15 @@ def fit_scores(
 def fit_counts(
     counts: PairCounts, items: tuple[str, ...], *, ties: str, levels: Array | None = None, penalty: str | None = "firth"
 ) -> Fit:
-    """Fit scores to counts that the model has `counted` already; as `fit_scores`, without participants.
+    """Fit scores to counts, as `fit_scores` does to votes; without participants.
 
-    Without a `penalty` there are no numbers where no maximum exists.
+    Parameters
+    ----------
+    counts : PairCounts, after `TieModel.counted`
+    items : names of the items
+    ties : key of `TIE_MODELS`
+    levels : float64 (n, q), makes the items' scores `levels @ effects`
+    penalty : the estimate where no maximum exists; None: no numbers then
     """
     has_tie = bool(TIE_MODELS[ties].parameter and counts.ties.any())
     design = Design(counts, TIE_MODELS[ties] if has_tie else WITHOUT_TIES, has_tie, levels)
@@ -255,7 +250,7 @@ def _named(existence: Existence, items: tuple[str, ...]) -> tuple[tuple[str, ...
 
 
 def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
-    """Return the status, and whether it was proved."""
+    """Return the status of the maximum, and whether it was proved."""
     n = counts.n_items
     if not design.n_parameters:
         return Existence("ok", (tuple(range(n)),)), True
@@ -278,7 +273,12 @@ def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
 
 
 def is_identified(design: Design, seen: NDArray[np.bool_] | None = None) -> bool:
-    """Whether the pairs (those `seen`, all by default) can tell the scores or effects and the order effect apart."""
+    """Do the pairs tell the scores (or effects) and the order effect apart?
+
+    Parameters
+    ----------
+    seen : bool (C,), the pairs that have votes; all by default
+    """
     if not design.n_parameters:
         return True
     effects = design.effects if seen is None else design.effects[np.flatnonzero(seen)]
@@ -298,17 +298,17 @@ def _maximum(fit: Fit, penalty: str | None, *, is_certain: bool) -> Fit:
     if not design.n_parameters:
         return _described(fit, np.zeros(0), 0)
     if _is_for_gradients(design):
-        found = maximise_many_items(design, *table)
+        maximum = maximise_many_items(design, *table)
     else:
-        found = maximise(design, *(part[None] for part in table))
-    if not found.converged[0]:
+        maximum = maximise(design, *(part[None] for part in table))
+    if not maximum.converged[0]:
         if not is_certain:
             return _penalised(replace(fit, status="separated"), penalty)
         raise ConvergenceError(
-            f"the scores of {len(fit.items)} items did not converge in {found.iterations} iterations "
+            f"the scores of {len(fit.items)} items did not converge in {maximum.iterations} iterations "
             "although a maximum exists"
         )
-    return _described(fit, found.theta[0], found.iterations)
+    return _described(fit, maximum.theta[0], maximum.iterations)
 
 
 def _is_for_gradients(design: Design) -> bool:
@@ -324,29 +324,29 @@ def _penalised(fit: Fit, penalty: str | None) -> Fit:
         return _described(replace(fit, penalty="firth"), theta, iterations)
     table = counts.wins, counts.losses, counts.ties
     if _is_for_gradients(design):
-        found = maximise_many_items(design, *table, ridge=RIDGE)
+        maximum = maximise_many_items(design, *table, ridge=RIDGE)
     else:
-        found = maximise(design, *(part[None] for part in table), search=Search(ridge=RIDGE))
-    return _described(replace(fit, penalty=f"ridge {RIDGE}"), found.theta[0], found.iterations)
+        maximum = maximise(design, *(part[None] for part in table), search=Search(ridge=RIDGE))
+    return _described(replace(fit, penalty=f"ridge {RIDGE}"), maximum.theta[0], maximum.iterations)
 
 
 def _described(fit: Fit, theta: Array, iterations: int) -> Fit:
-    """Add the parameters, with scores that sum to zero exactly."""
+    """Add the parameters, shifting scores to sum exactly to zero."""
     n = fit.design.n_effects
-    shift = theta[:n].mean() if fit.design.levels is None else 0.0  # of effects that are no scores, nothing
+    shift = theta[:n].mean() if fit.design.levels is None else 0.0  # effects of factors keep their zero
     return replace(fit, theta=np.r_[theta[:n] - shift, theta[n:]], iterations=iterations)
 
 
 def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
     """Return the covariance of the parameters with participants as the independent units.
 
-    The sandwich inverse information x sum of outer products of the participants' gradients x inverse information,
-    times J / (J - 1).
+    It is the sandwich: inverse information x sum of outer products of the participants' gradients x inverse
+    information, times J / (J - 1).
 
     Returns
     -------
-    covariance : float64 (P, P) or None
-        None with a single participant, without a covariance to start from, or if all participants voted alike.
+    covariance : float64 (P, P); None with a single participant, without a covariance to start from, or if all
+        participants voted alike
 
     Source
     ------
@@ -363,7 +363,7 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
 
 
 def participant_gradients(fit: Fit, votes: VotesTable) -> Array:
-    """Return each participant's part of the gradient at the maximum, float64 (J, P), for those who voted."""
+    """Return each participant's part of the gradient at the maximum, float64 (J, P), for participants with votes."""
     assert fit.theta is not None
     design, n = fit.design, fit.counts.n_items
     first, second, outcome = outcome_index(votes, is_ordered=design.has_order)
@@ -385,7 +385,7 @@ def participant_gradients(fit: Fit, votes: VotesTable) -> Array:
 
 
 def only_compared(votes: VotesTable) -> VotesTable:
-    """Return the table with the items that appear in it, and no others."""
+    """Return the table without the items that no row compares."""
     seen = np.zeros(len(votes.items), bool)
     seen[votes.item_a] = seen[votes.item_b] = True
     if seen.all():

@@ -1,4 +1,6 @@
-"""Charts of an analysis in Vega-Lite: readable in print, without colour, and by the colour-blind."""
+"""Draw the charts of an analysis in Vega-Lite: scores, preferences, residuals, triads, measures, response times. They
+stay readable in print, without colour, and for colour-blind readers.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +18,17 @@ PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#5
 INK, FAINT = "#222222", "#d9d9d9"
 FONT = "Liberation Sans, Arial, sans-serif"
 COLUMNS = 3  # panels in a row
-MOST_ITEMS_IN_A_MATRIX = 40
+MOST_ITEMS_IN_A_MATRIX = 40  # labels of more cannot be read
 MOST_PARTICIPANTS_IN_A_CHART = 80
 PNG_SCALE = 2.0
 
 
 def scores_chart(analysis: Mapping[str, Any], comparison: str = "all") -> Any:
-    """Draw the scores with their intervals, one panel per dataset, items ordered by their overall score.
+    """Draw the scores with their intervals, a panel per dataset, items ordered by their overall score.
 
     Returns
     -------
-    altair chart or None
-        None if no dataset has scores.
+    altair chart, or None if no dataset has scores
     """
     rows = [row for row in analysis["scores"] if row["comparison"] == comparison and row["score"] is not None]
     if not rows:
@@ -60,12 +61,11 @@ def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> An
 
 
 def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
-    """Draw the scores of the groups over all datasets beside each other, told apart by colour and shape.
+    """Draw the scores of groups of participants over all datasets, told apart by colour and shape.
 
     Returns
     -------
-    altair chart or None
-        None if no group has scores.
+    altair chart, or None if no group has scores
     """
     rows = [
         row
@@ -92,12 +92,11 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
 
 
 def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
-    """Draw how often the row's item was preferred to the column's, with the counts; ties count half for each.
+    """Draw how often the row's item was preferred to the column's, with the counts; a tie counts half for each.
 
     Returns
     -------
-    altair chart or None
-        None if there are no votes or too many items to read.
+    altair chart, or None if there are no votes or too many items to read
     """
     pairs = [row for row in analysis["pairs"] if row["comparison"] == "all" and row["dataset"] == dataset]
     scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
@@ -138,7 +137,7 @@ def _cells(row: Row) -> list[dict[str, Any]]:
 
 
 def residual_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
-    """Draw the standardised residuals of the pairs: where the model says too little or too much.
+    """Draw the standardised residuals of the pairs: where the model predicts too many or too few wins.
 
     Returns
     -------
@@ -188,7 +187,7 @@ def _residuals(row: Row) -> list[dict[str, Any]]:
 
 
 def triads_chart(analysis: Mapping[str, Any]) -> Any:
-    """Draw each participant's circular triads over all datasets, beside what random votes would give.
+    """Draw each participant's circular triads over all datasets beside the number that random votes would give.
 
     Returns
     -------
@@ -216,12 +215,11 @@ def triads_chart(analysis: Mapping[str, Any]) -> Any:
 
 
 def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
-    """Draw the scores with their intervals against an objective measure, a shape and a colour for each dataset.
+    """Draw the scores with their intervals against an objective measure; shape and colour tell datasets apart.
 
     Returns
     -------
-    altair chart or None
-        None if no item has both.
+    altair chart, or None if no item has both a score and a value
     """
     values = analysis["settings"]["measures"].get(measure, {})
     rows = [
@@ -243,22 +241,21 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
         y="score:Q", color=color, shape=alt.Shape("dataset:N", sort=names, scale=alt.Scale(domain=names))
     )
     overall = [row for row in analysis["measures"] if row["measure"] == measure][-1]
-    found = ", ".join(
+    correlations = ", ".join(
         f"{name} {overall[key]:.2f}".replace("-", "−")
         for name, key in (("Spearman", "spearman"), ("Pearson", "pearson"))
         if overall[key] is not None
     )
-    title = alt.TitleParams(f"Score against {measure}", subtitle=found or "too few points for a correlation")
+    title = alt.TitleParams(f"Score against {measure}", subtitle=correlations or "too few points for a correlation")
     return (bars + points).properties(width=380, height=280, title=title)
 
 
 def response_chart(analysis: Mapping[str, Any]) -> Any:
-    """Draw each participant's response times: the median, and how far down the fastest tenth reaches.
+    """Draw each participant's response times: the median, and a line down to the fastest tenth.
 
     Returns
     -------
-    altair chart or None
-        None if none were recorded.
+    altair chart, or None without recorded times or with too many participants
     """
     values = [row for row in analysis["observers"] if row["median_response_ms"] is not None]
     if not values or len(values) > MOST_PARTICIPANTS_IN_A_CHART:
@@ -288,7 +285,7 @@ def chart_pdf(chart: Any) -> bytes:
 
 
 def chart_vega(chart: Any) -> str:
-    """Return the chart as a Vega specification in JSON, for a browser to draw."""
+    """Return the chart as a Vega specification in JSON, which a browser draws."""
     return json.dumps(vl_convert.vegalite_to_vega(_spec(chart)))
 
 
@@ -313,7 +310,7 @@ def _spec(chart: Any) -> str:
 
 
 def _by_score(rows: Sequence[Row]) -> list[str]:
-    """Return the items from the best to the worst, by the pooled score where there is one."""
+    """Return the items from best to worst by the pooled score, or by the datasets' scores without one."""
     pooled = [row for row in rows if row["dataset"] == "all"] or rows
     known = sorted(pooled, key=lambda row: -(row["score"] if row["score"] is not None else 0))
     names = dict.fromkeys(row["item"] for row in known)

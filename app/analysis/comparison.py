@@ -1,4 +1,4 @@
-"""The comparisons of an analysis: which votes are fitted together, and the fit of each."""
+"""Select the votes of each comparison (all items, or one factor) and dataset, and fit the scores of each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Comparison:
-    """A model fitted to the votes of one comparison (`all`, or a factor) and one dataset (or `all`)."""
+    """A model fitted to the votes of a comparison (`all`, or a factor) on a dataset (or `all`)."""
 
     comparison: str
     dataset: str
@@ -31,9 +31,7 @@ class Comparison:
 
 
 def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Comparison]:
-    """Fit every comparison and dataset in turn; the replicates of a participant bootstrap are the same draws for all
-    of them.
-    """
+    """Fit every comparison on every dataset; bootstrap replicates draw the same participants in all of them."""
     weights = None
     if settings.bootstrap and votes.has_participants and len(votes):
         rng = np.random.default_rng(settings.seed)
@@ -59,13 +57,15 @@ def _compare(
 
 
 def fit_by(settings: AnalysisSettings, votes: VotesTable) -> Fit:
-    """Fit the items' scores as the settings say."""
+    """Fit the items' scores with the ties, order effect and penalty of the settings."""
     return fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
 
 
 def of_dataset(votes: VotesTable, dataset: str) -> VotesTable:
+    """Return the votes on a dataset, or all votes."""
     return votes if dataset == ALL else votes.where(votes.dataset == votes.datasets.index(dataset))
 
 
 def dataset_names(votes: VotesTable, settings: AnalysisSettings) -> tuple[str, ...]:
+    """Return the datasets to analyse, then `all`."""
     return (*(votes.datasets if settings.by_dataset and votes.has_datasets else ()), ALL)

@@ -1,5 +1,5 @@
-"""Which items differ: all pairwise contrasts of scores with one error rate, and letters that show the result at a
-glance.
+"""Find which items differ: all pairwise contrasts of scores, corrected by Holm's method, and letters that group items
+without significant difference.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ SIGNIFICANT = 0.05
 
 @dataclass(frozen=True)
 class Contrast:
-    """The difference of two scores.
+    """Difference of two scores.
 
     Parameters
     ----------
-    difference, se : float
-        Log-odds; the error is clustered by participant where they are known.
-    p_value, p_holm : float
-        Two-sided, by itself and corrected for all contrasts of this fit.
+    difference, se : log-odds; the error is clustered by participant where participants are known
+    p_value, p_holm : two-sided, uncorrected and corrected for all contrasts of this fit
     """
 
     item_a: str
@@ -50,23 +48,32 @@ class Differences(NamedTuple):
 
 
 def contrasts(fit: Fit) -> list[Contrast]:
-    """Compare every item with every other; empty without a finite maximum, without errors, or with too many items."""
+    """Compare every pair of items; empty without a finite maximum, without errors, or with too many items."""
     n = len(fit.items)
     has_errors = fit.participant_covariance is not None or (fit.n_participants is None and fit.covariance is not None)
     if fit.status != "ok" or n > MOST_ITEMS or not has_errors or fit.scores is None:
         return []
     first, second = np.triu_indices(n, 1)
-    found = differences(fit, first, second)
-    columns = (*(column.tolist() for column in found), holm(found.p_value).tolist())
+    compared = differences(fit, first, second)
+    columns = (*(column.tolist() for column in compared), holm(compared.p_value).tolist())
     names = [(fit.items[a], fit.items[b]) for a, b in zip(first, second, strict=True)]
     return [Contrast(a, b, *numbers) for (a, b), *numbers in zip(names, *columns, strict=True)]
 
 
 def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> Differences:
-    """Return the differences of the scores of pairs of items, for a fit that has errors.
+    """Return the differences of scores of pairs of items, for a fit that has errors.
 
-    A difference on which all participants voted alike has an error of zero by them, from which nothing follows about
-    other people: it is given the error from the information, and a p-value of 1.
+    If all participants voted alike on a pair, the clustered error is zero and says nothing about other people. Such
+    a difference gets the error from the information, and a p-value of 1.
+
+    Parameters
+    ----------
+    fit : Fit with scores and covariance
+    first, second : intp (K,), indices of the items
+
+    Returns
+    -------
+    Differences, each float64 (K,)
     """
     assert fit.scores is not None
     assert fit.covariance is not None
@@ -81,21 +88,32 @@ def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
 
 
 def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
-    """Return the variances of differences of parameters."""
-    own = np.diag(covariance)
-    return np.asarray(own[first] + own[second] - 2 * covariance[first, second])
+    """Return the variances of differences of parameters, float64 (K,)."""
+    variances = np.diag(covariance)
+    return np.asarray(variances[first] + variances[second] - 2 * covariance[first, second])
 
 
 def two_sided(ratio: Array, n_participants: int | None) -> Array:
-    """Return two-sided p-values of estimates in units of their errors, from t(J - 1) or the normal distribution."""
+    """Return two-sided p-values from t(J - 1), or from the normal distribution without participants.
+
+    Parameters
+    ----------
+    ratio : float64 (K,), estimates in units of their standard errors
+    """
     tail = norm.sf(np.abs(ratio)) if n_participants is None else student.sf(np.abs(ratio), n_participants - 1)
     return np.asarray(2 * tail)
 
 
 def holm(p_values: Array) -> Array:
-    """Return p-values corrected for their number.
+    """Correct p-values for their number.
 
-    Source: Holm (1979).
+    Parameters
+    ----------
+    p_values : float64 (K,)
+
+    Source
+    ------
+    Holm (1979).
     """
     order = np.argsort(p_values)
     stepped = np.maximum.accumulate(p_values[order] * np.arange(len(p_values), 0, -1))
@@ -104,23 +122,22 @@ def holm(p_values: Array) -> Array:
     return result
 
 
-def letters(items: Sequence[str], found: Sequence[Contrast], level: float = SIGNIFICANT) -> dict[str, str]:
-    """Return letters so that two items share one if and only if they do not differ significantly.
+def letters(items: Sequence[str], comparisons: Sequence[Contrast], level: float = SIGNIFICANT) -> dict[str, str]:
+    """Give out letters: two items share a letter if and only if they do not differ significantly.
 
     Parameters
     ----------
-    items : sequence of str
-        In the order in which letters are given out, the best first.
-    found : sequence of Contrast
-        Of all pairs.
+    items : in the order in which letters are given out, the best first
+    comparisons : contrasts of all pairs
+    level : significance level
 
     Source
     ------
-    Piepho (2004), insert and absorb: start with one group of all; every significant pair splits the groups that hold
-    both.
+    Piepho (2004), insert and absorb: start with one group of all items; every significant pair splits the groups that
+    hold both.
     """
     groups = [frozenset(items)]
-    for contrast in found:
+    for contrast in comparisons:
         if contrast.p_holm < level:
             apart = {contrast.item_a, contrast.item_b}
             split = [group - {item} if apart <= group else group for group in groups for item in apart]
@@ -131,7 +148,7 @@ def letters(items: Sequence[str], found: Sequence[Contrast], level: float = SIGN
 
 
 def _absorbed(groups: Sequence[frozenset[str]]) -> list[frozenset[str]]:
-    """Drop groups that are part of another."""
+    """Drop groups that are part of another group."""
     different = list(dict.fromkeys(groups))
     return [group for group in different if not any(group < other for other in different)]
 

@@ -1,4 +1,6 @@
-"""Do objective measures predict what people prefer? Every measure against the scores, over datasets and items."""
+"""Correlate objective measures with scores: linear, monotone and rank correlations, and the share of pairs in the right
+order, over datasets and items.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +19,20 @@ Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset
 ALL = "all"
 SIGNIFICANT = 0.05
 LEVEL = 0.95
-FEWEST = 3  # points; two always lie on a line
+FEWEST_POINTS = 3  # two always lie on a line
 
 
 @dataclass(frozen=True)
 class ScoreSet:
-    """The scores of one dataset.
+    """Scores of a dataset.
 
     Parameters
     ----------
-    items : tuple of str
-    scores : float64 (n,)
-    replicates : float64 (R, n)
-        Scores of the participant bootstrap, NaN in replicates without a maximum; R is 0 without a bootstrap.
-    different : list of (int, int)
-        Pairs of items, better one first, that differ significantly.
+    items : names
+    scores : float64 (n,), log-odds
+    replicates : float64 (R, n), log-odds, scores of the participant bootstrap, NaN in replicates without a maximum; R
+        is 0 without a bootstrap
+    different : pairs of indices of items, the better first, that differ significantly
     """
 
     items: tuple[str, ...]
@@ -43,41 +44,40 @@ class ScoreSet:
 def correlation_rows(
     by_dataset: Mapping[str, ScoreSet], measures: Measures, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Correlate every measure with the scores, in each dataset and over all.
+    """Correlate every measure with the scores, on each dataset and over all.
 
-    Scores say nothing across datasets, so over all of them both sides are taken relative to their dataset's mean.
+    Scores of different datasets have no common zero, so over all datasets both sides are taken relative to their
+    dataset's mean.
 
     Parameters
     ----------
-    by_dataset : mapping
-        Dataset -> scores; datasets and items without a value of the measure are left out, and counted.
-    measures : mapping
-        Measure -> dataset -> item -> value.
-    rng : Generator
-        Of the resampling of datasets; participants were drawn already.
+    by_dataset : dataset -> scores; datasets and items without a value of the measure are left out, and counted
+    measures : measure -> dataset -> item -> value
+    rng : Generator, for the resampling of datasets; participants were resampled before
 
     Returns
     -------
-    list of dict
-        `measure, dataset, n, n_missing, pearson, pearson_monotone, spearman, kendall, pairs_different,
-        pairs_correct`, and 95 % intervals of the correlations and of the last (`…_low, …_high`) from resampling
-        participants, over all datasets also datasets; None without replicates. A measure of which less is better has
-        negative correlations. Pairs count as correct in the direction of its rank correlation, which gives a measure
-        that says nothing somewhat more than one half.
+    list of dict, `measure, dataset, n, n_missing, pearson, pearson_monotone, spearman, kendall, pairs_different,
+    pairs_correct`, and 95 % intervals of the correlations and of `pairs_correct` (`…_low, …_high`) from resampling
+    participants, over all datasets also datasets; None without replicates. A measure of which less is better has
+    negative correlations. Pairs count as correct in the direction of the measure's rank correlation, so that an
+    uninformative measure gets slightly more than one half.
     """
     rows = []
     for measure, values in measures.items():
         parts = {name: part for name, part in _matched(by_dataset, values).items() if len(part[0]) >= 2}
-        missing = sum(len(one.items) for one in by_dataset.values()) - sum(len(part[0]) for part in parts.values())
-        found = [
+        missing = sum(len(score_set.items) for score_set in by_dataset.values()) - sum(
+            len(part[0]) for part in parts.values()
+        )
+        measure_rows = [
             {"measure": measure, "dataset": name, "n_missing": len(by_dataset[name].items) - len(part[0])}
             | _described([part], rng)
             for name, part in parts.items()
         ]
         if len(parts) > 1:
             together = list(parts.values())
-            found.append({"measure": measure, "dataset": ALL, "n_missing": missing} | _described(together, rng))
-        rows += found
+            measure_rows.append({"measure": measure, "dataset": ALL, "n_missing": missing} | _described(together, rng))
+        rows += measure_rows
     return rows
 
 
@@ -86,13 +86,13 @@ Part = tuple[Array, Array, Array, list[tuple[int, int]]]  # values, scores, repl
 
 def _matched(by_dataset: Mapping[str, ScoreSet], values: Mapping[str, Mapping[str, float]]) -> dict[str, Part]:
     parts = {}
-    for dataset, one in by_dataset.items():
+    for dataset, score_set in by_dataset.items():
         known = values.get(dataset, {})
-        there = [index for index, item in enumerate(one.items) if item in known]
+        there = [index for index, item in enumerate(score_set.items) if item in known]
         place = {index: new for new, index in enumerate(there)}
-        pairs = [(place[a], place[b]) for a, b in one.different if a in place and b in place]
-        value = np.array([known[one.items[index]] for index in there], float)
-        parts[dataset] = (value, one.scores[there], one.replicates[:, there], pairs)
+        pairs = [(place[a], place[b]) for a, b in score_set.different if a in place and b in place]
+        value = np.array([known[score_set.items[index]] for index in there], float)
+        parts[dataset] = (value, score_set.scores[there], score_set.replicates[:, there], pairs)
     return parts
 
 
@@ -102,7 +102,7 @@ def _described(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any
 
 
 def _association(parts: Sequence[tuple[Array, Array, list[tuple[int, int]]]]) -> dict[str, Any]:
-    """Return the correlations and the pairs in order, of values, scores and significantly different pairs."""
+    """Return the correlations and the share of pairs in order from values, scores and significantly different pairs."""
     values = np.concatenate([_centred(part[0]) for part in parts])
     scores = np.concatenate([_centred(part[1]) for part in parts])
     direction = defined(spearman, values, scores) or 0.0
@@ -117,61 +117,69 @@ def _association(parts: Sequence[tuple[Array, Array, list[tuple[int, int]]]]) ->
 
 
 def _centred(values: Array) -> Array:
-    """Values without their mean; equal ones are zero, and no rounding noise."""
+    """Subtract the mean; equal values become exactly zero, without rounding noise."""
     return np.zeros_like(values) if np.ptp(values) == 0 else values - values.mean()
 
 
 def defined(correlation: Callable[[Array, Array], float], values: Array, scores: Array) -> float | None:
-    if len(values) < FEWEST or np.ptp(values) == 0 or np.ptp(scores) == 0:
+    """Return a correlation; None for fewer than three points, or if either side is constant.
+
+    Parameters
+    ----------
+    correlation : function of values and scores
+    values : float64 (n,), of the measure
+    scores : float64 (n,), log-odds
+    """
+    if len(values) < FEWEST_POINTS or np.ptp(values) == 0 or np.ptp(scores) == 0:
         return None
     return correlation(values, scores)
 
 
 def pearson(values: Array, scores: Array) -> float:
-    """Return the linear correlation; each side is scaled first, so that squares of tiny differences do not vanish."""
+    """Return the linear correlation of float64 (n,) values; each side is scaled first, so squares of tiny differences
+    do not vanish.
+    """
     x, y = (part - part.mean() for part in (values, scores))
     x, y = x / np.abs(x).max(), y / np.abs(y).max()
     return float(x @ y / np.sqrt((x @ x) * (y @ y)))
 
 
 def spearman(values: Array, scores: Array) -> float:
-    """Return the correlation of the ranks."""
+    """Return the rank correlation of float64 (n,) values."""
     return pearson(rankdata(values), rankdata(scores))
 
 
 def kendall(values: Array, scores: Array) -> float:
-    """Return Kendall's tau-b."""
+    """Return Kendall's tau-b of float64 (n,) values."""
     return float(kendalltau(values, scores).statistic)
 
 
 def monotone_pearson(values: Array, scores: Array) -> float:
-    """Return the correlation of the scores with the best monotone function of the measure, with the sign of its
-    direction.
+    """Return the correlation of the scores with their best monotone function of the measure, both float64 (n,).
 
-    Never below the linear correlation in size; with few points it flatters, so it stands beside the others.
+    It has the sign of the function's direction and is never smaller in size than the linear correlation. With few
+    points it flatters the measure, so the report also gives the others.
     """
     sign = 1.0 if spearman(values, scores) >= 0 else -1.0
     _, place, times = np.unique(sign * values, return_inverse=True, return_counts=True)
-    means = np.bincount(place, scores) / times  # a function has one value for what measures alike
+    means = np.bincount(place, scores) / times  # items of equal measure get one value
     fitted = np.asarray(isotonic_regression(means, weights=times).x)[place]
     return 0.0 if np.ptp(fitted) == 0 else sign * pearson(fitted, scores)
 
 
 def _intervals(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, Any]:
-    """Return percentile intervals: participants drawn for the replicates' scores, datasets drawn here if there are
-    several.
-    """
-    found: dict[str, list[float]] = {name: [] for name in (*CORRELATIONS, "pairs_correct")}
+    """Return percentile intervals from the replicates' scores; with several datasets, these are resampled here."""
+    samples: dict[str, list[float]] = {name: [] for name in (*CORRELATIONS, "pairs_correct")}
     for replicate in range(min(len(part[2]) for part in parts)):
         chosen = [parts[index] for index in rng.integers(0, len(parts), len(parts))]
         drawn = [(values, replicates[replicate], pairs) for values, _, replicates, pairs in chosen]
         if not any(np.isnan(scores).any() for _, scores, _ in drawn):
             for name, value in _association(drawn).items():
-                if value is not None and name in found:
-                    found[name].append(value)
+                if value is not None and name in samples:
+                    samples[name].append(value)
     tail = (1 - LEVEL) / 2
     limits: dict[str, Any] = {}
-    for name, values in found.items():
+    for name, values in samples.items():
         low, high = np.quantile(values, [tail, 1 - tail]).tolist() if values else (None, None)
         limits |= {f"{name}_low": low, f"{name}_high": high}
     return limits

@@ -1,5 +1,5 @@
-"""Sufficient statistics: votes counted per pair of items, once, so that every fit afterwards costs the same for a
-hundred votes or millions.
+"""Count votes per pair of items, the sufficient statistics of every fit; afterwards a fit costs the same for a hundred
+votes as for millions.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from app.analysis.votes_table import VotesTable
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-DENSE_CODES = (
-    40_000_000  # above this many possible (outcome, first, second), sort the codes instead of counting into a table
-)
+DENSE_CODES = 40_000_000  # possible (outcome, first, second); above, codes are sorted instead of counted into a table
 
 
 @dataclass(frozen=True)
@@ -25,13 +23,10 @@ class PairCounts:
 
     Parameters
     ----------
-    n_items : int
-    first, second : int (C,)
-        The two items of each pair. Each unordered pair appears once, unless `is_ordered`.
-    wins, losses, ties : float64 (C,) or (B, C)
-        Votes for the first, for the second, and for neither; B tables of votes on the same pairs.
-    is_ordered : bool
-        Whether `first` was shown first, so that a pair can appear in both orders.
+    first, second : int (C,), the two items of each pair; each unordered pair appears once, unless `is_ordered`
+    wins, losses, ties : float64 (C,) or (B, C), votes for the first, for the second, and for neither; B tables of votes
+        on the same pairs
+    is_ordered : was `first` shown first? A pair can then appear in both orders
     """
 
     n_items: int
@@ -44,14 +39,14 @@ class PairCounts:
 
     @property
     def totals(self) -> Array:
-        """Votes on each pair, (…, C)."""
+        """Number of votes on each pair, float64 (…, C)."""
         return self.wins + self.losses + self.ties
 
 
 def outcome_index(votes: VotesTable, *, is_ordered: bool) -> tuple[Index, Index, Index]:
-    """Return first item, second item and outcome (0 first, 1 second, 2 neither) of each row.
+    """Return first item, second item and outcome (0 first, 1 second, 2 neither) of each row, each intp (N,).
 
-    With `is_ordered`, the first item is the one shown first (`item_a` where that was not recorded).
+    With `is_ordered`, the first item is the item shown first (`item_a` where that was not recorded).
     """
     first, second = votes.item_a.astype(np.intp), votes.item_b.astype(np.intp)
     outcome = votes.choice.astype(np.intp)
@@ -67,8 +62,7 @@ def count_pairs(votes: VotesTable, *, is_ordered: bool = False) -> PairCounts:
 
     Parameters
     ----------
-    is_ordered : bool
-        Count the two orders of showing apart, as an order effect needs.
+    is_ordered : count the two orders of showing separately, as an order effect needs
     """
     n = len(votes.items)
     if 3 * n * n <= DENSE_CODES:
@@ -82,7 +76,7 @@ def count_pairs(votes: VotesTable, *, is_ordered: bool = False) -> PairCounts:
 
 
 def _count_dense(votes: VotesTable, n: int, *, is_ordered: bool) -> Array:
-    """Return how often each outcome happened to (first, second), (3, n, n)."""
+    """Return how often each outcome happened to (first, second), float64 (3, n, n)."""
     if is_ordered:
         first, second, outcome = outcome_index(votes, is_ordered=True)
         code = (outcome * n + first) * n + second
@@ -98,7 +92,7 @@ def _count_dense(votes: VotesTable, n: int, *, is_ordered: bool) -> Array:
 
 
 def is_single(count: NDArray[np.int64]) -> bool:
-    """Whether every row stands for one vote; an array made by repeating one number is not looked through."""
+    """Does every row of `count`, int64 (N,), stand for one vote? A broadcast scalar is not read through."""
     seen = count[:1] if count.strides == (0,) else count
     return bool(seen.size and seen.min() == seen.max() == 1)
 

@@ -1,8 +1,8 @@
-"""Does a finite maximum of the likelihood exist, and is it unique? Asked before every fit.
+"""Check before every fit that the likelihood has a unique finite maximum.
 
 Ford's condition: every item must be reachable from every other along "was preferred to at least once"; a tie counts
-both ways. With a tie parameter, an order effect or factors, more directions can run away; then a linear programme
-looks for one.
+both ways. With a tie parameter, an order effect or factors, the likelihood can grow without end in more directions; a
+linear programme then looks for such a direction.
 """
 
 from __future__ import annotations
@@ -27,15 +27,13 @@ LARGEST_PROGRAMME = 200_000  # constraints times parameters; HiGHS takes about a
 
 @dataclass(frozen=True)
 class Existence:
-    """Whether there is a unique finite maximum.
+    """Result of the check for a unique finite maximum.
 
     Parameters
     ----------
-    status : str
-        `ok`, `separated` or `disconnected`.
-    groups : tuple of tuples of int
-        One group of all items if `ok`; islands without a vote between them if `disconnected`; if `separated`, groups
-        in descending order between which all votes, or all but ties, go one way.
+    status : `ok`, `separated` or `disconnected`
+    groups : indices of items: one group of all if `ok`; islands without a vote between them if `disconnected`; if
+        `separated`, groups in descending order between which all votes, or all but ties, go one way
     """
 
     status: str
@@ -43,9 +41,11 @@ class Existence:
 
 
 def ford(counts: PairCounts) -> Existence:
-    """Check Ford's condition on one table of counts.
+    """Check Ford's condition on a table of counts.
 
-    Source: Ford (1957), "Solution of a ranking problem from binary comparisons"; ties after Davidson (1970).
+    Source
+    ------
+    Ford (1957), "Solution of a ranking problem from binary comparisons"; ties after Davidson (1970).
     """
     n = counts.n_items
     if _is_strong_at_a_glance(counts):
@@ -62,7 +62,7 @@ def ford(counts: PairCounts) -> Existence:
 
 
 def _is_strong_at_a_glance(counts: PairCounts) -> bool:
-    """Whether a few steps along the votes lead from one item to all and back; False does not prove the contrary."""
+    """Do a few steps along the votes lead from one item to all others and back? False proves nothing."""
     n = counts.n_items
     if n > DENSE_ITEMS or n == 0:
         return False
@@ -94,7 +94,7 @@ def _groups(label: NDArray[np.int32], order: NDArray[np.intp]) -> tuple[tuple[in
 
 
 def _descending(graph: csr_array, label: NDArray[np.int32], n: int) -> NDArray[np.intp]:
-    """Order the strong components so that each comes before those that it beats (a topological order)."""
+    """Order the strong components topologically: each comes before the components that it beats."""
     edges = graph.tocoo()
     winner, beaten = label[edges.coords[0]], label[edges.coords[1]]
     between = winner != beaten
@@ -119,19 +119,15 @@ def recession(
 
     Parameters
     ----------
-    counts : PairCounts
-        One table.
-    effects, tie_effects : sparse (C, P)
-        Change of d and t of each pair with each parameter; no `tie_effects` for a model without ties.
-    n_scores : int
-        The first parameters, which only enter as differences.
+    counts : PairCounts of one table
+    effects, tie_effects : sparse (C, P), change of d and t of each pair with each parameter; no `tie_effects` for a
+        model without ties
+    n_scores : number of scores; these first parameters only enter as differences
 
     Returns
     -------
-    is_checked : bool
-        False if the programme would be too large.
-    direction : float64 (P,) or None
-        None if there is none: the maximum exists.
+    is_checked : False if the linear programme would be too large
+    direction : float64 (P,); None if there is none, so the maximum exists
 
     Source
     ------

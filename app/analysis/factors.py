@@ -1,7 +1,7 @@
-"""What makes an item good: each factor by itself, all factors together, and whether they act together.
+"""Test what makes an item good: each factor alone, all factors in an additive model, and their interaction.
 
-As in the paper, a factor is studied alone by the pairs that differ in nothing else. The additive model uses every
-pair and needs half to a third of the votes for the same precision; the interaction test says whether it may be trusted.
+A factor alone is studied on the pairs that differ in nothing else, as in the paper. The additive model uses every pair
+and needs half to a third of the votes for the same precision; the interaction test tells whether it holds.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Factors = Mapping[str, Mapping[str, str]]  # factor -> item -> level
 
 
 def check_factors(votes: VotesTable, factors: Factors) -> None:
-    """Raise if an item of the votes has no level.
+    """Raise if an item of the votes has no level of a factor.
 
     Raises
     ------
@@ -38,12 +38,26 @@ def check_factors(votes: VotesTable, factors: Factors) -> None:
 
 
 def level_names(factors: Factors, factor: str, items: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the levels of a factor among these items, in order of appearance."""
+    """Return the levels of a factor among these items, in order of appearance.
+
+    Parameters
+    ----------
+    factors : factor -> item -> level
+    factor : its name
+    items : names
+    """
     return tuple(dict.fromkeys(factors[factor][item] for item in items))
 
 
 def votes_on_factor(votes: VotesTable, factors: Factors, factor: str) -> VotesTable:
-    """Return the votes on pairs that differ in this factor and in no other, with its levels as the items."""
+    """Return the votes on pairs that differ in this factor and in no other; its levels become the items.
+
+    Parameters
+    ----------
+    votes : VotesTable of the items
+    factors : factor -> item -> level, all factors of the items
+    factor : the factor to keep
+    """
     codes = {name: _codes(votes, factors, name) for name in factors}
     differs = codes[factor][votes.item_a] != codes[factor][votes.item_b]
     for other in factors:
@@ -65,7 +79,9 @@ def _codes(votes: VotesTable, factors: Factors, factor: str) -> NDArray[np.int32
 
 @dataclass(frozen=True)
 class Effect:
-    """What one level of a factor adds to the score, in the additive model; the levels of a factor sum to zero."""
+    """Contribution of a factor's level to the score in the additive model, log-odds; the levels of a factor sum to
+    zero.
+    """
 
     dataset: str
     factor: str
@@ -78,19 +94,18 @@ class Effect:
 
 @dataclass(frozen=True)
 class ModelTest:
-    """A likelihood-ratio test, and the same hypothesis by a Wald test with errors clustered by participant.
+    """A likelihood-ratio test, and a Wald test of the same hypothesis with errors clustered by participant.
 
     Parameters
     ----------
-    name : str
-        `factor <name>`, `interaction`, `order effect`, `datasets differ` or `group <name>`.
-    model : str
-        What the hypothesis is about: `items` (a score for each), `additive`, or a factor alone.
-    g2, p_value : float
-    df : int
-    p_participant : float or None
-        With participants as the sample: Hotelling's, from F(df, J - df); for `datasets differ` and groups Rao and
-        Scott's correction of G2. None without enough participants.
+    name : `factor <name>`, `interaction`, `order effect`, `datasets differ` or `group <name>`
+    model : what the hypothesis is about: `items` (a score for each), `additive`, or a factor alone
+    dataset : name, or `all`
+    g2 : likelihood-ratio statistic
+    df : its degrees of freedom
+    p_value : of `g2`, with votes as the sample
+    p_participant : with participants as the sample: Hotelling's, from F(df, J - df); for `datasets differ` and groups
+        Rao and Scott's correction of G2; None without enough participants
     """
 
     name: str
@@ -107,10 +122,9 @@ def coding(factors: Factors, items: tuple[str, ...]) -> tuple[Array, list[tuple[
 
     Returns
     -------
-    levels : float64 (n, q)
-        +1 for the level of a column, -1 for the last level of its factor, 0 else.
-    columns : list of (factor, levels)
-        A factor with L levels has L - 1 columns; factors with a single level have none and are left out.
+    levels : float64 (n, q), +1 for the level of a column, -1 for the last level of its factor, 0 else
+    columns : factors and their levels; a factor with L levels has L - 1 columns, and a factor with a single level is
+        left out
     """
     parts, columns = [], []
     for factor in factors:
@@ -123,18 +137,31 @@ def coding(factors: Factors, items: tuple[str, ...]) -> tuple[Array, list[tuple[
 
 
 def fit_additive(votes: VotesTable, factors: Factors, *, ties: str, order_effect: bool) -> Fit | None:
-    """Fit the sum of the factors' effects as the items' scores; None if the factors do not tell the items apart at
-    all.
+    """Fit the items' scores as sums of the factors' effects; None if no factor has two levels.
+
+    Parameters
+    ----------
+    votes : VotesTable of compared items
+    factors : factor -> item -> level
+    ties : key of `TIE_MODELS`
+    order_effect : add the advantage of the item shown first
     """
     levels, columns = coding(factors, votes.items)
     return fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels) if columns else None
 
 
 def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
-    """Return the effect of every level with its errors."""
+    """Return the effect of every level with its standard errors.
+
+    Parameters
+    ----------
+    fit : Fit of the additive model
+    factors : factor -> item -> level, as fitted
+    dataset : name for the result
+    """
     if fit.theta is None or fit.covariance is None:
         return []
-    found, column = [], 0
+    effects, column = [], 0
     for factor, names in coding(factors, fit.items)[1]:
         size = len(names) - 1
         to_levels = np.zeros((len(names), len(fit.theta)))
@@ -146,35 +173,43 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
         if fit.participant_covariance is not None:
             clustered = np.sqrt(np.diag(to_levels @ fit.participant_covariance @ to_levels.T)).tolist()
         numbers = zip(names, values.tolist(), se.tolist(), clustered, strict=True)
-        found += [Effect(dataset, factor, *row, n_participants=fit.n_participants) for row in numbers]
+        effects += [Effect(dataset, factor, *row, n_participants=fit.n_participants) for row in numbers]
         column += size
-    return found
+    return effects
 
 
 def model_tests(votes: VotesTable, factors: Factors, dataset: str, *, ties: str, order_effect: bool) -> list[ModelTest]:
-    """Test each factor within the additive model, and the interaction: whether the additive model explains the items'
-    scores.
+    """Test each factor within the additive model, and the interaction: does the additive model explain the items'
+    scores?
+
+    Parameters
+    ----------
+    votes : VotesTable of compared items
+    factors : factor -> item -> level
+    dataset : name for the result
+    ties : key of `TIE_MODELS`
+    order_effect : add the advantage of the item shown first
     """
     full = fit_additive(votes, factors, ties=ties, order_effect=order_effect)
     if full is None or full.status != "ok":
         return []
-    found, column = [], 0
+    tests, column = [], 0
     for factor, names in coding(factors, votes.items)[1]:
         size = len(names) - 1
         others = {name: levels for name, levels in factors.items() if name != factor}
         levels = coding(others, votes.items)[0]
         restricted = fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels)
         picked = np.eye(len(full.theta if full.theta is not None else ()))[column : column + size]
-        found.append(likelihood_ratio(f"factor {factor}", "additive", dataset, full, restricted, picked))
+        tests.append(likelihood_ratio(f"factor {factor}", "additive", dataset, full, restricted, picked))
         column += size
     items = fit_scores(votes, ties=ties, order_effect=order_effect)
     if items.status == "ok" and items.design.n_free > full.design.n_free:
-        found.append(likelihood_ratio("interaction", "items", dataset, items, full, _beyond(items, full)))
-    return [test for test in found if test is not None]
+        tests.append(likelihood_ratio("interaction", "items", dataset, items, full, _beyond(items, full)))
+    return [test for test in tests if test is not None]
 
 
 def _beyond(items: Fit, additive: Fit) -> Array:
-    """Return directions of the items' scores (r, P) that no sum of the factors' effects reaches."""
+    """Return the directions of the items' scores, float64 (r, P), that no sum of factors' effects reaches."""
     assert additive.design.levels is not None
     n = len(items.items)
     reached = np.c_[additive.design.levels, np.ones(n)]
@@ -186,7 +221,14 @@ def _beyond(items: Fit, additive: Fit) -> Array:
 def likelihood_ratio(
     name: str, model: str, dataset: str, full: Fit, restricted: Fit, directions: Array
 ) -> ModelTest | None:
-    """Compare two nested fits; `directions` (r, P) of the full fit's parameters are zero in the restricted one."""
+    """Compare two nested fits; None unless both have a maximum.
+
+    Parameters
+    ----------
+    name, model, dataset : as in `ModelTest`
+    full, restricted : Fit, the restricted one nested in the full one
+    directions : float64 (r, P), directions of the full fit's parameters that are zero in the restricted fit
+    """
     if full.loglik is None or restricted.loglik is None or restricted.status != "ok" or full.theta is None:
         return None
     g2 = max(2 * (full.loglik - restricted.loglik), 0.0)
@@ -198,12 +240,18 @@ def likelihood_ratio(
 def wald_p_value(
     values: Array, directions: Array, covariance: Array | None, n_participants: int | None
 ) -> float | None:
-    """Return the p-value of all `values` (r,) being zero, by Hotelling's T2 with participants as the sample.
+    """Return the p-value of all `values` being zero, by Hotelling's T2 with participants as the sample.
+
+    Parameters
+    ----------
+    values : float64 (r,), log-odds
+    directions : float64 (r, P), the values as functions of the parameters
+    covariance : float64 (P, P), of the parameters, clustered by participant
+    n_participants : J
 
     Returns
     -------
-    float or None
-        None without participants, with no more of them than directions, or if they differ in too few ways.
+    float, or None without participants, with no more of them than directions, or if they differ in too few ways
     """
     r = len(values)
     if covariance is None or n_participants is None or n_participants <= r:
@@ -216,7 +264,13 @@ def wald_p_value(
 
 
 def order_test(fit: Fit, without: Fit, model: str, dataset: str) -> ModelTest | None:
-    """Test whether being shown first matters."""
+    """Test whether being shown first matters.
+
+    Parameters
+    ----------
+    fit, without : Fit with and without the order effect
+    model, dataset : as in `ModelTest`
+    """
     if fit.status != "ok":
         return None
     picked = np.eye(fit.design.n_parameters)[fit.design.n_effects : fit.design.n_effects + 1]

@@ -1,4 +1,4 @@
-"""Do groups of people prefer different things? Experienced or not, by age, by sex: any grouping of participants."""
+"""Compare the scores of groups of participants: by experience, age, sex, or any other grouping."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import VotesError, VotesTable
 
-Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; who is missing belongs to none
+Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; missing participants have none
 
 
 @dataclass(frozen=True)
 class GroupComparison:
-    """The groups of one grouping on one dataset (or all).
+    """The groups of a grouping on a dataset (or `all`).
 
     Parameters
     ----------
-    together : Fit
-        Of all votes by members of a group.
-    groups : dict
-        Group -> its votes and fit.
+    together : Fit to all votes by members of a group
+    groups : group -> its votes and fit
     """
 
     grouping: str
@@ -36,22 +34,22 @@ class GroupComparison:
 
     @property
     def test(self) -> ModelTest | None:
-        """Whether the groups share one set of scores."""
+        """Test whether the groups share one set of scores."""
         return parts_differ(f"group {self.grouping}", "items", self.dataset, self.together, list(self.groups.values()))
 
 
 def check_groups(votes: VotesTable, groupings: Groupings) -> None:
-    """Raise if a grouping cannot be one of these participants.
+    """Raise if a grouping does not apply to these participants.
 
     Raises
     ------
     VotesError
         Naming the grouping: participants are not recorded, or none of them belongs to a group.
     """
-    for grouping, of in groupings.items():
+    for grouping, group_by_participant in groupings.items():
         if not votes.has_participants:
             raise VotesError(f"the grouping {grouping!r} needs votes whose participants are recorded")
-        if not set(of).intersection(votes.participants):
+        if not set(group_by_participant).intersection(votes.participants):
             raise VotesError(
                 f"none of the {len(votes.participants)} participants, e.g. {votes.participants[0]!r}, has a value of "
                 f"the grouping {grouping!r}"
@@ -59,9 +57,16 @@ def check_groups(votes: VotesTable, groupings: Groupings) -> None:
 
 
 def compare_groups(votes: VotesTable, dataset: str, settings: AnalysisSettings) -> Iterator[GroupComparison]:
-    """Fit the scores of the groups of each grouping; groupings with a single group among these votes are left out."""
-    for grouping, of in settings.groups.items():
-        group = np.array([of.get(name, "") for name in votes.participants])[votes.participant]
+    """Fit the scores of the groups of each grouping; groupings with a single group among these votes are left out.
+
+    Parameters
+    ----------
+    votes : VotesTable of the dataset
+    dataset : name for the result
+    settings : the groupings, and how to fit
+    """
+    for grouping, group_by_participant in settings.groups.items():
+        group = np.array([group_by_participant.get(name, "") for name in votes.participants])[votes.participant]
         names = sorted(set(group.tolist()) - {""})
         if len(names) < 2:
             continue

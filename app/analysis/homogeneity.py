@@ -1,4 +1,4 @@
-"""Do parts of the votes share one set of parameters? Datasets beside each other, or groups of people."""
+"""Test whether parts of the votes (datasets, or groups of participants) share one set of scores."""
 
 from __future__ import annotations
 
@@ -31,16 +31,15 @@ def parts_differ(name: str, model: str, dataset: str, pooled: Fit, parts: Sequen
 
     Parameters
     ----------
-    pooled : Fit
-        Of all parts together.
-    parts : sequence of Part
-        Of the same model; one participant may be in several (datasets) or in one (groups of people).
+    name, model, dataset : as in `ModelTest`
+    pooled : Fit to all parts together
+    parts : votes and fit of each part, of the same model; a participant is in several (datasets) or in one (groups of
+        people)
 
     Returns
     -------
-    ModelTest or None
-        The likelihood-ratio test, and the same statistic corrected for participants as the sample; None unless every
-        fit has a maximum with the same parameters.
+    ModelTest, the likelihood-ratio test and its correction for participants as the sample; None unless every fit has a
+    maximum with the same parameters
     """
     fits = [pooled, *(part.fit for part in parts)]
     if len(parts) < 2 or any(fit.status != "ok" or not _are_alike(fit, pooled) for fit in fits):
@@ -55,14 +54,14 @@ def _are_alike(fit: Fit, other: Fit) -> bool:
 
 
 def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
-    """Return the p-value of a likelihood-ratio statistic when the votes of one person depend on each other.
+    """Return the p-value of a likelihood-ratio statistic when the votes of a person depend on each other.
 
-    Under the hypothesis G2 is a sum of chi-squares weighted by the eigenvalues of V0^-1 V, V0 being the covariance of
-    the differences between the parts from the information and V that from participants. The statistic and its degrees
-    of freedom are scaled to the first two moments of that sum, and compared with F, whose second degrees of freedom
-    come from the number of participants. Unlike Hotelling's test it needs no more participants than parameters.
+    Under the hypothesis, G2 is a sum of chi-squares weighted by the eigenvalues of V0^-1 V. V0 is the covariance of
+    the differences between the parts from the information, V from participants. The statistic and its degrees of
+    freedom are scaled to the first two moments of that sum and compared with F, whose second degrees of freedom come
+    from the number of participants. Unlike Hotelling's test this needs no more participants than parameters.
 
-    The second moment is estimated without the bias that few participants give it.
+    The second moment is estimated without the bias that few participants cause.
 
     Source
     ------
@@ -89,8 +88,10 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
 
 
 def _stacked(parts: Sequence[Part]) -> tuple[Array, Array]:
-    """Return what each participant contributes to the free parameters of all parts (J, D f), and these parameters'
-    covariance from the information (D f, D f).
+    """Return the participants' influence on the free parameters of all parts (J, D f), and the covariance (D f, D
+    f).
+
+    The covariance comes from the information; D is the number of parts, f that of a part's free parameters.
     """
     present = [[part.votes.participants[who] for who in np.unique(part.votes.participant)] for part in parts]
     place = {name: index for index, name in enumerate(dict.fromkeys(name for names in present for name in names))}
@@ -108,7 +109,7 @@ def _stacked(parts: Sequence[Part]) -> tuple[Array, Array]:
 
 
 def _free_directions(fit: Fit) -> Array:
-    """Return an orthonormal basis (f, P) of the parameters under the constraint that scores sum to zero."""
+    """Return an orthonormal basis (f, P) of the parameters whose scores sum to zero."""
     design = fit.design
     if design.levels is not None:
         return np.eye(design.n_parameters)
@@ -118,6 +119,6 @@ def _free_directions(fit: Fit) -> Array:
 
 
 def _differences(n_free: int, n_parts: int) -> Array:
-    """Return the map from all parts' parameters to the differences from the last part's, ((D - 1) f, D f)."""
+    """Return the map from all parts' parameters to differences from the last part, float64 ((D - 1) f, D f)."""
     from_last = np.concatenate([np.eye(n_parts - 1), -np.ones((n_parts - 1, 1))], axis=1)
     return np.kron(from_last, np.eye(n_free))

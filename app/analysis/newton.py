@@ -1,5 +1,5 @@
-"""Newton's method on the likelihood of paired comparisons, for one table of counts or thousands on the same pairs at
-once.
+"""Maximise the likelihood of paired comparisons by Newton's method: one table of counts, or thousands on the same pairs
+together.
 """
 
 from __future__ import annotations
@@ -18,28 +18,26 @@ Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 100
 LARGEST_STEP = 3.0  # log-odds of any pair; keeps the exponentials finite while far from the maximum
-OVERSHOT = 0.9  # share of the old slope that may be left behind the maximum before a step is halved
-IN_CACHE = 100000  # pairs times tables that are worked on together: a few arrays of this size stay in the cache
+OVERSHOT = 0.9  # share of the old slope that a step may leave behind the maximum before it is halved
+IN_CACHE = 100_000  # pairs times tables computed together: a few arrays of this size stay in the cache
 SMALL_MAP = 50_000  # entries up to which a matrix product beats scattering into matrices
-UNROLLED = 16  # parameters up to which systems are solved side by side, element by element
+UNROLLED = 16  # parameters up to which all tables' systems are solved together, element by element
 
 
 @dataclass(frozen=True)
 class Design:
-    """How the parameters make the two numbers d and t of each pair.
+    """Linear map from the parameters to the two numbers d and t of each pair.
 
     The parameters are: scores of the items (or effects of the factors), then the order effect, then the tie
     parameter, each if present.
 
     Parameters
     ----------
-    counts : PairCounts
-        The pairs; their counts are not used.
+    counts : PairCounts, the pairs; their counts are not used
     model : TieModel
-    has_tie : bool
-        False where the data have no tie: the tie parameter is then at its limit and is left out.
-    levels : float64 (n, q), optional
-        The items' scores are `levels @ effects`; without it, every item has a score and their sum is zero.
+    has_tie : False where the data have no tie: the tie parameter is then at its limit and is left out
+    levels : float64 (n, q), makes the items' scores `levels @ effects`; without it, every item has a score and scores
+        sum to zero
     """
 
     counts: PairCounts
@@ -54,22 +52,22 @@ class Design:
 
     @property
     def has_order(self) -> bool:
-        """Whether there is an order effect."""
+        """Is there an order effect?"""
         return self.counts.is_ordered
 
     @property
     def n_parameters(self) -> int:
-        """Number of parameters, the sum-to-zero constraint not subtracted."""
+        """Number of parameters, before the sum-to-zero constraint."""
         return self.n_effects + self.has_order + self.has_tie
 
     @property
     def n_free(self) -> int:
-        """Number of free parameters."""
+        """Number of free parameters, after the sum-to-zero constraint."""
         return self.n_parameters - (self.levels is None)
 
     @cached_property
     def incidence(self) -> csr_array:
-        """+1 for the first item of each pair and -1 for the second, sparse (C, n)."""
+        """Sparse (C, n): +1 for the first item of each pair and -1 for the second."""
         n_pairs = len(self.counts.first)
         rows = np.repeat(np.arange(n_pairs), 2)
         columns = np.stack([self.counts.first, self.counts.second], axis=1).ravel()
@@ -77,7 +75,7 @@ class Design:
 
     @cached_property
     def effects(self) -> csr_array:
-        """Change of d with each parameter, sparse (C, P)."""
+        """Sparse (C, P): change of d with each parameter."""
         n_pairs = len(self.counts.first)
         scores = self.incidence if self.levels is None else csr_array(self.incidence @ self.levels)
         parts = [scores, csr_array(np.ones((n_pairs, int(self.has_order)))), csr_array((n_pairs, int(self.has_tie)))]
@@ -85,14 +83,14 @@ class Design:
 
     @cached_property
     def tie_effects(self) -> csr_array:
-        """Change of t with each parameter, sparse (C, P)."""
+        """Sparse (C, P): change of t with each parameter."""
         n_pairs = len(self.counts.first)
         order = csr_array(np.full((n_pairs, int(self.has_order)), self.model.order_in_t))
         parts = [csr_array((n_pairs, self.n_effects)), order, csr_array(np.ones((n_pairs, int(self.has_tie))))]
         return csr_array(hstack(parts))
 
     def predictors(self, theta: Array) -> tuple[Array, Array]:
-        """Return d (B, C) and t (B, C) or (B, 1) at parameters (B, P)."""
+        """Return d, float64 (B, C), and t, (B, C) or (B, 1), at parameters (B, P)."""
         q = self.n_effects
         scores = theta[:, :q] if self.levels is None else theta[:, :q] @ self.levels.T
         d = scores[:, self.counts.first] - scores[:, self.counts.second]
@@ -103,7 +101,7 @@ class Design:
         return d, t
 
     def gradient(self, by_pair: Derivatives) -> Array:
-        """Return the gradient in the parameters, (B, P)."""
+        """Return the gradient in the parameters, float64 (B, P)."""
         scores = self._by_item(by_pair.d)
         parts = [scores if self.levels is None else scores @ self.levels]
         if self.has_order:
@@ -113,7 +111,7 @@ class Design:
         return np.concatenate(parts, axis=1)
 
     def information(self, by_pair: Derivatives) -> Array:
-        """Return the negative Hessian in the parameters, (B, P, P)."""
+        """Return the negative Hessian in the parameters, float64 (B, P, P)."""
         q, in_t = self.n_effects, self.model.order_in_t
         n_tables = len(by_pair.dd)
         result = np.zeros((n_tables, self.n_parameters, self.n_parameters))
@@ -121,22 +119,22 @@ class Design:
         result[:, :q, :q] = scores if self.levels is None else self.levels.T @ scores @ self.levels
         borders = []
         if self.has_order:
-            own = (by_pair.dd + 2 * in_t * by_pair.dt + in_t**2 * by_pair.tt).sum(axis=1)
-            borders.append((by_pair.dd + in_t * by_pair.dt, own))
+            corner = (by_pair.dd + 2 * in_t * by_pair.dt + in_t**2 * by_pair.tt).sum(axis=1)
+            borders.append((by_pair.dd + in_t * by_pair.dt, corner))
         if self.has_tie:
             borders.append((by_pair.dt, by_pair.tt.sum(axis=1)))
-        for column, (with_d, own) in enumerate(borders, start=q):
+        for column, (with_d, corner) in enumerate(borders, start=q):
             with_scores = self._by_item(with_d)
             with_scores = with_scores if self.levels is None else with_scores @ self.levels
             result[:, :q, column] = result[:, column, :q] = with_scores
-            result[:, column, column] = own
+            result[:, column, column] = corner
         if len(borders) == 2:
             result[:, q, q + 1] = result[:, q + 1, q] = (by_pair.dt + in_t * by_pair.tt).sum(axis=1)
         return result
 
     @cached_property
     def _small_maps(self) -> tuple[Array, Array] | None:
-        """Maps from pairs to items (C, n) and to flattened Laplacians (C, n * n), None where scattering is cheaper."""
+        """Maps from pairs to items (C, n) and to flattened Laplacians (C, n * n); None where scattering is cheaper."""
         n_pairs, n = len(self.counts.first), self.counts.n_items
         if n_pairs * n * n > SMALL_MAP:
             return None
@@ -144,7 +142,7 @@ class Design:
         return signs, (signs[:, :, None] * signs[:, None, :]).reshape(n_pairs, n * n)
 
     def _by_item(self, by_pair: Array) -> Array:
-        """Add values of pairs (B, C) to their first items and take them from their second, (B, n)."""
+        """Add values of pairs (B, C) to their first items and subtract them from their second, (B, n)."""
         if self._small_maps is not None:
             return np.asarray(by_pair @ self._small_maps[0])
         matrices = self._spread(by_pair)
@@ -152,7 +150,7 @@ class Design:
         return result
 
     def _laplacian(self, by_pair: Array) -> Array:
-        """Return matrices (B, n, n) with the pairs' weights, negative, off the diagonal and rows that sum to zero."""
+        """Return matrices (B, n, n): minus the pairs' weights off the diagonal, rows that sum to zero."""
         n = self.counts.n_items
         if self._small_maps is not None:
             return np.asarray(by_pair @ self._small_maps[1]).reshape(-1, n, n)
@@ -170,10 +168,9 @@ class Design:
         return matrices
 
     def regular(self, information: Array) -> Array:
-        """Return the information made invertible: a shift of all scores, which changes no probability, is given a
-        weight.
+        """Return the information (B, P, P) made invertible by a weight on the common shift of all scores.
 
-        The weight has no influence on a Newton step, whose scores sum to zero.
+        The shift changes no probability, and Newton steps, whose scores sum to zero, do not depend on the weight.
         """
         if self.levels is not None:
             return information
@@ -184,7 +181,7 @@ class Design:
         return result
 
     def log_determinant(self, information: Array) -> float:
-        """Return the logarithm of the determinant of the information (P, P), the shift of all scores left out."""
+        """Return the logarithm of the determinant of the information (P, P), without the common shift of the scores."""
         regular = self.regular(information[None])[0]
         logarithm = float(np.linalg.slogdet(regular)[1])
         if self.levels is not None:
@@ -192,7 +189,7 @@ class Design:
         return logarithm - float(np.log(np.trace(information[: self.n_effects, : self.n_effects]) / self.n_effects))
 
     def covariance(self, information: Array) -> Array:
-        """Return the inverse of the information (P, P) under the constraint that the scores sum to zero."""
+        """Return the inverse of the information, float64 (P, P), under the constraint that the scores sum to zero."""
         regular = self.regular(information[None])[0]
         inverse: Array = np.linalg.inv(regular)
         if self.levels is None:
@@ -204,16 +201,13 @@ class Design:
 
 @dataclass(frozen=True)
 class Search:
-    """How a maximum is looked for.
+    """Settings of the search for a maximum.
 
     Parameters
     ----------
-    tolerance : float
-        Largest change of a parameter in the last step; the error left is of the order of its square.
-    runaway : float
-        Tables with a parameter beyond this are given up.
-    ridge : float
-        Penalty ridge / 2 * sum of squared parameters, which makes a maximum exist where there is none.
+    tolerance : largest change of a parameter in the last step; the remaining error is of the order of its square
+    runaway : tables with a parameter beyond this are abandoned
+    ridge : penalty ridge / 2 * sum of squared parameters, which makes a maximum exist where there is none
     """
 
     tolerance: float = 1e-8
@@ -227,10 +221,9 @@ class Maximum:
 
     Parameters
     ----------
-    theta : float64 (B, P)
+    theta : float64 (B, P), log-odds
     converged : bool (B,)
-    iterations : int
-        Of the slowest table.
+    iterations : of the slowest table
     """
 
     theta: Array
@@ -251,17 +244,15 @@ def maximise(
 
     Parameters
     ----------
-    wins, losses, ties : float32 or float64 (B, C)
-        As the model counts them, see `TieModel.counted`.
-    start : float64 (P,), optional
-        Where to start; without it, equal scores and the overall share of ties.
-    search : Search, optional
+    design : Design of the pairs
+    wins, losses, ties : float32 or float64 (B, C), votes after `TieModel.counted`
+    start : float64 (P,), start parameters; by default equal scores and the overall share of ties
+    search : tolerance, limits and penalty
 
     Returns
     -------
-    Maximum
-        Tables that do not converge have no finite maximum, or none within `MAX_ITERATIONS`; they are marked, not
-        dropped.
+    Maximum; a table that did not converge has no finite maximum, or needs more than `MAX_ITERATIONS`; it is marked, not
+    dropped
     """
     start = start_parameters(design, wins, losses, ties) if start is None else start
     size = max(1, IN_CACHE // max(1, wins.shape[1]))
@@ -281,7 +272,7 @@ def maximise(
 def _maximise_together(
     design: Design, wins: Array, losses: Array, ties: Array, start: Array, search: Search
 ) -> Maximum:
-    """Take Newton steps on all tables at once until each has converged or been given up."""
+    """Take Newton steps on all tables together until each has converged or is abandoned."""
     n_tables = len(wins)
     theta = np.tile(start, (n_tables, 1))
     result, converged = theta.copy(), np.zeros(n_tables, bool)
@@ -312,7 +303,13 @@ def _maximise_together(
 
 
 def start_parameters(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return equal scores and the tie parameter of the overall share of ties, (P,)."""
+    """Return equal scores and the tie parameter of the overall share of ties, float64 (P,).
+
+    Parameters
+    ----------
+    design : Design of the pairs
+    wins, losses, ties : float64 (…, C), votes
+    """
     theta = np.zeros(design.n_parameters)
     if design.has_tie:
         share = np.clip(ties.sum() / (wins + losses + ties).sum(), 0.01, 0.95)
@@ -323,7 +320,14 @@ def start_parameters(design: Design, wins: Array, losses: Array, ties: Array) ->
 
 
 def shorten(design: Design, theta: Array, newton: Array) -> Array:
-    """Shorten steps (B, P) that change a pair too much, and those that would make a threshold negative."""
+    """Shorten steps that change a pair too much, and steps that would make a tie threshold negative.
+
+    Parameters
+    ----------
+    design : Design of the pairs
+    theta : float64 (B, P), where the steps start
+    newton : float64 (B, P), the steps
+    """
     longest = np.abs(newton).max(axis=1)
     if (longest > LARGEST_STEP).any():
         d, t = design.predictors(newton)
@@ -337,10 +341,10 @@ def shorten(design: Design, theta: Array, newton: Array) -> Array:
 
 
 def solve(matrices: Array, right: Array) -> Array:
-    """Solve symmetric positive definite systems, (B, P, P) and (B, P) to (B, P).
+    """Solve symmetric positive definite systems, float64 (B, P, P) and (B, P) to (B, P).
 
-    Small systems are eliminated side by side, with the tables along the last axis: five times faster than LAPACK one
-    by one.
+    Small systems are eliminated together, with the tables along the last axis: five times faster than LAPACK called
+    for each.
     """
     n_tables, n = right.shape
     if n > UNROLLED or n_tables < 8:

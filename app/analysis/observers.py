@@ -1,7 +1,7 @@
-"""Screening of participants: what is unusual about somebody's votes.
+"""Screen participants: flag what is unusual about their votes.
 
-Flags inform a decision of the experimenter; they exclude nobody. Circular triads alone are a bad reason: where
-stimuli look alike, honest judges contradict themselves.
+Flags inform the experimenter's decision; they exclude nobody. Circular triads alone are a bad reason: where stimuli
+look alike, honest judges contradict themselves.
 """
 
 from __future__ import annotations
@@ -23,49 +23,46 @@ from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
-TELLING = 0.05  # p-value that a consistent participant's triads must be able to reach before any are held against them
-CHANCE = 0.5  # pooled p-value of the triads above which there are as many contradictions as random votes have
-BIASED = 0.05  # corrected p-value of a side or order bias below which it is flagged
-EXACT_VOTES = 500  # of a participant up to which a bias is tested exactly; four votes for one side are not unusual
+TELLING = 0.05  # p-value that triads without contradiction must reach before contradictions are flagged
+CHANCE = 0.5  # pooled p-value of the triads above which votes contradict each other as often as random ones
+BIASED = 0.05  # corrected p-value below which a side or order bias is flagged
+EXACT_VOTES = 500  # up to which a bias is tested exactly; the normal approximation flags four votes for one side
 FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likelihood outliers
 FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
-FEWEST_VOTES = 10  # of a participant before rates and times are compared; a tie rate then has a standard error of 0.13
+FEWEST_VOTES = 10  # votes before rates and times are compared; a tie rate then has a standard error of 0.13
 MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
-FASTEST_MS = 500.0  # a choice between two videos in less than half a second was not looked at
+FASTEST_MS = 500.0  # nobody judges two videos in less than half a second
 
 
 def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -> list[dict[str, Any]]:
-    """Return one row per participant, with numbers and flags.
+    """Return a row per participant, with numbers and flags.
 
     Parameters
     ----------
-    votes : VotesTable
-        The votes analysed.
-    screened : sequence of Triads
-        Of the same votes.
-    ties : str
-        Key of `TIE_MODELS`, for the likelihood of each participant's votes under the others' scores.
+    votes : VotesTable, the votes analysed
+    screened : the circular triads of the same votes
+    ties : key of `TIE_MODELS`, for the likelihood of each participant's votes under the others' scores
     """
     if not votes.has_participants or not len(votes):
         return []
     present = np.unique(votes.participant)
-    own = {int(index): votes.where(votes.participant == index) for index in present}
+    by_participant = {int(index): votes.where(votes.participant == index) for index in present}
     p_a = _preferred_by_all(votes, ties)
     by_name: dict[str, list[Triads]] = {}
     for triad in screened:
         by_name.setdefault(triad.participant, []).append(triad)
     rows = [
         _measures(votes.participants[index], part, p_a[votes.participant == index], by_name)
-        for index, part in own.items()
+        for index, part in by_participant.items()
     ]
-    for row, value in zip(rows, _left_out_likelihoods(votes, own, ties), strict=True):
+    for row, value in zip(rows, _left_out_likelihoods(votes, by_participant, ties), strict=True):
         row["loglik_per_vote_left_out"] = value
     _flag(rows)
     return rows
 
 
 def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
-    """Return the probability that each row's `item_a` is preferred, given a preference and everybody's scores, (N,)."""
+    """Return P(row's `item_a` is preferred), given a preference and everybody's scores, float64 (N,)."""
     p_a = np.full(len(votes), 0.5)
     for dataset in range(len(votes.datasets)):
         rows = votes.dataset == dataset
@@ -77,7 +74,7 @@ def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
 
 
 def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
-    """Fit scores only; None where even a penalised estimate does not converge."""
+    """Fit scores without clustered errors; None where even a penalised estimate does not converge."""
     try:
         return fit_scores(replace(votes, participants=("",)), ties=ties)
     except (ConvergenceError, RuntimeError):
@@ -85,7 +82,7 @@ def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
 
 
 def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str, list[Triads]]) -> dict[str, Any]:
-    own = by_name.get(participant, [])
+    triads = by_name.get(participant, [])
     n = votes.n_votes
     decided = votes.choice <= B
     told = decided & (votes.first_shown >= 0)
@@ -95,7 +92,7 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
     consistent, repeated = _repeats(votes)
     return {
         "participant": participant,
-        "flags": ["no more consistent than chance"] if _is_like_chance(own) else [],
+        "flags": ["no more consistent than chance"] if _is_like_chance(triads) else [],
         "n_votes": n,
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
         "side_a_rate": side[0],
@@ -108,24 +105,25 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
         "repeats_consistent": consistent,
         "median_response_ms": _quantile(votes.response_ms, 0.5),
         "fastest_decile_ms": _quantile(votes.response_ms, 0.1),
-        "circular": sum(triad.circular for triad in own),
-        "circular_p_value": pooled_p_value(own),
+        "circular": sum(triad.circular for triad in triads),
+        "circular_p_value": pooled_p_value(triads),
     }
 
 
-def _is_like_chance(own: Sequence[Triads]) -> bool:
-    """Whether triads contradict each other as often as random votes, where there are enough of them to tell.
+def _is_like_chance(triads: Sequence[Triads]) -> bool:
+    """Do the triads contradict each other as often as random votes, with enough triads to tell?
 
-    Six items take all 15 votes on one dataset, five items 20 on two, four items 24 on four, three items 33 on eleven.
+    Enough are all 15 pairs of six items on one dataset, 20 pairs of five items on two, 24 of four items on four, or
+    33 of three items on eleven.
     """
-    p_value = pooled_p_value(own)
-    return p_value is not None and p_value > CHANCE and smallest_p_value(own) <= TELLING
+    p_value = pooled_p_value(triads)
+    return p_value is not None and p_value > CHANCE and smallest_p_value(triads) <= TELLING
 
 
 def _bias(
     chosen: NDArray[np.bool_], chance: Array, count: NDArray[np.int64]
 ) -> tuple[float | None, float | None, float | None]:
-    """Return how often one side was chosen, how often everybody's scores would have it, and the p-value of the
+    """Return how often one side was chosen, how often everybody's scores predict it, and the p-value of the
     difference.
 
     Without the scores, a design that always puts the better item on the same side would look like a bias.
@@ -138,7 +136,7 @@ def _bias(
 
 
 def _two_sided(observed: int, chance: Array) -> float:
-    """Return the p-value of so many successes, each with its own chance: twice the smaller tail, and 1 at most."""
+    """Return the p-value of a number of successes, each with its own chance: twice the smaller tail, at most 1."""
     if len(chance) > EXACT_VOTES:
         deviation = float(np.sqrt(np.sum(chance * (1 - chance))))
         return float(2 * norm.sf(abs(observed - chance.sum()) / deviation))
@@ -154,7 +152,7 @@ def _quantile(values: Array, share: float) -> float | None:
 
 
 def _repeats(votes: VotesTable) -> tuple[int, int]:
-    """Return how many pairs were judged the same way every time, and how many were judged more than once."""
+    """Count the pairs judged the same way every time, and the pairs judged more than once."""
     low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
     turned = np.where(votes.choice == NONE, 2, (votes.choice == A) == (votes.item_a == low))
     key = (votes.dataset.astype(np.int64) * len(votes.items) + low) * len(votes.items) + high
@@ -165,29 +163,29 @@ def _repeats(votes: VotesTable) -> tuple[int, int]:
     return int((kinds.sum(axis=1)[repeated] == 1).sum()), int(repeated.sum())
 
 
-def _left_out_likelihoods(votes: VotesTable, own: dict[int, VotesTable], ties: str) -> list[float | None]:
+def _left_out_likelihoods(votes: VotesTable, by_participant: dict[int, VotesTable], ties: str) -> list[float | None]:
     """Return each participant's mean log-likelihood per vote under the scores of all others.
 
-    Datasets are fitted one by one; where the others' votes have no maximum, the penalised estimate is taken.
+    Each dataset is fitted alone; the penalised estimate replaces a maximum that does not exist.
     """
-    if len(own) < 2 or len(own) * len(votes.items) > MOST_REFITS:
-        return [None] * len(own)
-    total = dict.fromkeys(own, 0.0)
-    known = dict.fromkeys(own, 0)
+    if len(by_participant) < 2 or len(by_participant) * len(votes.items) > MOST_REFITS:
+        return [None] * len(by_participant)
+    total = dict.fromkeys(by_participant, 0.0)
+    known = dict.fromkeys(by_participant, 0)
     for dataset in range(len(votes.datasets)):
         of_dataset = votes.where(votes.dataset == dataset)
-        for index in own:
-            mine = of_dataset.where(of_dataset.participant == index)
+        for index in by_participant:
+            votes_left_out = of_dataset.where(of_dataset.participant == index)
             others = of_dataset.where(of_dataset.participant != index)
-            if len(mine) and len(others):
-                loglik, n = _loglik_under(others, mine, ties)
+            if len(votes_left_out) and len(others):
+                loglik, n = _loglik_under(others, votes_left_out, ties)
                 total[index] += loglik
                 known[index] += n
-    return [total[index] / known[index] if known[index] else None for index in own]
+    return [total[index] / known[index] if known[index] else None for index in by_participant]
 
 
 def _loglik_under(others: VotesTable, mine: VotesTable, ties: str) -> tuple[float, int]:
-    """Return the log-likelihood of `mine` under the scores of `others`, and the votes that could be judged."""
+    """Return the log-likelihood of `mine` under the scores of `others`, and the number of votes it covers."""
     compared = only_compared(others)
     fit = _fit_without_participants(compared, ties)
     if fit is None or fit.theta is None:
@@ -228,7 +226,7 @@ def _flag_small(rows: list[dict[str, Any]], name: str, flag: str) -> None:
 
 
 def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, high: str | None) -> None:
-    """Flag values beyond the quartiles by more than one and a half times their distance."""
+    """Flag values beyond Tukey's fences, one and a half interquartile ranges outside the quartiles."""
     known = [row for row in rows if _is_known(row, name)]
     if len(known) < FEWEST_FOR_FENCES:
         return
@@ -242,5 +240,5 @@ def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, hig
 
 
 def _is_known(row: dict[str, Any], name: str) -> bool:
-    """Whether a participant has a value that comes from votes enough."""
+    """Does the participant have a value from at least `FEWEST_VOTES` votes?"""
     return row[name] is not None and row["n_votes"] >= FEWEST_VOTES

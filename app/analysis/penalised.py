@@ -1,4 +1,4 @@
-"""Estimates that exist where the maximum does not: Firth's correction of the first-order bias."""
+"""Estimate scores where no maximum exists: Firth's correction of the first-order bias."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Array = NDArray[np.float64]
 
 PENALTIES = ("firth", "ridge")
 TOLERANCE = 1e-10
-ROUNDING = 1e-12  # a value lower by less than this share is no lower
+ROUNDING = 1e-12  # relative; smaller decreases are rounding
 MAX_ITERATIONS = 1000  # the scoring steps converge linearly
 
 
 def maximise_firth(design: Design, counts: PairCounts) -> tuple[Array, int]:
-    """Maximise the likelihood times the root of the information's determinant (Jeffreys' prior).
+    """Maximise the likelihood times the square root of the information's determinant (Jeffreys' prior).
 
     Returns
     -------
-    theta : float64 (P,)
+    theta : float64 (P,), log-odds
     iterations : int
 
     Raises
@@ -56,7 +56,7 @@ def maximise_firth(design: Design, counts: PairCounts) -> tuple[Array, int]:
 def _evaluate(design: Design, counts: PairCounts, theta: Array) -> tuple[float, Array]:
     """Return the penalised log-likelihood and the next step (P,).
 
-    The step is Newton's for votes augmented by the pairs' leverages, as which Firth's correction acts; on the
+    The step is Newton's for votes augmented by the pairs' leverages, which is how Firth's correction acts. On the
     information of the votes alone it would be up to twice too long.
     """
     table = counts.wins[None], counts.losses[None], counts.ties[None]
@@ -73,9 +73,10 @@ def _evaluate(design: Design, counts: PairCounts, theta: Array) -> tuple[float, 
 
 
 def _spread(design: Design, covariance: Array) -> Array:
-    """Return the covariance of d and t of each pair, (2, 2, C)."""
+    """Return the covariance of d and t of each pair, float64 (2, 2, C)."""
     effects = [design.effects, design.tie_effects]
-    return np.stack([[one.multiply((covariance @ other.T).T).sum(axis=1) for other in effects] for one in effects])
+    rows = [[left.multiply((covariance @ right.T).T).sum(axis=1) for right in effects] for left in effects]
+    return np.stack(rows)
 
 
 def _correction(design: Design, counts: PairCounts, spread: Array, d: Array, t: Array) -> Array:

@@ -1,6 +1,4 @@
-"""How many participants does a study need? Power and detectable differences by simulating the study and analysing
-it.
-"""
+"""Plan the number of participants: power and detectable differences by simulating a study and analysing it."""
 
 from __future__ import annotations
 
@@ -32,11 +30,9 @@ class StudyPlan:
 
     Parameters
     ----------
-    conditions, datasets, participants : int
-    tie_rate : float
-        Share of "no preference" between equal conditions.
-    spread : float
-        Standard deviation of how participants differ in their opinion of each condition, log-odds.
+    conditions, datasets, participants : numbers of each
+    tie_rate : share of "no preference" between equal conditions
+    spread : standard deviation over participants of their opinion of a condition, log-odds
     """
 
     conditions: int
@@ -56,28 +52,26 @@ class StudyPlan:
 
     @property
     def pairs(self) -> int:
-        """Pairs of each dataset."""
+        """Number of pairs of each dataset."""
         return self.conditions * (self.conditions - 1) // 2
 
 
 def plan_study(
     plan: StudyPlan, rng: np.random.Generator, *, effect_jod: float = 0.5, replicates: int = 400
 ) -> dict[str, Any]:
-    """Return the power for a difference of two conditions, and the difference found with 80 % power.
+    """Return the power for a difference of two conditions, and the difference detected with 80 % power.
 
     Parameters
     ----------
+    plan : the study
     rng : Generator
-    effect_jod : float
-        True difference of two conditions; the others lie between them.
-    replicates : int
-        Simulated studies for each power; its standard error is at most 0.5 / sqrt(replicates).
+    effect_jod : true difference of two conditions; the others lie halfway between them
+    replicates : simulated studies for each power; its standard error is at most 0.5 / sqrt(replicates)
 
     Returns
     -------
-    dict
-        With powers and detectable differences for one dataset and for all datasets pooled; None where even the largest
-        difference considered is not found.
+    dict, with powers and detectable differences for one dataset and for all datasets pooled; None where the power stays
+    below 80 % even at the largest difference
     """
     if effect_jod <= 0:
         raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
@@ -103,15 +97,22 @@ def plan_study(
 def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> float:
     """Return the share of simulated studies in which the two conditions differ significantly (5 %, t on
     participants).
+
+    Parameters
+    ----------
+    plan : the study
+    effect_jod : true difference of the two conditions
+    seed : for the simulated votes
+    replicates : simulated studies
     """
     rng = np.random.default_rng(seed)
     abilities = np.zeros(plan.conditions)
     abilities[0], abilities[1] = effect_jod * JOD / 2, -effect_jod * JOD / 2
-    found = [_is_found(simulate_votes(plan, abilities, rng)) for _ in range(replicates)]
-    return float(np.mean(found))
+    detections = [_is_detected(simulate_votes(plan, abilities, rng)) for _ in range(replicates)]
+    return float(np.mean(detections))
 
 
-def _is_found(votes: VotesTable) -> bool:
+def _is_detected(votes: VotesTable) -> bool:
     fit = fit_scores(votes)
     if fit.status == "separated":
         return _sign_test(votes) < SIGNIFICANT
@@ -123,8 +124,8 @@ def _is_found(votes: VotesTable) -> bool:
 def _sign_test(votes: VotesTable) -> float:
     """Return the two-sided p-value of how many participants prefer one of the first two conditions to the other.
 
-    It needs no maximum of the likelihood: a condition that wins every vote has not gone unnoticed, if people enough
-    have voted.
+    It needs no maximum of the likelihood: with enough people, a condition that wins every vote counts as
+    detected.
     """
     direct = votes.where((votes.item_a == 0) & (votes.item_b == 1))
     balance = np.bincount(direct.participant, np.array([1, -1, 0])[direct.choice])
@@ -133,18 +134,19 @@ def _sign_test(votes: VotesTable) -> float:
 
 
 def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) -> VotesTable:
-    """Let participants vote by Davidson's model, each with abilities of their own around the given ones.
+    """Simulate votes by Davidson's model; each participant's abilities vary around the given ones.
 
     Parameters
     ----------
-    abilities : float64 (conditions,)
-        Log-odds.
+    plan : the study
+    abilities : float64 (conditions,), log-odds
+    rng : Generator
     """
     n, people = plan.conditions, plan.participants
-    own = abilities + plan.spread * rng.standard_normal((people, n))
-    own -= own.mean(axis=1, keepdims=True) - abilities.mean()
+    personal = abilities + plan.spread * rng.standard_normal((people, n))
+    personal -= personal.mean(axis=1, keepdims=True) - abilities.mean()
     low, high = np.triu_indices(n, 1)
-    d = np.broadcast_to((own[:, low] - own[:, high])[:, None], (people, plan.datasets, plan.pairs)).ravel()
+    d = np.broadcast_to((personal[:, low] - personal[:, high])[:, None], (people, plan.datasets, plan.pairs)).ravel()
     weights = np.stack([np.exp(d / 2), np.exp(-d / 2), np.full(len(d), 2 * plan.tie_rate / (1 - plan.tie_rate))])
     drawn = rng.random(len(d)) * weights.sum(axis=0)
     choice = (drawn > weights[0]).astype(np.int8) + (drawn > weights[0] + weights[1])
@@ -154,9 +156,15 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
 
 
 def detectable_jod(plan: StudyPlan, seed: int, replicates: int) -> float | None:
-    """Return the difference that is found with 80 % power; None if it is larger than any considered.
+    """Return the difference detected with 80 % power; None if it is larger than any considered.
 
-    The same random numbers are used for every difference, so that the power rises almost steadily with it.
+    Every difference uses the same random numbers, so the power rises almost steadily with it.
+
+    Parameters
+    ----------
+    plan : the study
+    seed : for the simulated votes
+    replicates : simulated studies for each difference
     """
 
     def excess(effect_jod: float) -> float:

@@ -1,7 +1,6 @@
-"""Votes as people have them, read strictly.
+"""Read a votes table strictly from a file or rows, in our column names or another tool's.
 
-Rows are counted from 1, without the header. Nothing is dropped and nothing is guessed: a table that cannot be
-understood as a whole is refused, with the row and the value.
+Rows are counted from 1, without the header. Nothing is dropped or guessed: an error names the row and the value.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reas
 
 @dataclass(frozen=True)
 class Layout:
-    """How somebody else's table names our columns and our choices: `columns["participant"] == "judge"`."""
+    """Another tool's names of our columns and choices: `columns["participant"] == "judge"`."""
 
     columns: Mapping[str, str]
     choices: Mapping[str, str]
@@ -52,16 +51,13 @@ def votes_from_rows(
     columns: Mapping[str, str] | None = None,
     choices: Mapping[str, str] | None = None,
 ) -> VotesTable:
-    """Make a votes table from rows as dictionaries.
+    """Make a votes table from dictionaries.
 
     Parameters
     ----------
-    rows : iterable of mapping
-        At least the keys participant, dataset, item_a, item_b and choice.
-    columns : mapping, optional
-        Our name of a column -> the name in `rows`, where it differs.
-    choices : mapping, optional
-        Our word `a`, `b` or `none` -> the word in `rows`, where it differs.
+    rows : with at least the keys participant, dataset, item_a, item_b and choice
+    columns : our name of a column -> the name in `rows`, where it differs
+    choices : our word `a`, `b` or `none` -> the word in `rows`, where it differs
 
     Raises
     ------
@@ -84,10 +80,8 @@ def read_votes(
 
     Parameters
     ----------
-    path : Path
-        A file whose name ends in .csv, .parquet or .json.
-    columns, choices : mapping, optional
-        As in `votes_from_rows`. Without them, the layouts in `LAYOUTS` are recognised by their columns.
+    path : a file whose name ends in .csv, .parquet or .json
+    columns, choices : as in `votes_from_rows`; without them, the columns decide which of `LAYOUTS` it is
 
     Raises
     ------
@@ -138,8 +132,8 @@ def _votes_from_frame(
     )
 
 
-def _layout(found: Sequence[str], columns: Mapping[str, str] | None, choices: Mapping[str, str] | None) -> Layout:
-    """Return the layout asked for, or else the first known one whose required columns are all there."""
+def _layout(names: Sequence[str], columns: Mapping[str, str] | None, choices: Mapping[str, str] | None) -> Layout:
+    """Return the layout given, or else the first known one whose required columns are all there."""
     unknown = [*set(columns or {}).difference(REQUIRED + OPTIONAL), *set(choices or {}).difference(CHOICES)]
     if unknown:
         known = ", ".join(REQUIRED + OPTIONAL + CHOICES)
@@ -147,29 +141,29 @@ def _layout(found: Sequence[str], columns: Mapping[str, str] | None, choices: Ma
     if columns:
         return Layout(columns, choices or {})
     for layout in LAYOUTS.values():
-        if all(layout.columns.get(name, name) in found for name in REQUIRED):
+        if all(layout.columns.get(name, name) in names for name in REQUIRED):
             return Layout(layout.columns, choices or layout.choices)
     return Layout({}, choices or {})
 
 
 def _rename(frame: pd.DataFrame, columns: Mapping[str, str]) -> pd.DataFrame:
-    there = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
-    return pd.DataFrame({name: frame[theirs] for name, theirs in there.items() if theirs in frame.columns})
+    names = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
+    return pd.DataFrame({name: frame[given_name] for name, given_name in names.items() if given_name in frame.columns})
 
 
 def _check_columns(frame: pd.DataFrame, ours: pd.DataFrame, layout: Layout) -> None:
     missing = [layout.columns.get(name, name) for name in REQUIRED if name not in ours.columns]
     missing += [theirs for name, theirs in layout.columns.items() if name not in ours.columns and theirs not in missing]
     if missing:
-        found = ", ".join(map(str, frame.columns)) or "none"
+        present = ", ".join(map(str, frame.columns)) or "none"
         raise VotesError(
-            f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found {found}. "
+            f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found {present}. "
             "Map other names with columns, e.g. participant=judge"
         )
 
 
 def _text(column: pd.Series[Any], name: str) -> NDArray[np.object_]:
-    """Return the column as stripped text; missing values are empty, except in rows that are too short."""
+    """Return the column as stripped text; a missing value is empty, and refused where a row is too short."""
     values = np.array(column.to_list(), object)
     is_missing = np.asarray(pd.isna(column))
     if name in REQUIRED[2:]:
@@ -200,8 +194,8 @@ def _names(
 
 def _choice(values: NDArray[np.object_], words: Mapping[str, str]) -> NDArray[np.int8]:
     known = {words.get(choice, choice): index for index, choice in enumerate(CHOICES)}
-    codes, found = pd.factorize(values)
-    index = np.array([known.get(str(word), -1) for word in found], np.int8)
+    codes, distinct = pd.factorize(values)
+    index = np.array([known.get(str(word), -1) for word in distinct], np.int8)
     choice = index[codes]
     refuse(choice < 0, lambda row: f"choice is {values[row]!r}, expected {', '.join(known)}")
     return choice
@@ -224,8 +218,8 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     if values is None:
         return np.zeros(n, bool)
     words = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}
-    codes, found = pd.factorize(values)
-    flags = np.array([words.get(str(word).lower(), -1) for word in found])[codes]
+    codes, distinct = pd.factorize(values)
+    flags = np.array([words.get(str(word).lower(), -1) for word in distinct])[codes]
     refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
     return flags.astype(bool)
 

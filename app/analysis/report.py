@@ -1,4 +1,4 @@
-"""An analysis as files: numbers for machines, figures for a paper, and a report that a reader can follow."""
+"""Write an analysis to files: tables for programs, figures for a paper, and a report to read."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from app.analysis.charts import (
     triads_chart,
 )
 from app.analysis.reading import read_votes
-from app.analysis.sections import sections
+from app.analysis.report_sections import sections
 from app.analysis.settings import AnalysisSettings
 from app.files import write_bytes, write_json, write_text
 
 TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"
 ITEMS_IN_A_TABLE = 60
 
-ROUNDING = 1e-12  # smaller numbers are zeros that went through arithmetic
+ROUNDING = 1e-12  # smaller numbers are rounding errors of zero
 
 TIES_IN_WORDS = {
     "davidson": "the model of Davidson (1970)",
@@ -60,33 +60,23 @@ def analyse_file(
     participants: Path | None = None,
     groups: Sequence[str] | None = None,
 ) -> dict[str, Any]:
-    """Read votes, analyse them and write everything below `out`.
+    """Read votes, analyse them, and write tables, figures and report to the folder `out`.
 
     Parameters
     ----------
-    path : Path
-        Votes as CSV, Parquet or JSON.
-    out : Path
-        A folder, made if it is not there.
-    settings : AnalysisSettings, optional
-        Its factors are replaced by those of `items`, if that is given.
-    items : Path, optional
-        CSV with `item` and one column per factor.
-    columns, choices : mapping, optional
-        Our names -> those in the file, where they differ: {"participant": "judge"}, {"none": "tie"}.
-    factors : sequence of str, optional
-        The factors to analyse out of those in `items`; all of them by default.
-    measures : Path, optional
-        CSV with `dataset`, `item` and one column per objective measure, to be compared with the scores.
-    participants : Path, optional
-        CSV with `participant` and one column per grouping, whose groups are compared.
-    groups : sequence of str, optional
-        The groupings to compare out of those in `participants`; all of them by default.
+    path : votes as CSV, Parquet or JSON
+    out : a folder, made if missing
+    settings : how to analyse; `items` replaces its factors
+    items : CSV with `item` and one column per factor
+    columns, choices : our names -> those in the file, where they differ: {"participant": "judge"}, {"none": "tie"}
+    factors : the factors to analyse out of those in `items`; all of them by default
+    measures : CSV with `dataset`, `item` and one column per objective measure, to be compared with the scores
+    participants : CSV with `participant` and one column per grouping, whose groups are compared
+    groups : the groupings to compare out of those in `participants`; all of them by default
 
     Returns
     -------
-    dict
-        The content of analysis.json.
+    dict, the content of analysis.json
 
     Raises
     ------
@@ -126,12 +116,14 @@ def _chosen(
 def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "votes") -> None:
     """Write analysis.json, the tables, the figures (SVG, PNG, PDF) and the report (HTML, Markdown).
 
-    Every file is whole or absent; analysis.json comes last, so that it stands for a finished folder.
+    Every file is complete or absent. analysis.json is written last, so its presence means that the folder is
+    complete.
 
     Parameters
     ----------
-    source : str
-        What was analysed, for the report's title.
+    analysis : the content of analysis.json
+    out : the folder
+    source : name of what was analysed, for the report's title
     """
     for name in ("scores", "triads", "observers"):
         write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
@@ -156,7 +148,7 @@ COLUMNS = {
 
 
 def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
-    """Return rows as CSV: these columns first, then whatever else the rows have; lists joined by semicolons."""
+    """Return rows as CSV: these columns first, then any others of the rows; lists are joined by semicolons."""
     names = list(dict.fromkeys([*columns, *(name for row in rows for name in row)]))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -167,7 +159,7 @@ def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
 
 
 def named_charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
-    """Every figure's name, caption and chart; None for a chart where there is nothing to draw."""
+    """Yield every figure's name, caption and chart; the chart is None where there is nothing to draw."""
     for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
         name = "scores" if comparison == "all" else f"scores_{_file_name(comparison)}"
         what = "all items" if comparison == "all" else f"the factor {comparison}"
@@ -208,7 +200,7 @@ def _environment(name: str) -> Environment:
 
 
 def _number(value: Any) -> str:
-    """Return a number as it is read: three decimals, small p-values as a bound, nothing as a dash."""
+    """Format a number for reading: three decimals, small p-values in scientific notation, None as a dash."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -278,8 +270,8 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
         f"Items were compared in pairs{' with a no-preference option' if votes['ties'] else ''}. "
         f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood; ties: "
         f"{TIES_IN_WORDS[settings['ties']]}.",
-        "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, the "
-        "estimate shown is penalised, by Firth (1993) unless named otherwise, and marked.",
+        "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, a "
+        "penalised estimate is shown and marked, Firth's (1993) unless another is named.",
     ]
     if settings["order_effect"]:
         texts.append("An advantage of the item shown first was estimated with the scores (Davidson and Beaver 1977).")

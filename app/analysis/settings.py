@@ -1,4 +1,4 @@
-"""What can be chosen about an analysis; recorded with its results."""
+"""Settings of an analysis, recorded with its results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from app.analysis.penalised import PENALTIES
 from app.analysis.ties import TIE_MODELS
 
-LEVEL = 0.95  # of every interval
+LEVEL = 0.95  # confidence level of every interval
 
 
 @dataclass(frozen=True)
@@ -18,28 +18,17 @@ class AnalysisSettings:
 
     Parameters
     ----------
-    ties : str
-        `davidson`, `rao-kupper`, `half` or `drop`.
-    order_effect : bool
-        Estimate the advantage of the item shown first.
-    bootstrap : int
-        Replicates over participants; 0 for none.
-    seed : int
-        Of the bootstrap.
-    factors : mapping
-        Factor -> item -> level; all that distinguish the items.
-    analysed : tuple of str, optional
-        The factors to report on; all by default.
-    measures : mapping
-        Objective measure -> dataset -> item -> value.
-    groups : mapping
-        Grouping -> participant -> group; the groups' scores are compared.
-    penalty : str
-        The estimate where no maximum exists: `firth` or `ridge`.
-    by_dataset : bool
-        Also analyse every dataset by itself.
-    exclude : tuple of str
-        Participants left out, as a recorded decision; the results with them stand beside.
+    ties : `davidson`, `rao-kupper`, `half` or `drop`
+    order_effect : estimate the advantage of the item shown first
+    bootstrap : replicates over participants; 0 for none
+    seed : for the bootstrap
+    factors : factor -> item -> level, all factors of the items
+    analysed : the factors to report on; all by default
+    measures : objective measure -> dataset -> item -> value
+    groups : grouping -> participant -> group, whose scores are compared
+    penalty : the estimate where no maximum exists: `firth` or `ridge`
+    by_dataset : also analyse every dataset alone
+    exclude : participants left out by a recorded decision; the results with them are given too
     """
 
     ties: str = "davidson"
@@ -83,8 +72,11 @@ class AnalysisSettings:
             "seed": self.seed,
             "factors": {name: dict(levels) for name, levels in self.factors.items()},
             "analysed_factors": list(self.comparisons),
-            "measures": {name: {d: dict(own) for d, own in values.items()} for name, values in self.measures.items()},
-            "groups": {name: dict(of) for name, of in self.groups.items()},
+            "measures": {
+                name: {dataset: dict(values) for dataset, values in by_dataset.items()}
+                for name, by_dataset in self.measures.items()
+            },
+            "groups": {name: dict(group_by_participant) for name, group_by_participant in self.groups.items()},
             "penalty": self.penalty,
             "by_dataset": self.by_dataset,
             "exclude": list(self.exclude),

@@ -1,4 +1,4 @@
-"""Tables as files: CSV, Parquet and JSON read into frames of text, and columns checked row by row."""
+"""Read tables of text from CSV, Parquet and JSON, and check columns row by row."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.analysis.votes_table import VotesError
 
 
 def read_frame(path: Path) -> pd.DataFrame:
-    """Read a table by its file's ending, .csv, .parquet or .json.
+    """Read a table; the ending of the file's name, .csv, .parquet or .json, tells the format.
 
     Raises
     ------
@@ -31,7 +31,13 @@ def read_frame(path: Path) -> pd.DataFrame:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Read a CSV table whatever its file's name; cells are texts without spaces around them. Raises VotesError."""
+    """Read a CSV table whatever the file's name; spaces around cells are stripped.
+
+    Raises
+    ------
+    VotesError
+        Naming the file, and the row where there is one.
+    """
     return _read(path, _read_csv)
 
 
@@ -47,7 +53,24 @@ def _read(path: Path, reader: Callable[[Path], pd.DataFrame]) -> pd.DataFrame:
 def numbers(
     values: NDArray[np.object_], name: str, *, whole: bool = False, may_be_negative: bool = False
 ) -> NDArray[np.float64]:
-    """Return a column's texts as floats, NaN where empty (unless `whole`)."""
+    """Return a column's texts as numbers, NaN where empty.
+
+    Parameters
+    ----------
+    values : object (N,), texts
+    name : of the column, for the error
+    whole : expect whole numbers, and refuse empty cells
+    may_be_negative : accept numbers below 0
+
+    Returns
+    -------
+    float64 (N,)
+
+    Raises
+    ------
+    VotesError
+        Naming the row and the value.
+    """
     expected = "a whole number, 0 or more" if whole else "a number, 0 or more, or nothing"
     if may_be_negative:
         expected = "a number or nothing"
@@ -65,7 +88,18 @@ def numbers(
 
 
 def refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:
-    """Raise VotesError for the first row that is bad, saying why and how many more there are."""
+    """Raise for the first bad row, with the reason and the number of further ones.
+
+    Parameters
+    ----------
+    is_bad : bool (N,)
+    why : the reason for a row, counted from 0
+
+    Raises
+    ------
+    VotesError
+        If any row is bad.
+    """
     rows = np.flatnonzero(is_bad)
     if len(rows):
         more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
@@ -85,9 +119,7 @@ def _read_csv(path: Path) -> pd.DataFrame:
 
 
 def _decode(content: bytes) -> str:
-    """Decode UTF-8, or UTF-16 if the file says so; anything else is refused at the place where it stops making
-    sense.
-    """
+    """Decode UTF-8, or UTF-16 if the file begins with its mark; else refuse, naming the first row that fails."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16")
     try:

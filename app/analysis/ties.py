@@ -1,7 +1,8 @@
-"""What "no preference" means: one probability model per way of treating ties, as functions of two numbers per pair.
+"""Probability models of "no preference" votes (ties): Davidson, Rao and Kupper, half a win each, or dropped.
 
-`d` is the difference of the two scores (plus the order effect), `t` the tie parameter. Every model returns the
-log-likelihood and its first and second derivatives in d and t, from which all designs are fitted.
+Every model is a set of functions of `d`, the difference of the two scores (plus the order effect), and of `t`, the tie
+parameter: the log-likelihood and its first and second derivatives. From these all designs are fitted. In all of them d,
+t (log-odds) and the numbers of wins, losses and ties are float64 (…, C) for C pairs; t may also be (…, 1).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Gradient and negative Hessian of the log-likelihood of each pair, all (…, C)."""
+    """Gradient and negative Hessian of each pair's log-likelihood, all float64 (…, C)."""
 
     d: Array
     t: Array
@@ -28,23 +29,17 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class TieModel:
-    """One way of treating ties.
+    """A way of treating ties.
 
     Parameters
     ----------
-    counted : function of wins, losses and ties, each (…, C)
-        The counts that enter the likelihood.
-    probabilities : function of d and t
-        Those of a win, a loss and a tie, (3, …, C).
-    loglik : function of d, t, wins, losses, ties
-        Log-likelihood of each pair without combinatorial constants.
+    counted : function of wins, losses and ties; returns the counts that enter the likelihood
+    probabilities : function of d and t; returns P(win), P(loss) and P(tie), float64 (3, …, C)
+    loglik : function of d, t, wins, losses, ties; returns each pair's log-likelihood without combinatorial constants
     derivatives : function of d, t, wins, losses, ties
-    parameter : str or None
-        Name of the tie parameter t.
-    order_in_t : float
-        The order effect o enters as d + o and t + order_in_t * o.
-    is_canonical : bool
-        Whether the model is an exponential family in its parameters, which Firth's correction needs here.
+    parameter : name of the tie parameter t; None if there is none
+    order_in_t : the order effect o enters as d + o and t + order_in_t * o
+    is_canonical : is the model an exponential family in its parameters? Firth's correction needs that
     """
 
     counted: Callable[[Array, Array, Array], tuple[Array, Array, Array]]
@@ -57,9 +52,11 @@ class TieModel:
 
 
 def davidson_probabilities(d: Array, t: Array) -> Array:
-    """Return win, loss and tie proportional to exp(d/2), exp(-d/2), exp(t).
+    """Return P(win), P(loss), P(tie), float64 (3, …, C), proportional to exp(d/2), exp(-d/2), exp(t).
 
-    Source: Davidson (1970), with the order effect of Davidson and Beaver (1977).
+    Source
+    ------
+    Davidson (1970), with the order effect of Davidson and Beaver (1977).
     """
     win = np.exp(d / 2)
     loss = 1 / win
@@ -69,7 +66,13 @@ def davidson_probabilities(d: Array, t: Array) -> Array:
 
 
 def davidson_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-likelihood of each pair, (…, C)."""
+    """Return the log-likelihood of each pair, float64 (…, C).
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     win = np.exp(d / 2)
     total = win + 1 / win + np.exp(t)
     result: Array = (wins - losses) * d / 2 + ties * t - (wins + losses + ties) * np.log(total)
@@ -77,7 +80,13 @@ def davidson_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array)
 
 
 def davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
-    """Return the derivatives: observed less expected statistics (win - loss) / 2 and tie, and their covariance."""
+    """Return the derivatives: observed less expected statistics (win - loss) / 2 and tie, and their covariance.
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     win = np.exp(d / 2)
     loss = 1 / win
     tie = np.exp(t)
@@ -96,22 +105,36 @@ def davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: A
 
 
 def rao_kupper_probabilities(d: Array, t: Array) -> Array:
-    """Return P(win) = logistic(d - t), P(loss) = logistic(-d - t), and the rest.
+    """Return P(win) = logistic(d - t), P(loss) = logistic(-d - t) and P(tie), the rest, float64 (3, …, C).
 
-    Source: Rao and Kupper (1967).
+    Source
+    ------
+    Rao and Kupper (1967).
     """
     win, loss = 1 / (1 + np.exp(t - d)), 1 / (1 + np.exp(t + d))
     return np.stack([win, loss, np.expm1(2 * t) * win * loss])
 
 
 def rao_kupper_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-likelihood of each pair, (…, C); P(tie) = (theta^2 - 1) P(win) P(loss)."""
+    """Return the log-likelihood of each pair, float64 (…, C), with P(tie) = (theta^2 - 1) P(win) P(loss).
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     result: Array = -(wins + ties) * np.logaddexp(0, t - d) - (losses + ties) * np.logaddexp(0, t + d)
     return result + np.where(ties > 0, ties * np.log(np.maximum(np.expm1(2 * t), np.finfo(float).tiny)), 0)
 
 
 def rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
-    """Return the derivatives in d and log theta."""
+    """Return the derivatives in d and log theta.
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     not_win, not_loss = 1 / (1 + np.exp(d - t)), 1 / (1 + np.exp(-d - t))
     decay = np.exp(-2 * t)
     first = (wins + ties) * not_win
@@ -127,22 +150,36 @@ def rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties:
 
 
 def binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one signature for all models)
-    """Return P(win) = logistic(d) and P(loss); there are no ties.
+    """Return P(win) = logistic(d), P(loss), and 0 for ties, float64 (3, …, C).
 
-    Source: Bradley and Terry (1952).
+    Source
+    ------
+    Bradley and Terry (1952).
     """
     win, loss = 1 / (1 + np.exp(-d)), 1 / (1 + np.exp(d))  # 1 - win is 0 beyond 37 log-odds
     return np.stack([win, loss, np.zeros_like(win)])
 
 
 def binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:  # noqa: ARG001
-    """Return the log-likelihood of each pair, (…, C)."""
+    """Return the log-likelihood of each pair, float64 (…, C); ties do not enter.
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     result: Array = -wins * np.logaddexp(0, -d) - losses * np.logaddexp(0, d)
     return result
 
 
 def binomial_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:  # noqa: ARG001
-    """Return the derivatives in d; those in t are zero."""
+    """Return the derivatives in d; those in t are zero.
+
+    Parameters
+    ----------
+    d, t : float64 (…, C), log-odds
+    wins, losses, ties : float64 (…, C), votes
+    """
     win = 1 / (1 + np.exp(-d))
     n = wins + losses
     nothing = np.zeros_like(win)
@@ -181,5 +218,5 @@ TIE_MODELS = {
         _dropped, binomial_probabilities, binomial_loglik, binomial_derivatives, None, 0.0, is_canonical=True
     ),
 }
-# With no tie in the data every model of ties has its maximum where ties are impossible, and is this one.
+# Without ties in the data, every model has its maximum where ties are impossible, and equals this one.
 WITHOUT_TIES = TIE_MODELS["drop"]

@@ -1,4 +1,4 @@
-"""Circular triads: how often one participant's preferences on one dataset contradict each other.
+"""Count circular triads: how often a participant's preferences on a dataset contradict each other.
 
 A triad is circular if a is preferred to b, b to c and c to a. Under random votes their number has a known
 distribution, which tells whether a participant was more consistent than chance.
@@ -20,34 +20,26 @@ from scipy.stats import chi2
 
 from app.analysis.votes_table import NONE, A, VotesTable
 
-EXACT_UP_TO = 10  # items; the dynamic programme takes 0.2 s for ten and grows by about three with each further item
+EXACT_UP_TO = 10  # items; the dynamic programme takes 0.2 s for ten and three times as long per further item
 MANY_ITEMS, SPARSE = 100, 0.05  # above this many and below this share of n^2 pairs, sparse matrices are faster
 MAX_BROKEN_TIES = 15  # 2^15 ways of breaking them: every pair of six items
 
 
 @dataclass(frozen=True)
 class Triads:
-    """The circular triads of one participant on one dataset.
+    """The circular triads of a participant on a dataset.
 
     Parameters
     ----------
-    n_items : int
-        Items that this participant compared.
-    complete : bool
-        Whether every pair of them was compared; else only the triples with three votes count.
-    circular : int
-        Strict cycles: three preferences, no tie among them.
-    expected_ties : float
-        Expected number of cycles if every tie were broken by tossing a coin; equals `circular` without ties.
-    maximum : int or None
-        Largest possible number, None for an incomplete design.
-    zeta : float or None
-        Coefficient of consistence 1 - expected_ties / maximum.
-    p_value : float or None
-        Probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties.
-    broken : tuple of float
-        Share of the ways of breaking the ties that give 0, 1, 2, … cycles; empty if the design is incomplete, or there
-        are too many ties.
+    n_items : items that this participant compared
+    complete : was every pair of them compared? If not, only triples with three votes count
+    circular : strict cycles, three preferences without a tie
+    expected_ties : expected number of cycles if a coin broke every tie; equals `circular` without ties
+    maximum : largest possible number; None for an incomplete design
+    zeta : coefficient of consistence 1 - expected_ties / maximum
+    p_value : probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties
+    broken : share of the ways of breaking the ties that give 0, 1, 2, … cycles; empty if the design is incomplete, or
+        has too many ties
     """
 
     participant: str
@@ -63,9 +55,9 @@ class Triads:
 
 
 def triads(votes: VotesTable) -> list[Triads]:
-    """Count the circular triads of every participant and dataset.
+    """Count the circular triads of every participant on every dataset.
 
-    A pair voted on repeatedly counts as its majority, and as a tie if there is none.
+    Repeated votes on a pair count as their majority, and as a tie if there is none.
     """
     if not votes.has_participants:
         return []
@@ -85,17 +77,15 @@ def triads(votes: VotesTable) -> list[Triads]:
 
 
 def preference_matrix(votes: VotesTable, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return who is preferred to whom by majority.
+    """Return which item is preferred to which, by majority.
 
     Parameters
     ----------
-    rows : int (M,)
-        Rows of the table, all of one participant and dataset.
+    rows : int (M,), rows of the table, all of one participant and dataset
 
     Returns
     -------
-    float64 (n, n)
-        1 where the row's item is preferred, 0.5 for a tie, 0 where it is not, NaN where there was no vote.
+    float64 (n, n), 1 where the row's item is preferred, 0.5 for a tie, 0 where the column's is, NaN without a vote
     """
     items, index = np.unique(np.r_[votes.item_a[rows], votes.item_b[rows]], return_inverse=True)
     first, second = index[: len(rows)], index[len(rows) :]
@@ -130,7 +120,7 @@ def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -
 
 
 def _triads_of_few(participant: str, dataset: str, votes: VotesTable) -> Triads:
-    """Return the triads of a participant who compared few of many pairs: cycles only, by sparse matrices."""
+    """Count only cycles, by sparse matrices, for a participant who compared few of many pairs."""
     items, index = np.unique(np.r_[votes.item_a, votes.item_b], return_inverse=True)
     n = len(items)
     first, second = index[: len(votes)], index[len(votes) :]
@@ -160,12 +150,11 @@ def _sparse_triangles(weights: csr_array) -> float:
 
 
 def count_circular(preferred: NDArray[np.float64]) -> int:
-    """Count strict cycles of three: the trace of the cube counts each three times.
+    """Count strict cycles of three; the trace of the cube counts each three times.
 
     Parameters
     ----------
-    preferred : float64 (n, n)
-        As from `preference_matrix`.
+    preferred : float64 (n, n), as from `preference_matrix`
     """
     return round(_directed_triangles((preferred == 1).astype(np.float64)))
 
@@ -175,6 +164,10 @@ def expected_circular(preferred: NDArray[np.float64]) -> float:
 
     Ties in a triple are broken independently, so the probability of a cycle is the product of three preferences. For
     a complete design this equals T_half - t/4 with T_half Kendall's count from half points and t the number of ties.
+
+    Parameters
+    ----------
+    preferred : float64 (n, n), as from `preference_matrix`
     """
     chance = np.nan_to_num(preferred, nan=0.0)
     return _directed_triangles(chance)
@@ -188,7 +181,9 @@ def _directed_triangles(weights: NDArray[np.float64]) -> float:
 def max_circular(n: int) -> int:
     """Return the largest possible number of circular triads of n items.
 
-    Source: Kendall and Babington Smith (1940), section 5.
+    Source
+    ------
+    Kendall and Babington Smith (1940), section 5.
     """
     return (n**3 - (n if n % 2 else 4 * n)) // 24
 
@@ -200,8 +195,7 @@ def p_value(n: int, broken: NDArray[np.float64]) -> float:
 
     Parameters
     ----------
-    broken : float64 (T + 1,)
-        As from `broken_ties`.
+    broken : float64 (T + 1,), as from `broken_ties`
     """
     different = np.flatnonzero(broken)
     return float(sum(broken[circular] * cumulative_probability(n, int(circular)) for circular in different))
@@ -210,10 +204,13 @@ def p_value(n: int, broken: NDArray[np.float64]) -> float:
 def broken_ties(preferred: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the share of the ways of breaking the ties of a complete design that give 0, 1, 2, … circular triads.
 
+    Parameters
+    ----------
+    preferred : float64 (n, n), as from `preference_matrix`
+
     Returns
     -------
-    float64 (Tmax + 1,) or None
-        None for fewer than three items, and with more ties than can be broken in all ways.
+    float64 (Tmax + 1,), or None for fewer than three items, and with too many ties to break them in all ways
     """
     n = len(preferred)
     ties = np.argwhere(np.triu(preferred == 0.5))
@@ -224,7 +221,7 @@ def broken_ties(preferred: NDArray[np.float64]) -> NDArray[np.float64] | None:
 
 
 def _broken_counts(preferred: NDArray[np.float64], ties: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Return the number of circular triads for every way of breaking the ties, from the win counts."""
+    """Return the number of circular triads for every way of breaking the ties, int64 (2^t,), from the win counts."""
     n = len(preferred)
     wins = np.nansum(preferred == 1, axis=1)
     ways = np.arange(2 ** len(ties))[:, None] >> np.arange(len(ties)) & 1  # (2^t, t)
@@ -236,9 +233,17 @@ def _broken_counts(preferred: NDArray[np.float64], ties: NDArray[np.intp]) -> ND
 
 
 def circular_from_wins(wins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Return the number of circular triads from the numbers of wins (…, n), T = n(n-1)(2n-1)/12 - sum of squares / 2.
+    """Return the numbers of circular triads, int64 (…), from numbers of wins: T = n(n-1)(2n-1)/12 - sum of squares /
+    2.
 
-    Source: Kendall and Babington Smith (1940), equation 3.
+    Parameters
+    ----------
+    wins : int64 (…, n)
+    n : number of items
+
+    Source
+    ------
+    Kendall and Babington Smith (1940), equation 3.
     """
     result: NDArray[np.int64] = (n * (n - 1) * (2 * n - 1) // 6 - np.sum(wins**2, axis=-1)) // 2
     return result
@@ -247,7 +252,9 @@ def circular_from_wins(wins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 def cumulative_probability(n: int, circular: int) -> float:
     """Return P(T <= circular) for random votes on n items.
 
-    Source: Kendall and Babington Smith (1940): exact by enumeration, else chi-square with a correction of one half.
+    Source
+    ------
+    Kendall and Babington Smith (1940): exact by enumeration, else chi-square with a correction of one half.
     """
     if n <= EXACT_UP_TO:
         return float(np.sum(circular_distribution(n)[: circular + 1]))
@@ -261,16 +268,16 @@ def approximate_probability(n: int, circular: int) -> float:
 
 
 def circular_distribution(n: int) -> NDArray[np.float64]:
-    """Return the probabilities of 0, 1, 2, … circular triads for random votes on n <= 10 items."""
+    """Return the probabilities of 0, 1, 2, … circular triads for random votes on n <= 10 items, float64 (Tmax + 1,)."""
     counts = tournament_counts(n)
     return np.array([count / 2 ** comb(n, 2) for count in counts])
 
 
 @lru_cache(maxsize=16)
 def tournament_counts(n: int) -> tuple[int, ...]:
-    """Return how many of the 2^(n(n-1)/2) tournaments of n items have 0, 1, 2, … circular triads.
+    """Count the tournaments of n items, of all 2^(n(n-1)/2), that have 0, 1, 2, … circular triads.
 
-    A tournament grows by one item at a time; only the multiset of win counts has to be remembered.
+    A tournament grows by one item at a time; only the multiset of win counts is kept.
     """
     states: Counter[tuple[int, ...]] = Counter({(0,): 1})
     for n_before in range(1, n):
@@ -286,7 +293,7 @@ def tournament_counts(n: int) -> tuple[int, ...]:
 
 
 def _grow(wins: tuple[int, ...], n_before: int) -> list[tuple[tuple[int, ...], int]]:
-    """Return every multiset of win counts that one more item can lead to, with the number of ways."""
+    """Return every multiset of win counts that a further item can lead to, with the number of ways."""
     groups = sorted(Counter(wins).items())
     results = []
     for losers in product(*(range(size + 1) for _, size in groups)):  # how many of each group lose to the new item
@@ -300,20 +307,19 @@ def _grow(wins: tuple[int, ...], n_before: int) -> list[tuple[tuple[int, ...], i
 
 
 def smallest_p_value(rows: Sequence[Triads]) -> float:
-    """Return what `pooled_p_value` gives somebody who never contradicts themselves: with few triads, much above 0.
+    """Return `pooled_p_value` without any contradiction; with few triads it is far above 0.
 
-    One dataset of 3 items gives 0.75, of 4 items 0.375, of 5 items 0.117, of 6 items 0.022; datasets multiply.
+    A dataset of 3 items gives 0.75, of 4 items 0.375, of 5 items 0.117, of 6 items 0.022; datasets multiply.
     """
     return float(np.prod([circular_distribution(row.n_items)[0] for row in rows]))
 
 
 def pooled_p_value(rows: Sequence[Triads]) -> float | None:
-    """Return P(sum of T <= observed sum) of one participant over datasets, by convolution of the exact distributions.
+    """Return P(sum of T <= observed sum) of a participant over datasets, by convolving the exact distributions.
 
     Returns
     -------
-    float or None
-        None if a row is incomplete, has too many ties to break, or has more than ten items.
+    float, or None if a row is incomplete, has too many ties to break, or has more than ten items
     """
     if not rows or any(not row.broken or row.n_items > EXACT_UP_TO for row in rows):
         return None

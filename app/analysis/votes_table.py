@@ -1,4 +1,4 @@
-"""The votes table: what every analysis starts from, as integer columns that point into lists of names."""
+"""Hold votes as integer columns that point into lists of names: the input of every analysis."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
-WITHDRAWN = "withdrawn"  # the reason of an exclusion that nobody undoes: the participant's own
+WITHDRAWN = "withdrawn"  # reason of the participant's own exclusion, which an experimenter cannot undo
 
 
 class VotesError(ValueError):
-    """A table that is not a votes table; the message names the row and the value."""
+    """A table is not a votes table; the message names the row and the value."""
 
 
 @dataclass(frozen=True)
@@ -26,25 +26,16 @@ class VotesTable:
 
     Parameters
     ----------
-    participants, datasets, items : tuple of str
-        The names, in order of appearance. One empty name stands for "not recorded".
-    participant, dataset, item_a, item_b : int32 (N,)
-        Index of the name.
-    choice : int8 (N,)
-        0 = `item_a` preferred, 1 = `item_b` preferred, 2 = no preference.
-    first_shown : int8 (N,)
-        0 = `item_a` was shown first, 1 = `item_b`, -1 = not recorded.
-    count : int64 (N,)
-        How many votes the row stands for.
-    response_ms : float64 (N,)
-        NaN where not recorded.
-    practice, excluded : bool (N,)
-        Rows that are kept in the table and left out of the analysis.
-    reason : object (N,)
-        Why a row was excluded, empty if it was not.
-    role : int8 (N,)
-        0 = a vote to score, 1 = a pair seen again, 2 = a stimulus against itself: the last two check the participant
-        and are left out of the scores.
+    participants, datasets, items : the names, in order of appearance; a single empty name means "not recorded"
+    participant, dataset, item_a, item_b : int32 (N,), index of the name
+    choice : int8 (N,), 0 = `item_a` preferred, 1 = `item_b` preferred, 2 = no preference
+    first_shown : int8 (N,), 0 = `item_a` was shown first, 1 = `item_b`, -1 = not recorded
+    count : int64 (N,), number of votes that the row stands for
+    response_ms : float64 (N,), NaN where not recorded
+    practice, excluded : bool (N,), rows that the table keeps and the analysis leaves out
+    reason : object (N,), why a row was excluded, empty if it was not
+    role : int8 (N,), 0 = a vote to score, 1 = a pair seen again, 2 = a stimulus against itself; the last two check the
+        participant and are not scored
     """
 
     participants: tuple[str, ...]
@@ -68,26 +59,26 @@ class VotesTable:
 
     @property
     def n_votes(self) -> int:
-        """Votes in the table, repeated rows counted."""
+        """Number of votes, repeated rows counted."""
         return int(self.count.sum())
 
     @property
     def has_participants(self) -> bool:
-        """Whether it was recorded who voted."""
+        """Are the participants recorded?"""
         return self.participants != ("",)
 
     @property
     def has_datasets(self) -> bool:
-        """Whether the votes are divided into named datasets."""
+        """Are the votes divided into named datasets?"""
         return self.datasets != ("",)
 
     def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]]) -> VotesTable:
-        """Return the table with only these rows; the lists of names stay."""
+        """Return the table with only these rows, bool (N,) or int (M,); the lists of names stay."""
         columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in NAMES}
         return replace(self, **columns)
 
     def used(self) -> VotesTable:
-        """Return the rows that are scored: neither practice nor excluded, and no checks of the participant."""
+        """Return the rows to score: not practice, not excluded, not attention checks."""
         return self.where(~(self.practice | self.excluded) & (self.role == MAIN))
 
 
@@ -105,8 +96,15 @@ def votes_from_indices(
     count: NDArray[np.integer[Any]] | None = None,
     first_shown: NDArray[np.integer[Any]] | None = None,
 ) -> VotesTable:
-    """Make a votes table from columns that are indices already; `names` are those of participants, datasets and
-    items.
+    """Make a votes table from columns of indices.
+
+    Parameters
+    ----------
+    participant, dataset, item_a, item_b : int (N,), index of the name
+    choice : int (N,), 0 = `item_a`, 1 = `item_b`, 2 = no preference
+    names : those of participants, datasets and items
+    count : int (N,), votes of each row; one by default
+    first_shown : int (N,), as in `VotesTable`; not recorded by default
     """
     n = len(choice)
     participants, datasets, items = (tuple(part) for part in names)

@@ -1,4 +1,4 @@
-"""What a reader of an analysis must be told before its numbers."""
+"""Warn the reader of an analysis about separated or disconnected votes, missing errors and repeated votes."""
 
 from __future__ import annotations
 
@@ -10,20 +10,28 @@ from app.analysis.comparison import Comparison
 from app.analysis.settings import LEVEL
 from app.analysis.votes_table import MAIN, VotesTable
 
-MOST_PAIRS = 10_000  # of one comparison that are listed
-MANY_REPEATS = 5  # repeated votes that are named one by one
+MOST_PAIRS = 10_000  # listed of a comparison
+MANY_REPEATS = 5  # repeated votes to name
 
 
 def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison]) -> list[str]:
+    """Return the sentences to read before the numbers.
+
+    Parameters
+    ----------
+    votes : VotesTable, all votes
+    used : VotesTable, the votes analysed
+    compared : the fits
+    """
     warnings = [] if len(used) else ["No vote is left after practice and exclusions: there is nothing to analyse."]
     warnings += _repeats(votes)
-    for one in compared:
-        warnings += _fit_warnings(one)
+    for comparison in compared:
+        warnings += _fit_warnings(comparison)
     return warnings
 
 
-def _fit_warnings(one: Comparison) -> Iterator[str]:
-    fit, where = one.fit, f"comparison {one.comparison}, dataset {one.dataset}"
+def _fit_warnings(comparison: Comparison) -> Iterator[str]:
+    fit, where = comparison.fit, f"comparison {comparison.comparison}, dataset {comparison.dataset}"
     if fit.status == "disconnected" and len(fit.groups) > 1:
         islands = "; ".join(", ".join(group) for group in fit.groups)
         yield f"{where}: disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
@@ -45,15 +53,15 @@ def _fit_warnings(one: Comparison) -> Iterator[str]:
         yield f"{where}: no errors are given for as many as {len(fit.items)} items"
     if fit.n_participants == 1:
         yield f"{where}: a single participant voted, so nothing can be said about other people"
-    if one.bootstrap is not None and one.bootstrap.n_without_maximum:
-        total = len(one.bootstrap.scores) + one.bootstrap.n_without_maximum
-        missing = one.bootstrap.n_without_maximum
-        what = "are left out" if one.bootstrap.has_percentiles(LEVEL) else "are too many for percentiles to hold"
+    if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
+        total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
+        missing = comparison.bootstrap.n_without_maximum
+        what = "are left out" if comparison.bootstrap.has_percentiles(LEVEL) else "are too many for percentiles to hold"
         yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and {what}"
 
 
 def _repeats(votes: VotesTable) -> list[str]:
-    """Name the rows in which a participant votes on a pair a second time; they are kept."""
+    """Name the rows in which a participant votes on a pair again; these votes count."""
     if not votes.has_participants:
         return []
     low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)

@@ -1,9 +1,9 @@
-"""Where browsers get the pair videos from: this server, a proxy before it, or an object store.
+"""Serve the pair videos to browsers from an object store or a public host (CDN) instead of this server.
 
-`RECONSTUDY_MEDIA_ACCEL=/pairs/`: nginx sends the file itself (X-Accel-Redirect, deploy/nginx.conf).
-`RECONSTUDY_MEDIA_URL=s3://bucket/folder`: any object store of fsspec that can sign addresses; browsers are sent to one
-that is good for an hour. Its endpoint and keys are fsspec's settings: `FSSPEC_S3_ENDPOINT_URL`, `AWS_ACCESS_KEY_ID`, …
-An https:// address is taken for a public host of the same files, such as a CDN.
+`RECONSTUDY_MEDIA_ACCEL=/pairs/`: nginx sends the file (X-Accel-Redirect, deploy/nginx.conf).
+`RECONSTUDY_MEDIA_URL=s3://bucket/folder`: any object store of fsspec that signs addresses; browsers are redirected to
+an address valid for an hour. fsspec's settings give its endpoint and keys: `FSSPEC_S3_ENDPOINT_URL`,
+`AWS_ACCESS_KEY_ID`, … An https:// address means a public host of the same files, such as a CDN.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class MediaStore:
     Raises
     ------
     ValueError
-        If the address is of no kind that browsers can be sent to, or a package for it is missing.
+        If browsers cannot be redirected to an address of this kind, or its package is missing.
     """
 
     def __init__(self, url: str) -> None:
@@ -46,19 +46,19 @@ class MediaStore:
             ) from error
 
     def address(self, file: str) -> str:
-        """Where a browser gets a file, for an hour unless it is public."""
+        """Return a file's address for browsers; it is valid for an hour unless the host is public."""
         if self.is_public:
             return f"{self.url}/{file}"
         return str(self._files.sign(f"{self._folder}/{file}", expiration=SIGNED_FOR_S))
 
     @property
     def origin(self) -> str:
-        """What a page's policy must allow."""
+        """Origin that a page's content security policy must allow."""
         parts = urlsplit(self.address("probe"))
         return f"{parts.scheme}://{parts.netloc}"
 
     def upload(self, paths: Iterable[Path]) -> int:
-        """Put files there that are not there yet; how many those were. A public host is filled by other means."""
+        """Upload missing files and return their number; a public host is filled by other means."""
         missing = [] if self.is_public else [path for path in paths if not self._has(path)]
         for path in missing:
             self._files.put_file(str(path), f"{self._folder}/{path.name}")

@@ -1,8 +1,8 @@
-"""The films that the player shows, made of a checked stimulus set.
+"""Make the films that the player shows from a checked stimulus set.
 
-A pair video holds the one stimulus above the other, so that both are decoded together and never differ by a frame; a
-reference lies below them. Each is H.264, and in a second codec for browsers without it where a study asks for one. For
-browsers that play no such film, every stimulus can be a film of its own too.
+A pair video holds one stimulus above the other; both are decoded together and never differ by a frame. A reference lies
+below them. Each film is H.264, and also in a second codec for other browsers where a study asks for it. For browsers
+that play neither, every stimulus can also be a film of its own.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from app.files import file_digest
 from app.films.strips import GUARD_ROWS, H264, SINGLE, Strips, film_key, make_film
 from app.intake.stimuli import Stimulus, StimulusSet
 
-PRACTICE_S = 2  # of the videos made for practice; they are played over and over
+PRACTICE_S = 2  # length of the practice videos, which play in a loop
 PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
 PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
-PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # without loss
+PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # lossless
 
 References = Mapping[str, Stimulus]  # by dataset
 NO_REFERENCES: References = {}
@@ -36,7 +36,7 @@ class FilmFile:
     Parameters
     ----------
     codec : key of ENCODERS
-    file : its name, by content
+    file : name, by content
     sha256 : of its bytes
     """
 
@@ -47,16 +47,16 @@ class FilmFile:
 
 @dataclass(frozen=True)
 class PairVideo:
-    """A pair's video: the stimulus with the smaller digest on top, which says nothing about its condition.
+    """A pair's video; the stimulus with the smaller digest is on top, which tells nothing about its condition.
 
     Parameters
     ----------
     file : name in the media folder, by content
     sha256 : of the file
-    width, height : of one strip, pixels
+    width, height : of a strip, pixels
     guard_rows : rows between the strips
     second : the same in another codec, for browsers that do not play the first
-    singles : its strips from the top, a film each, for browsers that play neither; empty: none were asked for
+    singles : its strips from the top, a film each, for browsers that play neither; empty: not wanted
     """
 
     top: Stimulus
@@ -83,10 +83,10 @@ class FilmMaker:
 
     Parameters
     ----------
-    media_dir : where the files go, named by what they are made of; what is there is not made again
+    media_dir : folder of the films, which are named by their content; existing ones are not made again
     second_codec : for browsers that do not play H.264; empty: none
-    has_singles : make a film of every stimulus, too
-    progress : told after each film
+    has_singles : also make a film of every stimulus
+    progress : called after each film
     """
 
     media_dir: Path
@@ -106,12 +106,12 @@ def prepare_pairs(
 
     Parameters
     ----------
-    references : what lies below the pairs of a dataset
+    references : by dataset, the stimulus below its pairs
 
     Raises
     ------
     StimuliError
-        If a pair cannot be encoded, or what was encoded does not decode to the frames it should hold.
+        If a pair cannot be encoded, or the film does not decode to the expected frames.
     """
     pairs = [pair for name in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(name), 2)]
     return _prepare(stimulus_set, pairs, maker, references)
@@ -120,15 +120,15 @@ def prepare_pairs(
 def prepare_identical(
     stimulus_set: StimulusSet, maker: FilmMaker, references: References = NO_REFERENCES
 ) -> list[PairVideo]:
-    """Make the video of every stimulus beside itself, for pairs that check attention; otherwise as `prepare_pairs`."""
-    return _prepare(stimulus_set, [(one, one) for one in stimulus_set.stimuli], maker, references)
+    """Make the video of every stimulus with itself, for pairs that check attention; otherwise as `prepare_pairs`."""
+    return _prepare(stimulus_set, [(stimulus, stimulus) for stimulus in stimulus_set.stimuli], maker, references)
 
 
 def prepare_practice(stimulus_set: StimulusSet, maker: FilmMaker) -> list[PairVideo]:
-    """Make the videos to practise with: an obvious pair, then an identical one.
+    """Make the practice videos: an obvious pair, then an identical one.
 
-    The set's practice stimuli are taken where it has them. Else a picture that is not of the study is made: a zoom into
-    a grey fractal, sharp and blurred, in the size of the study's videos.
+    The set's practice stimuli are used where it has them. Otherwise a zoom into a grey fractal is made, sharp and
+    blurred, in the size of the study's videos; it shows nothing of the study.
 
     Raises
     ------
@@ -146,19 +146,19 @@ def prepare_practice(stimulus_set: StimulusSet, maker: FilmMaker) -> list[PairVi
 
 
 def split_reference(stimulus_set: StimulusSet, reference: str) -> tuple[StimulusSet, References]:
-    """What is compared, and by dataset what is shown beside it as the reference.
+    """Split a set into what is compared, and by dataset the reference shown beside it.
 
     Raises
     ------
     StimuliError
-        If a dataset lacks the reference, or has too little to compare besides it.
+        If a dataset lacks the reference, or has too few other stimuli to compare.
     """
     compared = stimulus_set.without(reference)
-    references = {one.dataset: one for one in stimulus_set.stimuli if one.approach == reference}
+    references = {stimulus.dataset: stimulus for stimulus in stimulus_set.stimuli if stimulus.approach == reference}
     for dataset in stimulus_set.datasets:
         if dataset not in references:
-            found = ", ".join(one.approach for one in stimulus_set.of_dataset(dataset))
-            raise StimuliError(f"dataset {dataset} has {found}; the reference {reference!r} is not among them")
+            approaches = ", ".join(stimulus.approach for stimulus in stimulus_set.of_dataset(dataset))
+            raise StimuliError(f"dataset {dataset} has {approaches}; the reference {reference!r} is not among them")
         if len(compared.of_dataset(dataset)) < 2:
             raise StimuliError(f"dataset {dataset} has one stimulus beside the reference, expected two to compare")
     return compared, references
@@ -188,7 +188,7 @@ def _prepare(
 
 @dataclass(frozen=True)
 class _PlannedPair:
-    """The films of a pair: both in one, in each codec; and each strip alone, from the top."""
+    """The films of a pair: both stimuli in one, in each codec; and each strip alone, from the top."""
 
     stacked: list[tuple[Path, Strips]]
     singles: list[tuple[Path, Strips]]
@@ -197,11 +197,11 @@ class _PlannedPair:
 def _planned(
     stimulus_set: StimulusSet, stimuli: tuple[Stimulus, ...], digests: Mapping[str, str], maker: FilmMaker
 ) -> _PlannedPair:
-    def film(of: tuple[Stimulus, ...], codec: str) -> tuple[Path, Strips]:
-        key = film_key(codec, [digests[s.name] for s in of])
-        return maker.media_dir / f"{key}.mp4", Strips(of, tuple(stimulus_set.source(s) for s in of), codec)
+    def film(strips: tuple[Stimulus, ...], codec: str) -> tuple[Path, Strips]:
+        key = film_key(codec, [digests[s.name] for s in strips])
+        return maker.media_dir / f"{key}.mp4", Strips(strips, tuple(stimulus_set.source(s) for s in strips), codec)
 
-    singles = [film((one,), SINGLE) for one in stimuli] if maker.has_singles else []
+    singles = [film((stimulus,), SINGLE) for stimulus in stimuli] if maker.has_singles else []
     return _PlannedPair([film(stimuli, codec) for codec in maker.codecs], singles)
 
 

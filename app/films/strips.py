@@ -1,6 +1,6 @@
-"""One film file: strips one above the other, encoded from their sources and checked against them frame by frame.
+"""Encode a film: stimuli as strips one above the other, checked frame by frame against their sources.
 
-At a seam both edges are repeated over a guard band, so that neither bleeds into the other where the player crops.
+At a seam both edges are repeated over a guard band: neither strip bleeds into the other where the player crops.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from app.intake.stimuli import FPS_TOLERANCE, Stimulus
 
 GUARD_ROWS = 16  # two macroblock halves: what a deblocking filter or a scaler can reach
 GOP = 25
-LEAST_PSNR_DB = 25.0  # of any frame beside its source; these encoders leave above 35, a wrong half or a black frame 15
-BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second a frame, whatever a file's own clock is
+LEAST_PSNR_DB = 25.0  # of a frame against its source; these encoders give above 35, a wrong half or a black frame 15
+BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second per frame, whatever the file's time stamps
 STILL_WIDTH = 480  # pixels of a thumbnail
-RECIPE = "stacked-1"  # part of every film's key: change it when a film would be encoded otherwise
-MADE_AT = 946684800  # seconds since 1970: each film's time, because real ones tell in which order conditions came
+RECIPE = "stacked-1"  # part of every film's key: change it when the encoding changes
+MADE_AT = 946684800  # seconds since 1970, each film's time: real times would tell the order of conditions
 
 H264 = "h264"
-SINGLE = "single"  # H.264 of one strip, every frame of which a decoder gives out at once
+SINGLE = "single"  # H.264 of one strip without B-frames: a decoder returns every frame immediately
 _X264 = f"-c:v libx264 -preset medium -crf 18 -g {GOP} -keyint_min {GOP} -sc_threshold 0 -threads 1"
 ENCODERS = {
     H264: _X264,
@@ -37,19 +37,19 @@ ENCODERS = {
 }
 CONTAINER = (
     "-color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709"
-    # No name of a source may travel along in the metadata.
+    # The metadata must not name a source.
     " -an -map_metadata -1 -map_chapters -1 -fflags +bitexact -flags:v +bitexact -movflags +faststart"
 )
 
 
 @dataclass(frozen=True)
 class Strips:
-    """What a film holds.
+    """The content of a film.
 
     Parameters
     ----------
     stimuli : from the top
-    sources : what each is encoded from
+    sources : the file that each is encoded from
     codec : key of ENCODERS
     """
 
@@ -68,53 +68,53 @@ class Strips:
 
 
 def film_key(codec: str, sha256s: Sequence[str]) -> str:
-    """What a film of these sources is called: the same name for the same content."""
+    """Return the name of a film of these sources; the same content has the same name."""
     recipe = [RECIPE, GUARD_ROWS, ENCODERS[codec], CONTAINER, *sha256s]
     return hashlib.sha256(json.dumps(recipe).encode()).hexdigest()
 
 
-def make_film(of: Strips, path: Path) -> None:
+def make_film(strips: Strips, path: Path) -> None:
     """Encode a film and check every strip of it.
 
     Raises
     ------
     StimuliError
-        If it cannot be encoded, or does not decode to the frames it should hold.
+        If it cannot be encoded, or does not decode to the expected frames.
     """
     with whole_file(path) as temporary:
-        _encode(of, temporary)
-        _check_facts(decode(temporary), of.facts, of.name)
-        for number, (strip, source) in enumerate(zip(of.stimuli, of.sources, strict=True)):
-            check_strip(temporary, number, strip, source, of.name)
+        _encode(strips, temporary)
+        _check_facts(decode(temporary), strips.facts, strips.name)
+        for number, (strip, source) in enumerate(zip(strips.stimuli, strips.sources, strict=True)):
+            check_strip(temporary, number, strip, source, strips.name)
         os.utime(temporary, (MADE_AT, MADE_AT))
 
 
-def _encode(of: Strips, out: Path) -> None:
-    n, half = len(of.sources), GUARD_ROWS // 2
+def _encode(content: Strips, out: Path) -> None:
+    n, half = len(content.sources), GUARD_ROWS // 2
     strips = [_padded(number, half * (number > 0), half * (number < n - 1)) for number in range(n)]
     names = "".join(f"[strip{number}]" for number in range(n))
     stack = f"vstack=inputs={n}:shortest=1," if n > 1 else ""
     graph = "".join(strips) + f"{names}{stack}format=yuv420p[film]"
-    inputs = [part for source in of.sources for part in ("-i", str(source))]
+    inputs = [part for source in content.sources for part in ("-i", str(source))]
     filtering = ["-filter_complex", graph, "-map", "[film]", "-fps_mode", "passthrough"]
-    encoding = [*ENCODERS[of.codec].split(), *CONTAINER.split(), "-f", "mp4"]
+    encoding = [*ENCODERS[content.codec].split(), *CONTAINER.split(), "-f", "mp4"]
     run_ffmpeg(
         ["-xerror", *inputs, *filtering, *encoding, "-y", str(out)],
-        f"{' above '.join(map(str, of.sources))}: cannot be encoded as {of.codec}",
+        f"{' above '.join(map(str, content.sources))}: cannot be encoded as {content.codec}",
     )
 
 
 def _padded(number: int, above: int, below: int) -> str:
-    """A strip padded in full colour resolution; `smear` repeats the outermost row over the padding."""
+    """Pad a strip in full colour resolution; `smear` repeats the outermost row over the padding."""
     pad = f"pad=iw:ih+{above + below}:0:{above}"
     smear = f"fillborders=top={above}:bottom={below}:mode=smear"
     return f"[{number}:v]format=yuv444p,{pad},{smear}[strip{number}];"
 
 
-def _check_facts(found: VideoFacts, expected: VideoFacts, name: str) -> None:
-    same_fps = abs(found.fps - expected.fps) <= FPS_TOLERANCE * expected.fps
-    if not same_fps or replace(found, fps=expected.fps) != expected:
-        raise StimuliError(f"{name}: was encoded as {found}, expected {expected}")
+def _check_facts(facts: VideoFacts, expected: VideoFacts, name: str) -> None:
+    same_fps = abs(facts.fps - expected.fps) <= FPS_TOLERANCE * expected.fps
+    if not same_fps or replace(facts, fps=expected.fps) != expected:
+        raise StimuliError(f"{name}: was encoded as {facts}, expected {expected}")
 
 
 def check_strip(film: Path, number: int, strip: Stimulus, source: Path, name: str) -> None:
@@ -132,22 +132,22 @@ def check_strip(film: Path, number: int, strip: Stimulus, source: Path, name: st
     )
     command = ["-i", str(film), "-i", str(source), "-filter_complex", graph, "-f", "null", "-"]
     text = run_ffmpeg(command, f"{name}: cannot be compared with {source}")
-    found = [float(value) for value in re.findall(r"psnr_avg:(\S+)", text)]
-    if len(found) != strip.n_frames:
-        raise StimuliError(f"{name}: {len(found)} frames were compared with {source}, expected {strip.n_frames}")
-    if min(found) < LEAST_PSNR_DB:
+    psnr_db = [float(value) for value in re.findall(r"psnr_avg:(\S+)", text)]
+    if len(psnr_db) != strip.n_frames:
+        raise StimuliError(f"{name}: {len(psnr_db)} frames were compared with {source}, expected {strip.n_frames}")
+    if min(psnr_db) < LEAST_PSNR_DB:
         raise StimuliError(
-            f"{name}: frame {found.index(min(found))} differs from {source} (PSNR {min(found):.1f} dB, expected at"
-            f" least {LEAST_PSNR_DB:g})"
+            f"{name}: frame {psnr_db.index(min(psnr_db))} differs from {source} (PSNR {min(psnr_db):.1f} dB, expected "
+            f"at least {LEAST_PSNR_DB:g})"
         )
 
 
 def write_still(film: Path, out: Path, *, row: int, width: int, height: int) -> None:
-    """Write one picture of a pair's half, the first, as JPEG.
+    """Write the first picture of a pair's half as JPEG.
 
     Parameters
     ----------
-    row : where the half begins in the film
+    row : the half's first row in the film
     width, height : of the half, pixels
     """
     crop = f"crop={width}:{height}:0:{row},scale='min({STILL_WIDTH},iw)':-2"

@@ -1,4 +1,6 @@
-"""Somebody else's videos as a stimulus set: a folder DATASET/CONDITION.mp4, with the conditions' factors in a table."""
+"""Import a folder DATASET/CONDITION.mp4 of other people's videos as a stimulus set, with factors from
+conditions.csv.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
 
 
 @dataclass(frozen=True)
-class Found:
+class SourceVideo:
     """A video in the folder that is imported."""
 
     dataset: str
@@ -38,24 +40,25 @@ def import_stimuli(
 
     Parameters
     ----------
-    folder : a folder for each dataset with a video for each condition, whose name is the condition; beside them
-        `conditions.csv` (condition, <factor>, …) where conditions have factors
-    out : the stimulus set's folder, which must not be there, or be empty
-    practice : the dataset whose two videos are for practice; by the alphabet the clearly better one first
-    progress : told after each video
+    folder : holds a folder per dataset with a video per condition, named by the condition; beside them `conditions.csv`
+        (condition, <factor>, …) where conditions have factors
+    out : the stimulus set's folder, missing or empty
+    practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
+    progress : called after each video
 
     Raises
     ------
     StimuliError
         If there is nothing to import, datasets have different conditions, a video cannot be decoded or differs from the
-        others of its dataset in size, frame rate or length, or the table of conditions does not fit; nothing is left.
+        others of its dataset in size, frame rate or length, or the table of conditions does not fit. No file is left
+        behind.
     """
     if out.exists() and any(out.iterdir()):
         raise StimuliError(f"{out}: is not empty; choose a new folder for the stimulus set")
     videos = _find(folder)
-    compared = [one for one in videos if one.dataset != practice]
+    compared = [video for video in videos if video.dataset != practice]
     _check_complete(folder, videos, compared, practice)
-    levels = _read_levels(folder / CONDITIONS, sorted({one.condition for one in compared}))
+    levels = _read_levels(folder / CONDITIONS, sorted({video.condition for video in compared}))
     is_new = not out.exists()
     try:
         entries = _copy(videos, out, levels, progress)
@@ -66,30 +69,32 @@ def import_stimuli(
         raise
 
 
-def _find(folder: Path) -> list[Found]:
+def _find(folder: Path) -> list[SourceVideo]:
     if not folder.is_dir():
         raise StimuliError(f"{folder}: is no folder; expected one with DATASET/CONDITION.mp4")
-    found = [
-        Found(path.parent.name, path.stem, path)
+    videos = [
+        SourceVideo(path.parent.name, path.stem, path)
         for path in sorted(folder.glob("*/*"))
         if path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".")
     ]
-    if not found:
+    if not videos:
         kinds = ", ".join(VIDEO_SUFFIXES)
         raise StimuliError(f"{folder}: holds no video; expected a folder for each dataset with CONDITION.mp4 ({kinds})")
-    names = [(one.dataset, one.condition) for one in found]
-    twice = [one for one in found if names.count((one.dataset, one.condition)) > 1]
+    names = [(video.dataset, video.condition) for video in videos]
+    twice = [video for video, name in zip(videos, names, strict=True) if names.count(name) > 1]
     if twice:
-        files = " and ".join(one.path.name for one in twice[:2])
+        files = " and ".join(video.path.name for video in twice[:2])
         raise StimuliError(f"{twice[0].path.parent}: {files} are both the condition {twice[0].condition}; keep one")
-    return found
+    return videos
 
 
-def _check_complete(folder: Path, videos: Sequence[Found], compared: Sequence[Found], practice: str | None) -> None:
-    conditions = sorted({one.condition for one in compared})
-    for dataset in sorted({one.dataset for one in compared}):
-        own = {one.condition for one in compared if one.dataset == dataset}
-        if missing := [name for name in conditions if name not in own]:
+def _check_complete(
+    folder: Path, videos: Sequence[SourceVideo], compared: Sequence[SourceVideo], practice: str | None
+) -> None:
+    conditions = sorted({video.condition for video in compared})
+    for dataset in sorted({video.dataset for video in compared}):
+        present = {video.condition for video in compared if video.dataset == dataset}
+        if missing := [name for name in conditions if name not in present]:
             raise StimuliError(
                 f"{folder / dataset}: has no video of {', '.join(missing)}, which other datasets have; every dataset "
                 "needs every condition"
@@ -119,24 +124,24 @@ def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
         raise StimuliError(f"{path}: has no row for {', '.join(missing)}")
     if unknown := [name for name in levels if name not in conditions]:
         raise StimuliError(f"{path}: names {', '.join(unknown)}, of which there is no video")
-    for name, own in levels.items():
-        if empty := [factor for factor, level in own.items() if not level]:
+    for name, by_factor in levels.items():
+        if empty := [factor for factor, level in by_factor.items() if not level]:
             raise StimuliError(f"{path}: {name} has no level of {', '.join(empty)}")
     return levels
 
 
-def _copy(videos: Sequence[Found], out: Path, levels: Levels, progress: Progress) -> list[dict[str, Any]]:
-    entries: dict[Found, dict[str, Any]] = {}
+def _copy(videos: Sequence[SourceVideo], out: Path, levels: Levels, progress: Progress) -> list[dict[str, Any]]:
+    entries: dict[SourceVideo, dict[str, Any]] = {}
 
-    def copy(one: Found) -> None:
-        facts = decode(one.path)
-        target = _target(one)
+    def copy(video: SourceVideo) -> None:
+        facts = decode(video.path)
+        target = _target(video)
         with whole_file(out / target) as temporary:
-            shutil.copyfile(one.path, temporary)
-        entries[one] = {
-            "dataset": one.dataset,
-            "approach": one.condition,
-            "levels": dict(levels.get(one.condition, {})),
+            shutil.copyfile(video.path, temporary)
+        entries[video] = {
+            "dataset": video.dataset,
+            "approach": video.condition,
+            "levels": dict(levels.get(video.condition, {})),
             "video": target.as_posix(),
             "sha256": file_digest(out / target),
             "width": facts.width,
@@ -145,18 +150,18 @@ def _copy(videos: Sequence[Found], out: Path, levels: Levels, progress: Progress
             "n_frames": facts.n_frames,
         }
 
-    in_parallel([(f"importing {_target(one)}", partial(copy, one)) for one in videos], progress)
-    return [entries[one] for one in videos]
+    in_parallel([(f"importing {_target(video)}", partial(copy, video)) for video in videos], progress)
+    return [entries[video] for video in videos]
 
 
-def _target(one: Found) -> Path:
-    return Path(one.dataset) / f"{one.condition}{one.path.suffix.lower()}"
+def _target(video: SourceVideo) -> Path:
+    return Path(video.dataset) / f"{video.condition}{video.path.suffix.lower()}"
 
 
 def _manifest(folder: Path, entries: Sequence[dict[str, Any]], levels: Levels, practice: str | None) -> dict[str, Any]:
     factors: dict[str, list[str]] = {}
-    for own in levels.values():
-        for factor, level in own.items():
+    for by_factor in levels.values():
+        for factor, level in by_factor.items():
             if level not in factors.setdefault(factor, []):
                 factors[factor].append(level)
     return {
@@ -170,12 +175,12 @@ def _manifest(folder: Path, entries: Sequence[dict[str, Any]], levels: Levels, p
     }
 
 
-def _remove(out: Path, videos: Sequence[Found], *, is_new: bool) -> None:
-    """Take back what was written."""
+def _remove(out: Path, videos: Sequence[SourceVideo], *, is_new: bool) -> None:
+    """Remove what was written."""
     (out / MANIFEST).unlink(missing_ok=True)
-    for one in videos:
-        (out / _target(one)).unlink(missing_ok=True)
-    folders = [out / dataset for dataset in {one.dataset for one in videos}] + ([out] if is_new else [])
+    for video in videos:
+        (out / _target(video)).unlink(missing_ok=True)
+    folders = [out / dataset for dataset in {video.dataset for video in videos}] + ([out] if is_new else [])
     for folder in folders:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()

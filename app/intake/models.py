@@ -1,7 +1,7 @@
-"""Models to be turned by hand: what a folder of `reconstudy models`, or of anybody's PLY files, must hold.
+"""Check a folder of meshes and point clouds to attach to a study, from `reconstudy models` or of anybody's PLY files.
 
-`meshes/DATASET/CONDITION.ply` and `clouds/DATASET/CONDITION.ply`, binary and little endian. Points may have colours,
-normals, and `error`, their signed distance to the truth in mm. Files are believed by their content.
+It holds `meshes/DATASET/CONDITION.ply` and `clouds/DATASET/CONDITION.ply`, binary and little endian. Points may have
+colours, normals, and `error`, their signed distance to the truth in mm. The content of a file counts, not its name.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from app.files import file_digest
 
 Kind = Literal["mesh", "cloud"]
 FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}
-LARGEST_BYTES = 256 * 1024 * 1024  # of one model; a browser holds two of them
+LARGEST_BYTES = 256 * 1024 * 1024  # of a model; a browser holds two
 LONGEST_HEADER = 8192
-LIMIT_SHARE = 95  # percentile of the errors at which the colours end, as in the reports
+LIMIT_SHARE = 95  # percentile of the errors where the colour scale ends, as in the reports
 SCALARS = {
     "char": "i1",
     "uchar": "u1",
@@ -50,7 +50,7 @@ class Model:
 
     Parameters
     ----------
-    error_limit_mm : 95 % of the points lie nearer to the truth; None where errors are not known
+    error_limit_mm : 95 % of the points are nearer to the truth; None where errors are not known
     """
 
     path: Path
@@ -64,7 +64,7 @@ class Model:
 
 
 def holds_models(folder: Path) -> bool:
-    """Whether a folder looks like one of models."""
+    """Does the folder look like a folder of models?"""
     return any((folder / name).is_dir() for name in FOLDERS.values())
 
 
@@ -74,21 +74,21 @@ def read_models(folder: Path) -> list[Model]:
     Raises
     ------
     ValueError
-        If there is none, or one is not whole: names the file.
+        If it holds no model, or an invalid one: names the file.
     """
-    found = [read_model(path, kind) for kind, path in _files(folder)]
-    if not found:
+    models = [read_model(path, kind) for kind, path in _files(folder)]
+    if not models:
         raise ValueError(f"{folder}: holds no meshes/DATASET/CONDITION.ply; `reconstudy models RUN -o OUT` writes them")
-    return found
+    return models
 
 
 def read_model(path: Path, kind: Kind) -> Model:
-    """Check one model, which lies as DATASET/CONDITION.ply.
+    """Check the model in a file DATASET/CONDITION.ply.
 
     Raises
     ------
     ValueError
-        If it is not what its place says.
+        If it is not a model of this kind.
     """
     if path.stat().st_size > LARGEST_BYTES:
         raise ValueError(f"{path}: has {path.stat().st_size // 2**20} MB, expected {LARGEST_BYTES // 2**20} at most")
@@ -111,14 +111,14 @@ def _files(folder: Path) -> Iterator[tuple[Kind, Path]]:
 
 
 def _elements(content: bytes) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Points and triangles of a PLY, whole and with numbers that can be drawn."""
+    """Return points and triangles of a PLY file, checked for completeness and finite numbers."""
     head, separator, _ = content[:LONGEST_HEADER].partition(b"end_header\n")
     if not separator or not head.startswith(b"ply\nformat binary_little_endian 1.0\n"):
         raise ValueError("is no binary little-endian PLY file")
     kind, n_points, n_faces = _described(head.decode("ascii", "replace").splitlines()[2:])
     start, size = len(head) + len(separator), n_points * kind.itemsize + n_faces * TRIANGLE.itemsize
     if len(content) != start + size:
-        raise ValueError(f"has {len(content) - start} bytes after its header, which speaks of {size}")
+        raise ValueError(f"has {len(content) - start} bytes after its header, expected {size}")
     points = np.frombuffer(content, kind, n_points, start)
     faces = np.frombuffer(content, TRIANGLE, n_faces, start + points.nbytes)
     if not all(np.isfinite(points[axis]).all() for axis in "xyz"):
@@ -130,9 +130,9 @@ def _elements(content: bytes) -> tuple[NDArray[np.void], NDArray[np.void]]:
 
 
 def _described(lines: list[str]) -> tuple[np.dtype[np.void], int, int]:
-    """What a header says: the kind of a point, how many of them, and how many triangles."""
+    """Return the data type of a point, the number of points, and the number of triangles from a header."""
     counts, fields, element = {"vertex": 0, "face": 0}, [], ""
-    for line in (one.strip() for one in lines if not one.startswith(("comment", "obj_info"))):
+    for line in (line.strip() for line in lines if not line.startswith(("comment", "obj_info"))):
         words = line.split()
         if words[:1] == ["element"] and len(words) == 3 and words[1] in counts and words[2].isdigit():
             element, counts[words[1]] = words[1], int(words[2])

@@ -1,4 +1,4 @@
-"""Reports of objective evaluation: what of them a study can compare with its scores."""
+"""Read reports of objective evaluation, and select the measures that a study can compare with its scores."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ SUFFIXES = (".svg", ".png", ".pdf", ".csv")  # of tables and figures
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,99}")
 MOST_FILES = 400  # of a report
 LARGEST_FILE = 32 * 1024 * 1024  # bytes
-EVERY_DATASET = "all"  # a measure of an approach whatever the scene
+EVERY_DATASET = "all"  # dataset of a measure that holds for an approach on all datasets
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class Measure(BaseModel):
-    """The value of one measure for an approach in a dataset, as a report lists it."""
+    """The value of a measure for an approach on a dataset, as a report lists it."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
 
@@ -33,21 +33,21 @@ class Measure(BaseModel):
 
     @property
     def place(self) -> tuple[str, str, str]:
-        """What it is the value of."""
+        """Dataset, approach and name of the measure: the key of its value."""
         return self.dataset, self.approach, self.measure
 
 
 class Report(BaseModel):
-    """The part of a report.json that is read here."""
+    """The part of a report.json that a study uses."""
 
     model_config = ConfigDict(extra="ignore", strict=True)
 
     kind: Annotated[str, Field(pattern=r"^[a-z]{1,20}$")] = "measures"
-    measures: Sequence[Measure]  # none where it is of sensors or objects, whatever the approach
+    measures: Sequence[Measure]  # empty for reports on sensors or objects, which name no approach
 
 
 def read_report(path: Path) -> Report:
-    """What a report says of which approaches.
+    """Read a report.
 
     Parameters
     ----------
@@ -56,78 +56,78 @@ def read_report(path: Path) -> Report:
     Raises
     ------
     ValueError
-        If it cannot be read, or has nothing to show: no measure, table or figure.
+        If it cannot be read, or has no measure, table or figure.
     """
     file = path / REPORT if path.is_dir() else path
     try:
-        found = Report.model_validate_json(file.read_bytes())
+        report = Report.model_validate_json(file.read_bytes())
     except FileNotFoundError as error:
         raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
     except (OSError, ValidationError) as error:
         raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
-    if not found.measures and not report_files(path):
+    if not report.measures and not report_files(path):
         raise ValueError(
             f"{file}: lists no measure and comes without tables and figures; attach its folder, or evaluate again with "
             "--approach NAME, the approach as the study calls it"
         )
-    return found
+    return report
 
 
 def report_files(path: Path) -> list[Path]:
-    """The tables and figures of a report, by name; of a report.json by itself there are none.
+    """Return the tables and figures of a report, by name; none where the path is a report.json.
 
     Raises
     ------
     ValueError
-        If they are more, or one is larger, than a report's are.
+        If there are too many, or one is too large for a figure.
     """
     if not path.is_dir():
         return []
-    found = [
+    files = [
         file
         for file in sorted(path.iterdir())
         if file.is_file() and file.suffix in SUFFIXES and PLAIN_NAME.fullmatch(file.name)
     ]
-    if len(found) > MOST_FILES:
-        raise ValueError(f"{path}: holds {len(found)} tables and figures, expected {MOST_FILES} at most")
-    if large := [file for file in found if file.stat().st_size > LARGEST_FILE]:
+    if len(files) > MOST_FILES:
+        raise ValueError(f"{path}: holds {len(files)} tables and figures, expected {MOST_FILES} at most")
+    if large := [file for file in files if file.stat().st_size > LARGEST_FILE]:
         raise ValueError(f"{large[0]}: has more than {LARGEST_FILE // 2**20} MB, far more than a figure")
-    return found
+    return files
 
 
 def expanded(
     measures: Sequence[Measure], datasets: Sequence[str], approaches: Sequence[str]
 ) -> tuple[list[Measure], list[str]]:
-    """The measures of what a study compares, one for each dataset, and what it does not compare.
+    """Return the measures of what a study compares, one per dataset, and the names of what it does not compare.
 
     Raises
     ------
     ValueError
-        If two give different values of the same.
+        If two reports give different values of the same measure.
     """
     suited: dict[tuple[str, str, str], Measure] = {}
     strangers: dict[str, None] = {}
-    for one in measures:
-        if one.approach not in approaches or one.dataset not in (EVERY_DATASET, *datasets):
-            strangers[f"{one.dataset}/{one.approach}"] = None
+    for measure in measures:
+        if measure.approach not in approaches or measure.dataset not in (EVERY_DATASET, *datasets):
+            strangers[f"{measure.dataset}/{measure.approach}"] = None
             continue
-        for dataset in datasets if one.dataset == EVERY_DATASET else [one.dataset]:
-            own = one.model_copy(update={"dataset": dataset})
-            before = suited.setdefault(own.place, own)
-            if before != own:
+        for dataset in datasets if measure.dataset == EVERY_DATASET else [measure.dataset]:
+            copy = measure.model_copy(update={"dataset": dataset})
+            before = suited.setdefault(copy.place, copy)
+            if before != copy:
                 raise ValueError(
-                    f"{own.measure} of {own.approach} in {own.dataset} is {before.value:g} in one report and "
-                    f"{own.value:g} in another; attach one of them"
+                    f"{copy.measure} of {copy.approach} in {copy.dataset} is {before.value:g} in one report and "
+                    f"{copy.value:g} in another; attach one of them"
                 )
     return list(suited.values()), list(strangers)
 
 
 def by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, dict[str, dict[str, float]]]:
-    """Rows as the analysis takes them: measure -> dataset -> item -> value."""
+    """Return rows as the analysis takes them: measure -> dataset -> item -> value."""
     measures: dict[str, dict[str, dict[str, float]]] = {}
     for row in rows:
-        own = measures.setdefault(str(row["measure"]), {}).setdefault(str(row["dataset"]), {})
-        own[str(row["approach"])] = float(str(row["value"]))
+        by_item = measures.setdefault(str(row["measure"]), {}).setdefault(str(row["dataset"]), {})
+        by_item[str(row["approach"])] = float(str(row["value"]))
     return measures
 
 

@@ -1,4 +1,4 @@
-"""The only door from reconstruction: reads a stimulus set and checks every video in it."""
+"""Read a stimulus set from the reconstruction, and check every video in it; nothing else enters a study."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest
 
 MANIFEST = "manifest.json"
-TOGETHER = "all"  # what results call all datasets, or all that is compared
+TOGETHER = "all"  # name of all datasets, or of all items, in results
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class Stimulus(BaseModel):
-    """A video of one approach (or any other condition) for one dataset; what a study does not need is ignored."""
+    """A video of an approach (or any other condition) on a dataset; keys that a study does not need are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
 
@@ -62,12 +62,12 @@ class StimulusSet:
 
     Parameters
     ----------
-    folder : what the manifest's paths are relative to
+    folder : the base of the manifest's paths
     name : the set's
     sha256 : of the manifest
     factors : levels by factor
     stimuli : in the manifest's order
-    practice : two stimuli of a scene that is not in the study, the one clearly better; or none
+    practice : two stimuli of a scene outside the study, one clearly better; or none
     """
 
     folder: Path
@@ -87,13 +87,13 @@ class StimulusSet:
 
     def without(self, condition: str) -> StimulusSet:
         """The set without one condition."""
-        return replace(self, stimuli=tuple(one for one in self.stimuli if one.approach != condition))
+        return replace(self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach != condition))
 
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
         return tuple(stimulus for stimulus in self.stimuli if stimulus.dataset == dataset)
 
     def source(self, stimulus: Stimulus) -> Path:
-        """What a pair video is made from: the master, which has not lost anything yet, where there is one."""
+        """Return the file to make pair videos from: the lossless master where there is one, else the video."""
         return self.folder / (stimulus.master or stimulus.video)
 
 
@@ -102,14 +102,14 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
 
     Parameters
     ----------
-    path : the manifest, or the folder that holds it
-    progress : told after each video
+    path : the manifest, or its folder
+    progress : called after each video
 
     Raises
     ------
     StimuliError
-        If the manifest is not as described, a file is missing, has another digest, cannot be decoded or is not what the
-        manifest says, or the stimuli of a dataset differ in size, frame rate or length.
+        If the manifest is not as described, a file is missing, has another digest, cannot be decoded or contradicts the
+        manifest, or the stimuli of a dataset differ in size, frame rate or length.
     """
     manifest_path = path / MANIFEST if path.is_dir() else path
     manifest, sha256 = _read_manifest(manifest_path)
@@ -146,9 +146,9 @@ def _read_manifest(path: Path) -> tuple[_Manifest, str]:
 
 
 def _check_names(stimulus_set: StimulusSet, manifest: Path) -> None:
-    for what, own in (("dataset", stimulus_set.datasets), ("factor", stimulus_set.factors)):
-        if TOGETHER in own:
-            raise StimuliError(f"{manifest}: a {what} is called {TOGETHER!r}, as results call all of them together")
+    for kind, kind_names in (("dataset", stimulus_set.datasets), ("factor", stimulus_set.factors)):
+        if TOGETHER in kind_names:
+            raise StimuliError(f"{manifest}: a {kind} is called {TOGETHER!r}, as results call all of them together")
     names = [stimulus.name for stimulus in stimulus_set.stimuli]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise StimuliError(f"{manifest}: {twice[0]} is there twice, expected every approach once for a dataset")
@@ -170,7 +170,7 @@ def _check_practice(stimulus_set: StimulusSet, manifest: Path) -> None:
 
 
 def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
-    """What is shown in turn must differ in nothing but the reconstruction."""
+    """Check that stimuli shown in turn differ in nothing but the reconstruction."""
     first, *others = stimuli
     for other in others:
         for fact in ("width", "height", "fps", "n_frames"):
@@ -191,15 +191,15 @@ def _check_files(folder: Path, stimulus: Stimulus) -> None:
         if not path.is_file():
             raise StimuliError(f"{path}: the video of {stimulus.name} is missing")
     path = folder / stimulus.video
-    if (found := file_digest(path)) != stimulus.sha256:
-        raise StimuliError(f"{path}: its SHA-256 is {found}, the manifest says {stimulus.sha256}")
+    if (sha256 := file_digest(path)) != stimulus.sha256:
+        raise StimuliError(f"{path}: its SHA-256 is {sha256}, the manifest says {stimulus.sha256}")
     for file in filter(None, (stimulus.video, stimulus.master)):
         _check_facts(folder / file, decode(folder / file), stimulus)
 
 
-def _check_facts(path: Path, found: VideoFacts, stimulus: Stimulus) -> None:
+def _check_facts(path: Path, facts: VideoFacts, stimulus: Stimulus) -> None:
     for fact in ("width", "height", "n_frames"):
-        if getattr(found, fact) != getattr(stimulus, fact):
-            raise StimuliError(f"{path}: {fact} is {getattr(found, fact)}, the manifest says {getattr(stimulus, fact)}")
-    if abs(found.fps - stimulus.fps) > FPS_TOLERANCE * stimulus.fps:
-        raise StimuliError(f"{path}: fps is {found.fps:g}, the manifest says {stimulus.fps:g}")
+        if getattr(facts, fact) != getattr(stimulus, fact):
+            raise StimuliError(f"{path}: {fact} is {getattr(facts, fact)}, the manifest says {getattr(stimulus, fact)}")
+    if abs(facts.fps - stimulus.fps) > FPS_TOLERANCE * stimulus.fps:
+        raise StimuliError(f"{path}: fps is {facts.fps:g}, the manifest says {stimulus.fps:g}")

@@ -1,6 +1,6 @@
-"""What is attached to a study besides its votes: reports of objective evaluation with their measures, and models.
+"""Attach reports of objective evaluation, their measures and models to a study.
 
-Their files are kept in the data folder under the digest of their content: `reports/DIGEST/`, `models/DIGEST.ply`.
+The data folder holds their files under the digest of their content: `reports/DIGEST/`, `models/DIGEST.ply`.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from app.store.measurements import replace_measurements
 from app.store.studies import Study
 
 LONGEST_SUBJECT = 500
-WHOLE_STUDY = "the whole study"  # what a report that names no approach is about
+WHOLE_STUDY = "the whole study"  # subject of a report that names no approach
 
 
 @dataclass(frozen=True)
 class Compared:
-    """What a study compares."""
+    """The datasets and conditions that a study compares."""
 
     study: Study
     datasets: Sequence[str]
     conditions: Sequence[str]
 
     def refusal(self, strangers: Iterable[str]) -> ValueError:
-        """The error of something that speaks of nothing here."""
+        """Return the error for measures or models that match nothing in the study."""
         return ValueError(
-            f"this speaks of {', '.join(strangers)}; the study {self.study.slug} compares "
+            f"this describes {', '.join(strangers)}; the study {self.study.slug} compares "
             f"{', '.join(self.conditions)} in {', '.join(self.datasets)}"
         )
 
@@ -49,19 +49,21 @@ class Compared:
 def attach(
     settings: Settings, database: Database, study: Study, paths: Sequence[Path], *, by: str, now: datetime
 ) -> dict[str, Any]:
-    """Attach reports and folders of models, in place of earlier ones of the same; what is of other studies is left out.
+    """Attach reports and folders of models, replacing earlier ones of the same subject; those of other studies are left
+    out.
 
-    A report that names no approach is of the study as a whole: it is shown, and has nothing to compare with scores.
+    A report that names no approach belongs to the study as a whole: it is shown, and has nothing to compare with
+    scores.
 
     Parameters
     ----------
     paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
-    by : who does it, for the audit log
+    by : the person's name, for the audit log
 
     Raises
     ------
     ValueError
-        If one cannot be read, or nothing in them is what the study compares. Then nothing is attached.
+        If a path cannot be read, or none of its content is what the study compares. Then nothing is attached.
     """
     with database.reading() as connection:
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
@@ -73,7 +75,7 @@ def attach(
     kept = [(report, _keep_report(settings, path)) for path, report in reports]
     for model in models:
         _keep_model(settings, model)
-    names = list(dict.fromkeys(one.measure for one in measures))
+    names = list(dict.fromkeys(measure.measure for measure in measures))
     ignored = list(dict.fromkeys([*strangers, *foreign]))
     detail = {"measures": names, "reports": len(kept), "models": len(models), "ignored": ignored}
     with database.writing() as connection:
@@ -87,28 +89,29 @@ def attach(
 
 
 def subject_of(measures: Sequence[Measure]) -> str:
-    """What a report is about, such as "ball: pm_fa, pm_fb"."""
+    """Return the subject of a report, such as "ball: pm_fa, pm_fb"."""
     if not measures:
         return WHOLE_STUDY
     by_dataset: dict[str, dict[str, None]] = {}
-    for one in measures:
-        by_dataset.setdefault(one.dataset, {})[one.approach] = None
-    return "; ".join(f"{dataset}: {', '.join(of)}" for dataset, of in by_dataset.items())[:LONGEST_SUBJECT]
+    for measure in measures:
+        by_dataset.setdefault(measure.dataset, {})[measure.approach] = None
+    subject = "; ".join(f"{dataset}: {', '.join(approaches)}" for dataset, approaches in by_dataset.items())
+    return subject[:LONGEST_SUBJECT]
 
 
 def report_folder(settings: Settings, digest: str) -> Path:
-    """Where a report's files are kept."""
+    """Return the folder of a report's files."""
     return settings.data_dir / "reports" / digest
 
 
 def digest_of(files: Sequence[Path]) -> str:
-    """The digest by which a report's files are kept."""
+    """Return the digest that names a report's folder."""
     sums = "".join(f"{file_digest(file)}  {file.name}\n" for file in files)
     return hashlib.sha256(sums.encode()).hexdigest()
 
 
 def model_file(settings: Settings, sha256: str) -> Path:
-    """Where a model is kept."""
+    """Return the path of a model."""
     return settings.data_dir / "models" / f"{sha256}.ply"
 
 
@@ -122,7 +125,7 @@ def _check_distinct(reports: Sequence[Report]) -> None:
 
 
 def _suited_measures(compared: Compared, reports: Sequence[Report]) -> tuple[list[Measure], list[str]]:
-    measures = [one for report in reports for one in report.measures]
+    measures = [measure for report in reports for measure in report.measures]
     suited, strangers = expanded(measures, compared.datasets, compared.conditions)
     if measures and not suited:
         raise compared.refusal(strangers)
@@ -130,16 +133,18 @@ def _suited_measures(compared: Compared, reports: Sequence[Report]) -> tuple[lis
 
 
 def _suited_models(compared: Compared, folders: Sequence[Path]) -> tuple[list[Model], list[str]]:
-    found = [model for folder in folders for model in read_models(folder)]
-    suited = [one for one in found if one.dataset in compared.datasets and one.condition in compared.conditions]
-    strangers = [f"{one.dataset}/{one.condition}" for one in found if one not in suited]
-    if found and not suited:
+    models = [model for folder in folders for model in read_models(folder)]
+    suited = [
+        model for model in models if model.dataset in compared.datasets and model.condition in compared.conditions
+    ]
+    strangers = [f"{model.dataset}/{model.condition}" for model in models if model not in suited]
+    if models and not suited:
         raise compared.refusal(strangers)
     return suited, strangers
 
 
 def _keep_report(settings: Settings, path: Path) -> str | None:
-    """Copy a report's tables and figures; the digest of all of them, None where there are none."""
+    """Copy a report's tables and figures; return the digest of all of them, None where there are none."""
     files = report_files(path)
     if not files:
         return None

@@ -1,4 +1,4 @@
-"""Backup, restore and check of a server's database, pair videos, and attached reports and models."""
+"""Back up, restore and check a server: its database, pair videos, attached reports and models."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ATTACHED = re.compile(rf"reports/[0-9a-f]{{64}}/{PLAIN_NAME.pattern}|models/[0-9
 
 
 def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict[str, Any]:
-    """Write all rows, and pair videos, reports and models if wanted, to one file; the server may run."""
+    """Write all rows to a file, with pair videos, reports and models if wanted; the server may run."""
     with (
         _database(settings) as database,
         whole_file(path) as temporary,
@@ -46,12 +46,12 @@ def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict
 
 
 def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
-    """Bring back what `back_up` wrote, into either kind of database: all of it, or nothing is changed.
+    """Restore what `back_up` wrote into a database of either kind: everything, or nothing is changed.
 
     Raises
     ------
     ValueError
-        If the file is not a whole backup, or the database holds something that is not to be replaced.
+        If the file is not a complete backup, or the database holds data and `replace` is not set.
     """
     try:
         archive = ZipFile(path)
@@ -69,7 +69,7 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
             with ExitStack() as files:
                 for name, place in places.items():
                     _extract(archive, name, files.enter_context(whole_file(place)))
-                # as late as can be, for what lies there may be of the rows that are to be replaced
+                # as late as possible: the files there may belong to the rows that are being replaced
                 tables = read_tables(database, archive, replace=replace, before_commit=files.close)
         except DAMAGED as error:
             raise ValueError(f"{path}: is damaged: {error}") from error
@@ -77,7 +77,7 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
 
 
 def check(settings: Settings) -> dict[str, Any]:
-    """Everything wrong with the database, and with the pair videos, models and reports it names."""
+    """Return all faults of the database, and of the pair videos, models and reports that it names."""
     with _database(settings) as database:
         if faults := faults_of(database):
             return {"faults": faults, "videos": 0, "attached": 0}
@@ -110,14 +110,14 @@ def _extract(archive: ZipFile, name: str, path: Path) -> None:
 
 
 def _attached(settings: Settings, database: Database) -> list[Path]:
-    """The files of all reports and models that studies have."""
+    """Return the files of all studies' reports and models."""
     models, reports = _attached_digests(database)
     of_reports = [file for digest in reports for file in sorted(report_folder(settings, digest).iterdir())]
     return [*of_reports, *(model_file(settings, sha256) for sha256 in models)]
 
 
 def _attached_digests(database: Database) -> tuple[list[str], list[str]]:
-    """Of models' files and of reports."""
+    """Return the digests of attached models and of reports."""
     with database.reading() as connection:
         return model_digests(connection), report_digests(connection)
 

@@ -1,4 +1,4 @@
-"""Create studies: of a stimulus set, as a study file says, or after another one."""
+"""Create studies: from a stimulus set, from a study file, or as a copy of another study."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ def create_study(
     Parameters
     ----------
     manifest_path : the stimulus set's folder or manifest
-    name : what participants and experimenters read
+    name : shown to participants and experimenters
     exposure_s : how long a pair is shown; None: as long as the shortest video
-    seed : of everybody's order; None: drawn
-    options : what is asked besides votes; None: nothing, which is the quickest study
-    by : who creates it, for the audit log
-    is_paused : let nobody in before it is opened
+    seed : of all orders; None: drawn at random
+    options : everything besides the votes; None: the shortest study
+    by : the creator's name, for the audit log
+    is_paused : admit nobody before an experimenter opens it
 
     Raises
     ------
     ValueError
-        If there is a study of this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+        If a study has this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
     """
     slug = slugify(name)
     with opened_store(settings) as database:
@@ -107,7 +107,7 @@ def create_study(
 def import_study(
     settings: Settings, path: Path, *, stimuli: Path | None = None, progress: Progress = no_progress
 ) -> dict[str, Any]:
-    """Create a study as a study file says.
+    """Create a study from a study file.
 
     Parameters
     ----------
@@ -120,57 +120,59 @@ def import_study(
         If the file is not readable or not as described, or its stimulus set is another one; else as `create_study`.
     """
     try:
-        found = parse_study_file(path.read_text(encoding="utf-8"))
+        study = parse_study_file(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
-    if stimuli is None and found.stimuli is None:
+    if stimuli is None and study.stimuli is None:
         raise ValueError(f'{path}: names no stimuli; add stimuli = "FOLDER", or name the folder by --stimuli')
-    folder = stimuli or path.parent / str(found.stimuli)
+    folder = stimuli or path.parent / str(study.stimuli)
     manifest = folder / MANIFEST if folder.is_dir() else folder
-    if found.manifest_sha256 and manifest.is_file() and file_digest(manifest) != found.manifest_sha256:
+    if study.manifest_sha256 and manifest.is_file() and file_digest(manifest) != study.manifest_sha256:
         raise ValueError(
-            f"{manifest}: its SHA-256 is {file_digest(manifest)}, {path} expects {found.manifest_sha256}: "
+            f"{manifest}: its SHA-256 is {file_digest(manifest)}, {path} expects {study.manifest_sha256}: "
             "this is another stimulus set"
         )
     return create_study(
         settings,
         folder,
-        found.name,
-        exposure_s=found.exposure_s,
-        seed=found.seed,
-        options=found.options,
+        study.name,
+        exposure_s=study.exposure_s,
+        seed=study.seed,
+        options=study.options,
         progress=progress,
     )
 
 
-def duplicate_study(database: Database, of: studies.Study, name: str, actor: Actor) -> str:
-    """A new study of another one's stimuli, pairs and options, which pauses until it is opened; its name in addresses.
+def duplicate_study(database: Database, original: studies.Study, name: str, actor: Actor) -> str:
+    """Create a study with another study's stimuli, pairs and options; it stays paused until opened. Return its slug.
 
     Raises
     ------
     ValueError
-        If there is a study of this name.
+        If a study has this name.
     """
     slug = slugify(name)
     _refuse_second(database, slug, name)
     kept = ("exposure_s", "factors", "options", "manifest_sha256")
-    row = {key: getattr(of, key) for key in kept}
-    own = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
+    row = {key: getattr(original, key) for key in kept}
+    changes = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
     with database.writing() as connection:
-        study_id = studies.insert_study(connection, {**row, **own, "created_at": actor.now, "paused_at": actor.now})
-        copy_design(connection, of.id, study_id)
+        study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
+        copy_design(connection, original.id, study_id)
         insert_invitation(connection, study_id, None, actor.now)
-        record(connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": of.slug}), actor.now)
+        record(
+            connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
+        )
     return slug
 
 
 def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
-    """A study's options from a TOML file, where there is one; what is given besides goes before it.
+    """Read a study's options from a TOML file, if there is one; options given directly override it.
 
     Raises
     ------
     ValueError
-        If the file is not readable or not as described: names it and what is wrong.
+        If the file is not readable or not as described: names it and its fault.
     """
     if path is None:
         return parse_options(given)
@@ -181,12 +183,12 @@ def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
 
 
 def slugify(name: str) -> str:
-    """A study's name as it stands in addresses.
+    """Return a study's name as it appears in addresses.
 
     Raises
     ------
     ValueError
-        If nothing of the name can.
+        If no letter or digit of the name can.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
@@ -204,7 +206,7 @@ def _refuse_second(database: Database, slug: str, name: str) -> None:
 
 @dataclass(frozen=True)
 class _Films:
-    """What a study shows: the stimuli that it compares, and the films of its pairs and of the practice."""
+    """The stimuli that a study compares, and the films of its pairs and of the practice."""
 
     compared: StimulusSet
     pairs: Sequence[PairVideo]
@@ -212,7 +214,7 @@ class _Films:
 
 
 def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, progress: Progress) -> _Films:
-    """Make the films that are not there yet, and put them where browsers get them."""
+    """Make the missing films and upload them to the object store, if there is one."""
     compared, references = stimulus_set, NO_REFERENCES
     if options.reference:
         compared, references = split_reference(stimulus_set, options.reference)
@@ -230,7 +232,7 @@ def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: Study
 
 
 def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
-    """How long a pair is shown, s: as wanted, or as long as the shortest video."""
+    """Return how long a pair is shown, s: the wanted time, or the length of the shortest video."""
     shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
     exposure_s = float(shortest_s if wanted_s is None else wanted_s)
     low_s, high_s = EXPOSURE_BOUNDS_S

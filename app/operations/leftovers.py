@@ -1,4 +1,4 @@
-"""What a process that was killed left half written in the data folder, which no later one takes up."""
+"""Remove files that a killed process left half written in the data folder; no later process uses them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pathlib import Path
 
 from app.settings import Settings
 
-LEFT_FOR = timedelta(days=1)  # nothing is written for so long; another worker may be at it
-# as app/files.py, app/web/admin/uploads.py and app/operations/attach.py name them
+LEFT_FOR = timedelta(days=1)  # younger files may still be written by another worker
+# the names that app/files.py, app/web/admin/uploads.py and app/operations/attach.py give
 FILES, UPLOADS, REPORTS = ".*.part*", ".upload-*", ".part-*"
 
 log = logging.getLogger(__name__)
 
 
 def remove_leftovers(settings: Settings, now: datetime) -> None:
-    """Remove what has not changed for a day."""
+    """Remove half-written files that have not changed for a day."""
     for path in _leftovers(settings):
         try:
-            changed_at = datetime.fromtimestamp(path.stat().st_ctime, UTC)  # films are given another time of writing
+            changed_at = datetime.fromtimestamp(path.stat().st_ctime, UTC)  # films get an artificial st_mtime
             if now - changed_at > LEFT_FOR:
                 _remove(path)
                 log.warning("removed %s, which was left half written", path)

@@ -1,4 +1,4 @@
-"""What the command line asks of the study server: list, invite, attach, and let people in."""
+"""Manage the study server from the command line: list, export and invite to studies, attach results, admit people."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from app.study.study_file import StudyFile, write_study_file
 
 
 def open_store(settings: Settings) -> Database:
-    """Open the database; the embedded one is brought to the newest version by itself.
+    """Open the database; the embedded one is upgraded to the newest version first.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def open_store(settings: Settings) -> Database:
 
 @contextmanager
 def opened_store(settings: Settings) -> Iterator[Database]:
-    """The database while the block runs."""
+    """Open the database while the block runs."""
     database = open_store(settings)
     try:
         yield database
@@ -61,7 +61,7 @@ def upgrade_database(settings: Settings) -> dict[str, Any]:
 
 
 def export_study(settings: Settings, slug: str) -> str:
-    """A study as a study file, to be imported on another server beside its stimulus set."""
+    """Return a study as a study file, to be imported on another server beside its stimulus set."""
     with opened_store(settings) as database:
         study = _study(database, slug)
     return write_study_file(
@@ -76,7 +76,7 @@ def export_study(settings: Settings, slug: str) -> str:
 
 
 def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
-    """Whether a study's orders follow from its seed and balance, see `balance_report`."""
+    """Report whether a study's orders follow from its seed and are balanced, see `balance_report`."""
     with opened_store(settings) as database:
         study = _study(database, slug)
         with database.reading() as connection:
@@ -84,10 +84,10 @@ def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
 
 
 def list_studies(settings: Settings) -> list[dict[str, Any]]:
-    """All studies with their progress and invitations, the newest first."""
+    """Return all studies with their progress and invitations, the newest first."""
     with opened_store(settings) as database, database.reading() as connection:
-        found = studies.all_studies(connection)
-        progress = studies.progress_by_study(connection)  # afterwards: a study may come meanwhile
+        listed = studies.all_studies(connection)
+        progress = studies.progress_by_study(connection)  # read second: it then covers every study listed
         return [
             {
                 "slug": study.slug,
@@ -96,24 +96,24 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
                 "exposure_s": study.exposure_s,
                 "created_at": study.created_at.isoformat(),
                 **asdict(progress[study.id]),
-                "invitations": [one.code for one in invitations_of(connection, study.id)],
+                "invitations": [invitation.code for invitation in invitations_of(connection, study.id)],
             }
-            for study in found
+            for study in listed
         ]
 
 
 def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:
-    """Attach reports of objective evaluation, and models, to a study, in place of earlier ones of the same.
+    """Attach reports of objective evaluation, and models, to a study; earlier ones of the same subject are replaced.
 
     Parameters
     ----------
     paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
-    slug : of the study; None: the only one there is
+    slug : of the study; None: the only study there is
 
     Raises
     ------
     ValueError
-        If one cannot be read, nothing in them is what the study compares, or it is unclear which study is meant.
+        If a path cannot be read, none of its content is what the study compares, or the study is ambiguous.
     """
     with opened_store(settings) as database:
         study = _study(database, slug) if slug else _only_study(database)
@@ -121,7 +121,7 @@ def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None =
 
 
 def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:
-    """Invite to a study: `places` participants, or as many as come."""
+    """Make an invitation for `places` participants, or without limit."""
     if places is not None and not 1 <= places <= 1_000_000:
         raise ValueError(f"{places} places: expected between 1 and 1000000")
     with opened_store(settings) as database:
@@ -133,11 +133,11 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
 
 
 def add_experimenter(settings: Settings, name: str, role: Role | None = None) -> dict[str, Any]:
-    """A sign-in link for an experimenter, who is added if need be; an older link ends, and so does a password.
+    """Make a sign-in link for an experimenter, added if new; an older link or password ends.
 
     Parameters
     ----------
-    role : None: the one they have, or owner
+    role : None: the present one, or owner
     """
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
@@ -151,14 +151,14 @@ def add_experimenter(settings: Settings, name: str, role: Role | None = None) ->
 
 
 def set_up_path(settings: Settings) -> str | None:
-    """Where the first experimenter sets up the server, once; None when somebody has been added."""
+    """Return the path where the first experimenter sets up the server, once; None when somebody has been added."""
     with opened_store(settings) as database:
         secret = set_up_link(database, utc_now())
     return None if secret is None else f"/admin/setup/{secret}"
 
 
 def add_token(settings: Settings, name: str, scopes: Sequence[str] = tuple(SCOPES)) -> dict[str, Any]:
-    """A bearer token that may read what its scopes say; it is shown this once."""
+    """Make a bearer token that may read what its scopes name; it is shown only once."""
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
     with opened_store(settings) as database:
@@ -169,7 +169,7 @@ def add_token(settings: Settings, name: str, scopes: Sequence[str] = tuple(SCOPE
 
 
 def add_own_token(settings: Settings, purpose: str) -> str:
-    """A bearer token for this program's own use, named by purpose and time."""
+    """Make a bearer token for this program's own use, named by purpose and time."""
     return str(add_token(settings, f"{purpose} {utc_now().isoformat(timespec='microseconds')}")["token"])
 
 
@@ -188,7 +188,7 @@ def _only_study(database: Database) -> studies.Study:
 
 def _study(database: Database, slug: str) -> studies.Study:
     with database.reading() as connection:
-        found = studies.study_by_slug(connection, slug)
-    if found is None:
+        study = studies.study_by_slug(connection, slug)
+    if study is None:
         raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
-    return found
+    return study

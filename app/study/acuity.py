@@ -1,7 +1,8 @@
-"""Visual acuity by an adaptive test with Landolt rings (screening, not a diagnosis).
+"""Measure visual acuity by an adaptive test with Landolt rings, before the trials (screening, not a diagnosis).
 
-A ring with a gap in one of eight directions is shown at a size that the answers so far make most telling; the server
-chooses direction and size and marks the answer. Sizes are logMAR: the common logarithm of the gap in arc minutes.
+Each ring has a gap in one of eight directions; its size is chosen to be most informative after the answers so far. The
+server chooses direction and size and marks the answer. Sizes are logMAR: the common logarithm of the gap in arc
+minutes.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from numpy.typing import NDArray
 
 N_DIRECTIONS = 8  # ISO 8596
 GUESSING = 1 / N_DIRECTIONS
-LAPSING = 0.02  # answers that go wrong however large the ring is
+LAPSING = 0.02  # share of wrong answers however large the ring is
 SLOPE = 18.0  # of the logistic, per logMAR: from 20 to 80 % seen within 0.15 logMAR
-PRIOR_MEAN, PRIOR_SD = 0.0, 0.4  # logMAR, wide: it only keeps an early slip or a lucky guess from leading far away
+PRIOR_MEAN, PRIOR_SD = 0.0, 0.4  # logMAR, wide: it only limits the effect of an early slip or lucky guess
 THRESHOLDS = np.round(np.arange(-0.6, 1.6001, 0.01), 2)  # logMAR
 LARGEST_FIRST = 1.0  # logMAR of the first ring: nearly everybody sees it
-EASY_EVERY = 6  # every so many-th ring is easier, which keeps people at ease
+EASY_EVERY = 6  # every sixth ring is easier, which keeps people motivated
 EASIER_BY = 0.3  # logMAR
 FEWEST_GAP_PIXELS = 2.0  # a smaller gap is drawn by grey levels rather than by its shape
 INTERVAL = 0.95
@@ -31,12 +32,12 @@ Verdict = Literal["passed", "failed", "cannot be certified"]
 
 @dataclass(frozen=True)
 class AcuityTest:
-    """How a test is done.
+    """Settings of an acuity test.
 
     Parameters
     ----------
     limit : logMAR that must be reached; larger is worse
-    n_trials : rings shown
+    n_trials : number of rings
     smallest : logMAR of the smallest ring that this display can draw at this distance
     largest : logMAR of the largest ring that fits
     """
@@ -48,13 +49,13 @@ class AcuityTest:
 
     @property
     def can_certify(self) -> bool:
-        """Whether the ring at the limit can be drawn."""
+        """Can the display draw the ring at the limit?"""
         return self.smallest <= self.limit
 
 
 @dataclass(frozen=True)
-class Look:
-    """One ring: its size, where its gap was (0 right, then anticlockwise by 45 degrees), and the answer."""
+class Ring:
+    """A ring: its size (logMAR), its gap's direction (0 right, then anticlockwise by 45 degrees), and the answer."""
 
     size: float
     gap: int
@@ -67,7 +68,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Acuity:
-    """What a test found, in logMAR; smaller is better."""
+    """Result of an acuity test, in logMAR; smaller is better."""
 
     logmar: float
     low: float
@@ -77,17 +78,17 @@ class Acuity:
 
 
 def gap_arcmin(gap_mm: float, distance_mm: float) -> float:
-    """The visual angle of a gap, in arc minutes."""
+    """Return the visual angle of a gap, arc minutes."""
     return 60 * math.degrees(2 * math.atan(gap_mm / (2 * distance_mm)))
 
 
 def smallest_size(pixel_mm: float, distance_mm: float) -> float:
-    """The smallest ring that a display can draw in shape, in logMAR.
+    """Return the smallest ring that a display can draw in shape, logMAR.
 
     Parameters
     ----------
     pixel_mm : pitch of the display's own pixels
-    distance_mm : from the eye
+    distance_mm : from the eye to the display
     """
     if not (0 < pixel_mm < math.inf and 0 < distance_mm < math.inf):
         raise ValueError(f"pixel {pixel_mm} mm at {distance_mm} mm: expected positive lengths")
@@ -95,66 +96,77 @@ def smallest_size(pixel_mm: float, distance_mm: float) -> float:
 
 
 def gap_mm(size: float, distance_mm: float) -> float:
-    """The gap of a ring of a size (logMAR) at a distance; the inverse of `gap_arcmin`."""
+    """Return the gap of a ring of a size (logMAR) at a distance; the inverse of `gap_arcmin`."""
     return 2 * distance_mm * math.tan(math.radians(10**size / 60) / 2)
 
 
 def certifying_distance_mm(pixel_mm: float, limit: float) -> float:
-    """The distance from which a display can draw the ring at the limit (logMAR)."""
+    """Return the distance from which a display can draw the ring at the limit (logMAR)."""
     return FEWEST_GAP_PIXELS * pixel_mm / gap_mm(limit, 1.0)
 
 
 def probability_right(size: float | NDArray[np.float64], threshold: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The probability of a right answer to a ring of a size, by threshold (logMAR)."""
+    """Return the probability of a right answer to a ring, for each threshold.
+
+    Parameters
+    ----------
+    size : of the ring, logMAR
+    threshold : float64 (n,), logMAR
+
+    Returns
+    -------
+    float64 (n,)
+    """
     seen = 1 / (1 + np.exp(-SLOPE * (np.asarray(size) - threshold)))
     return np.asarray(GUESSING + (1 - GUESSING - LAPSING) * seen)
 
 
-def posterior(looks: Sequence[Look]) -> NDArray[np.float64]:
-    """The probability of each of THRESHOLDS given the answers, with a wide prior.
+def posterior(rings: Sequence[Ring]) -> NDArray[np.float64]:
+    """Return the probability of each of THRESHOLDS given the answers, with a wide prior.
 
     Returns
     -------
-    float64 (len(THRESHOLDS),), sums to 1
+    float64 (221,), sums to 1
     """
     log_posterior = -0.5 * ((THRESHOLDS - PRIOR_MEAN) / PRIOR_SD) ** 2
-    for look in looks:
-        right = probability_right(look.size, THRESHOLDS)
-        log_posterior += np.log(right if look.is_right else 1 - right)
+    for ring in rings:
+        right = probability_right(ring.size, THRESHOLDS)
+        log_posterior += np.log(right if ring.is_right else 1 - right)
     weights = np.exp(log_posterior - log_posterior.max())
     return np.asarray(weights / weights.sum())
 
 
-def next_size(looks: Sequence[Look], test: AcuityTest) -> float | None:
-    """The size of the next ring in logMAR, at the threshold that is most likely so far; None when the test is over.
+def next_size(rings: Sequence[Ring], test: AcuityTest) -> float | None:
+    """Return the size of the next ring, logMAR: the most probable threshold so far; None when the test is over.
 
     Source
     ------
     Lieberman and Pentland 1982 (Best-PEST); Bach 1996. Unlike theirs, the maximum is a posteriori: see `posterior`.
     """
-    if len(looks) >= test.n_trials:
+    if len(rings) >= test.n_trials:
         return None
-    if not looks:
+    if not rings:
         return min(max(LARGEST_FIRST, test.smallest), max(test.largest, test.smallest))
-    size = float(THRESHOLDS[int(np.argmax(posterior(looks)))])
-    if len(looks) % EASY_EVERY == EASY_EVERY - 1:
+    size = float(THRESHOLDS[int(np.argmax(posterior(rings)))])
+    if len(rings) % EASY_EVERY == EASY_EVERY - 1:
         size += EASIER_BY
     return round(max(min(size, test.largest), test.smallest), 3)
 
 
-def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
-    """The acuity that the answers speak for, and whether the limit is reached.
+def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
+    """Return the acuity estimated from the answers, and whether the limit is reached.
 
-    A display that cannot draw the ring at the limit certifies nobody as passed: it may still show that somebody fails.
+    A display that cannot draw the ring at the limit never yields a pass; it may still show that a participant
+    fails.
 
     Raises
     ------
     ValueError
         If the test is not over.
     """
-    if len(looks) < test.n_trials:
-        raise ValueError(f"{len(looks)} of {test.n_trials} rings answered; the test is not over")
-    probability = posterior(looks)
+    if len(rings) < test.n_trials:
+        raise ValueError(f"{len(rings)} of {test.n_trials} rings answered; the test is not over")
+    probability = posterior(rings)
     logmar = float(THRESHOLDS @ probability)
     cumulative = np.cumsum(probability)
     tail = (1 - INTERVAL) / 2
@@ -162,4 +174,4 @@ def judge(looks: Sequence[Look], test: AcuityTest) -> Acuity:
     verdict: Verdict = "passed" if logmar <= test.limit else "failed"
     if not test.can_certify and low <= test.smallest:
         verdict = "cannot be certified"
-    return Acuity(round(logmar, 3), low, high, len(looks), verdict)
+    return Acuity(round(logmar, 3), low, high, len(rings), verdict)

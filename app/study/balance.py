@@ -1,4 +1,4 @@
-"""What an experimenter needs to trust the orders: that they follow from the seed, and that they balance."""
+"""Report whether the participants' orders of trials follow from the study's seed and are balanced."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ STATES: tuple[State, ...] = ("finished", "under way", "abandoned", "withdrawn", 
 
 @dataclass(frozen=True)
 class TakenOrder:
-    """The order of trials of one participant, as it is stored.
+    """A participant's stored order of trials.
 
     Parameters
     ----------
     participant : the label
-    slot : which order it is
-    state : how far the participant is
-    is_released : whether the slot has been given to somebody else since
+    slot : number of the order
+    state : of the participant's session
+    is_released : was the slot given to another participant since?
     trials : in order, first attempts only
     """
 
@@ -38,15 +38,15 @@ class TakenOrder:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """All that orders follow from, and the names of what is compared.
+    """Everything that determines the orders, and the names of what is compared.
 
     Parameters
     ----------
-    pairs : all of the study
+    pairs : all pairs of the study
     seed : the study's
-    repetition : what comes besides every pair once
+    repetition : what is shown besides every pair once
     names : (dataset, condition) by the stimulus' key
-    is_adaptive : whether participants see pairs chosen from the votes before them, and not all
+    is_adaptive : do participants see pairs chosen from earlier votes, and not all?
     """
 
     pairs: Sequence[PlannedPair]
@@ -56,7 +56,7 @@ class StudyPlan:
     is_adaptive: bool = False
 
     def order(self, taken: TakenOrder) -> list[PlannedTrial]:
-        """The order that follows from seed and slot, and from the pairs that were chosen where not all are shown."""
+        """Return the order that follows from seed and slot (in an adaptive study, of the pairs chosen)."""
         shown = {trial.pair for trial in taken.trials}
         pairs = [pair for pair in self.pairs if pair.is_identical or pair.key in shown or not self.is_adaptive]
         return participant_order(pairs, self.seed, taken.slot, self.repetition)
@@ -81,32 +81,31 @@ class _Seen:
 
 
 def balance_report(plan: StudyPlan, orders: Sequence[TakenOrder]) -> dict[str, Any]:
-    """Whether a study's orders are as its seed says and balanced, and the counts behind it.
+    """Check that a study's orders follow from its seed and are balanced, with the counts behind it.
 
-    Some rules hold for each participant. Others hold across participants: for those who hold a slot by the design, and
-    for those who have finished as soon as all others have finished or given up their slots.
+    Some rules hold for each participant. The others hold across participants: for all who hold a slot by design, and
+    for all who finished once every other participant has finished or given up the slot.
 
     Returns
     -------
-    {"ok": all but the rules of who finished,
-    "seed", "participants": {state: n}, "slots": {"missing": […], "released": […]},
-    "rules": [{"rule", "of", "worst", "allowed", "ok"}], and of who finished
+    {"ok": whether all rules hold but those of who finished, "seed", "participants": {state: n},
+    "slots": {"missing": […], "released": […]}, "rules": [{"rule", "of", "worst", "allowed", "ok"}], and of who finished
     "pairs": [{"dataset", "item_1", "item_2", "n_shown", "n_1_is_a", "n_1_is_first"}],
     "datasets": [{"dataset", "position", "n_shown"}]}
     """
     holding = [order for order in orders if not order.is_released]
     finished = [order for order in orders if order.state == "finished"]
-    own = _rules_of_each(plan, orders, holding) + _rules_across(plan, holding, "who hold a slot")
+    rules = _rules_of_each(plan, orders, holding) + _rules_across(plan, holding, "who hold a slot")
     slots = {order.slot for order in holding}
     return {
-        "ok": all(rule["ok"] for rule in own),
+        "ok": all(rule["ok"] for rule in rules),
         "seed": plan.seed,
         "participants": {state: sum(order.state == state for order in orders) for state in STATES},
         "slots": {
             "missing": sorted(set(range(max(slots, default=-1) + 1)) - slots),
             "released": sorted(order.slot for order in orders if order.is_released),
         },
-        "rules": own + _rules_across(plan, finished, "who finished"),
+        "rules": rules + _rules_across(plan, finished, "who finished"),
         "pairs": _pair_rows(plan, finished),
         "datasets": _dataset_rows(plan, finished),
     }
@@ -119,43 +118,45 @@ def _rules_of_each(
     twice = sum(n > 1 for n in Counter(order.slot for order in holding).values())
     seen = [_seen(plan, order) for order in orders]
     runs = [longest_run([plan.pair(trial).stimuli for trial in order.trials]) for order in orders]
-    # In both orders the second half mirrors the first: what was uneven by one may be so twice.
+    # With both orders the second half mirrors the first, so an imbalance of one may count twice.
     once = 2 if plan.repetition.both_orders else 1
     return [
         _rule("orders that do not follow from seed and slot", "each", foreign, 0),
         _rule("slots held by two participants", "each", twice, 0),
-        _rule("how much oftener a stimulus is A than B", "each", _worst(seen, _as_a), 1),
-        _rule("how much oftener A is first than B", "each", _worst(seen, _label_first), once),
-        _rule("how much oftener a stimulus is first than second under a label", "each", _worst(seen, _first_as), once),
+        _rule("surplus of trials with a stimulus as A over as B", "each", _worst(seen, _as_a), 1),
+        _rule("surplus of trials with A first over B first", "each", _worst(seen, _label_first), once),
+        _rule("surplus of trials with a stimulus first over second, by label", "each", _worst(seen, _first_as), once),
         _rule("trials in a row with the same stimulus", "each", max(runs, default=0), LONGEST_RUN),
     ]
 
 
-def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], of: str) -> list[dict[str, Any]]:
+def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
     ways: Counter[Hashable] = Counter()
     for pair in plan.pairs:
         if not pair.is_identical:
             ways.update({(pair.key, a, first): 0 for a in pair.stimuli for first in pair.stimuli})
-    ways.update((one.pair, one.a, one.first) for order in orders for one in _seen(plan, order))
+    ways.update((seen.pair, seen.a, seen.first) for order in orders for seen in _seen(plan, order))
     datasets = list(dict.fromkeys(pair.dataset for pair in plan.pairs))
     rows = [_datasets_in_order(plan, order) for order in orders]
-    places: Counter[Hashable] = Counter({(place, one): 0 for place in range(len(datasets)) for one in datasets})
-    places.update((place, one) for row in rows for place, one in enumerate(row))
-    followers: Counter[Hashable] = Counter({(one, other): 0 for one in datasets for other in datasets if one != other})
+    places: Counter[Hashable] = Counter({(place, dataset): 0 for place in range(len(datasets)) for dataset in datasets})
+    places.update((place, dataset) for row in rows for place, dataset in enumerate(row))
+    followers: Counter[Hashable] = Counter(
+        {(first, second): 0 for first in datasets for second in datasets if first != second}
+    )
     followers.update(neighbours for row in rows for neighbours in pairwise(row))
-    uneven = len(williams_square(len(datasets))) // len(datasets)  # within a block of slots that is not full yet
+    uneven = len(williams_square(len(datasets))) // len(datasets)  # while the last block of slots is not full
     by_pair = (
-        [] if plan.is_adaptive else [_rule("spread of the four ways in which a pair is seen", of, _spread(ways), 1)]
+        [] if plan.is_adaptive else [_rule("spread of the four ways in which a pair is seen", group, _spread(ways), 1)]
     )
     return [
         *by_pair,
-        _rule("spread of the datasets over the positions", of, _spread(places), uneven),
-        _rule("spread of which dataset follows which", of, _spread(followers), uneven),
+        _rule("spread of the datasets over the positions", group, _spread(places), uneven),
+        _rule("spread of which dataset follows which", group, _spread(followers), uneven),
     ]
 
 
-def _rule(rule: str, of: str, worst: int, allowed: int) -> dict[str, Any]:
-    return {"rule": rule, "of": of, "worst": worst, "allowed": allowed, "ok": worst <= allowed}
+def _rule(rule: str, group: str, worst: int, allowed: int) -> dict[str, Any]:
+    return {"rule": rule, "of": group, "worst": worst, "allowed": allowed, "ok": worst <= allowed}
 
 
 def _seen(plan: StudyPlan, order: TakenOrder) -> list[_Seen]:
@@ -171,27 +172,27 @@ def _seen(plan: StudyPlan, order: TakenOrder) -> list[_Seen]:
 Surplus = Callable[[_Seen], Iterable[tuple[Hashable, int]]]
 
 
-def _as_a(one: _Seen) -> Iterable[tuple[Hashable, int]]:
-    return (one.a, 1), (one.b, -1)
+def _as_a(trial: _Seen) -> Iterable[tuple[Hashable, int]]:
+    return (trial.a, 1), (trial.b, -1)
 
 
-def _label_first(one: _Seen) -> Iterable[tuple[Hashable, int]]:
-    return (("label", 1 if one.first == one.a else -1),)
+def _label_first(trial: _Seen) -> Iterable[tuple[Hashable, int]]:
+    return (("label", 1 if trial.first == trial.a else -1),)
 
 
-def _first_as(one: _Seen) -> Iterable[tuple[Hashable, int]]:
-    is_a_first = one.first == one.a
-    return (("a", one.a), 1 if is_a_first else -1), (("b", one.b), -1 if is_a_first else 1)
+def _first_as(trial: _Seen) -> Iterable[tuple[Hashable, int]]:
+    is_a_first = trial.first == trial.a
+    return (("a", trial.a), 1 if is_a_first else -1), (("b", trial.b), -1 if is_a_first else 1)
 
 
 def _worst(seen: Sequence[Sequence[_Seen]], surplus: Surplus) -> int:
-    """The largest surplus, of whatever is counted, of any participant."""
+    """Return the largest surplus of any participant."""
     worst = 0
     for trials in seen:
         totals: Counter[Hashable] = Counter()
-        for one in trials:
-            for of, by in surplus(one):
-                totals[of] += by
+        for trial in trials:
+            for what, difference in surplus(trial):
+                totals[what] += difference
         worst = max(worst, *map(abs, totals.values()), 0)
     return worst
 
@@ -205,10 +206,10 @@ def _datasets_in_order(plan: StudyPlan, order: TakenOrder) -> list[int]:
 
 
 def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
-    seen = [one for order in orders for one in _seen(plan, order)]
-    shown = Counter(one.pair for one in seen)
-    as_a = Counter((one.pair, one.a) for one in seen)
-    first = Counter((one.pair, one.first) for one in seen)
+    seen = [trial for order in orders for trial in _seen(plan, order)]
+    shown = Counter(trial.pair for trial in seen)
+    as_a = Counter((trial.pair, trial.a) for trial in seen)
+    first = Counter((trial.pair, trial.first) for trial in seen)
     rows = []
     for pair in plan.pairs:
         if pair.is_identical:

@@ -1,11 +1,11 @@
-"""Colour vision by plates of dots (screening, not a diagnosis).
+"""Test colour vision with pseudoisochromatic plates of dots, before the trials (screening, not a diagnosis).
 
-A ring with a gap stands out from its ground only along the confusion line of one cone: who lacks that cone sees dots of
-random lightness and nothing else. Plates are drawn anew each time, and only the server knows where a gap is.
+A ring with a gap differs from its ground only along the confusion line of one cone type: a person without these cones
+sees only dots of random lightness. Plates are drawn anew each time, and only the server knows where a gap is.
 
-Whatever else could tell the ring is hidden in noise: lightness changes from dot to dot, colour too, along a line
-across the confusion line (else the rounding to 8 bits and every observer who is not exactly the standard one would
-leave a trace in the ratio of the other cones), and levels are rounded up or down by chance, dot by dot.
+Noise hides all other cues to the ring. Lightness varies from dot to dot. Colour varies too, across the confusion line;
+otherwise rounding to 8 bits, and observers who differ from the standard one, would leave a cue in the ratio of the
+other cones. Levels are rounded up or down at random, dot by dot.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Axis = Literal["protan", "deutan", "tritan"]
 PlateKind = Literal["protan", "deutan", "tritan", "control", "catch"]
 Verdict = Literal["passed", "failed", "inconclusive"]
 AXES: tuple[Axis, ...] = ("protan", "deutan", "tritan")
-CONE_OF = {"protan": 0, "deutan": 1, "tritan": 2}  # long, middle, short: the one that is missing
+CONE_OF = {"protan": 0, "deutan": 1, "tritan": 2}  # the missing cone: long, middle, short
 DIRECTIONS = (0, 2, 4, 6)  # of a plate's gap: right, up, left, down
 NOTHING = -1  # the answer "I see no ring"
 
 # Cone signals of linear sRGB (ITU-R BT.709 primaries), Smith and Pokorny fundamentals.
 # Source: Vienot, Brettel and Mollon 1999, "Digital video colourmaps for checking the legibility of displays by
-# dichromats", eq. 4. Plates and simulated observers use the same ones.
+# dichromats", eq. 4. Plates and simulated observers use the same fundamentals.
 CONES_FROM_RGB = np.array(
     [[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]], dtype=np.float64
 )
@@ -41,32 +41,32 @@ XYZ_FROM_RGB = np.array(
 LUMINANCE = XYZ_FROM_RGB[1]
 
 # Distance of ring and ground in u'v': three times what people with normal vision need in the Cambridge Colour Test
-# (Mollon and Regan 2000: limits of 0.010 and 0.015), for displays that nobody has calibrated.
+# (Mollon and Regan 2000: limits of 0.010 and 0.015), for uncalibrated displays.
 DISTANCE_UV = {"protan": 0.03, "deutan": 0.03, "tritan": 0.05}
-MID_LUMINANCE = 0.31  # of the display's white
+MID_LUMINANCE = 0.31  # relative to the display's white
 LUMINANCE_NOISE = 0.5  # half the range of a dot's log luminance
-COLOUR_NOISE = {"protan": 0.2, "deutan": 0.2, "tritan": 0.03}  # of the short cone, and of the long against the middle
-MISSING_CONE_SHARE = 0.3  # of the way from equal luminance for everybody to equal luminance without the cone
-CONTROL_CONTRAST = 2.2  # of the control plate's ring, which everybody can read by its lightness
+COLOUR_NOISE = {"protan": 0.2, "deutan": 0.2, "tritan": 0.03}  # of the short cone; tritan: of long against middle
+MISSING_CONE_SHARE = 0.3  # 0: equal luminance for normal vision, 1: for vision without the cone
+CONTROL_CONTRAST = 2.2  # luminance ratio of the control plate's ring, which everybody sees
 
 SIDE = 640  # of a plate, pixels
 RADIUS_RANGE = (6.0, 14.0)  # of a dot, pixels
 SPACE = 1.5  # between dots, pixels
-SHRINK = 0.93  # of the radius once no more dots of it fit
-GRID = 3  # pixels between the places where a dot may stand
-RING_RADII = (0.42, 0.82)  # inner and outer, of the plate's radius
+SHRINK = 0.93  # factor of the radius once no more dots of that size fit
+GRID = 3  # pixels between possible centres of dots
+RING_RADII = (0.42, 0.82)  # inner and outer, relative to the plate's radius
 GAP_DEG = 70.0  # of the ring
 
 
 @dataclass(frozen=True)
 class ColourTest:
-    """How a test is done.
+    """Settings of a colour vision test.
 
     Parameters
     ----------
     axes : confusion lines that are tested
     n_plates : of each axis
-    n_misses : that pass on an axis: everybody slips
+    n_misses : plates of an axis that a participant may miss and still pass: everybody slips
     n_catches : plates without a ring
     """
 
@@ -78,7 +78,7 @@ class ColourTest:
 
 @dataclass(frozen=True)
 class PlannedPlate:
-    """A plate before it is drawn; from the same seed it is drawn alike."""
+    """A plate before it is drawn; the same seed draws the same plate."""
 
     kind: PlateKind
     gap: int
@@ -87,7 +87,7 @@ class PlannedPlate:
 
 @dataclass(frozen=True)
 class Answer:
-    """A plate's kind, what was right, and what was answered; NOTHING where no ring is."""
+    """A plate's kind, the right answer, and the answer given; NOTHING means "no ring"."""
 
     kind: PlateKind
     right: int
@@ -100,13 +100,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Dots:
-    """What a plate consists of.
+    """The dots of a plate.
 
     Parameters
     ----------
     centre : float64 (N, 2), x and y in pixels from the plate's top left corner
     radius : float64 (N,), pixels
-    is_figure : bool (N,), whether a dot belongs to the ring
+    is_figure : bool (N,), does a dot belong to the ring?
     rgb : uint8 (N, 3), sRGB
     """
 
@@ -117,7 +117,7 @@ class Dots:
 
 
 def plan_plates(test: ColourTest, rng: np.random.Generator) -> list[PlannedPlate]:
-    """All plates of a test: the control plate first, the others in random order."""
+    """Plan all plates of a test: the control plate first, the others in random order."""
     kinds: list[PlateKind] = [axis for axis in test.axes for _ in range(test.n_plates)]
     kinds += ["catch"] * test.n_catches
     shuffled: list[PlateKind] = ["control", *(kinds[index] for index in rng.permutation(len(kinds)))]
@@ -128,10 +128,10 @@ def plan_plates(test: ColourTest, rng: np.random.Generator) -> list[PlannedPlate
 
 
 def judge_colours(answers: Sequence[Answer], test: ColourTest) -> tuple[Verdict, dict[str, Any]]:
-    """What a test found, and the right answers by kind of plate.
+    """Return the verdict of a test, and the right answers by kind of plate.
 
-    Who misses the control plate or sees rings on most plates without one did not do the test as it is meant: that is
-    "inconclusive", neither passed nor failed.
+    A participant who misses the control plate, or sees rings on most plates without one, did not do the test as
+    intended: the verdict is "inconclusive".
 
     Raises
     ------
@@ -140,18 +140,18 @@ def judge_colours(answers: Sequence[Answer], test: ColourTest) -> tuple[Verdict,
     """
     n_plates: dict[PlateKind, int] = {"control": 1, "catch": test.n_catches}
     n_plates |= dict.fromkeys(test.axes, test.n_plates)
-    found = {kind: [answer.is_right for answer in answers if answer.kind == kind] for kind in n_plates}
-    if missing := [kind for kind, n in n_plates.items() if len(found[kind]) < n]:
+    marks_by_kind = {kind: [answer.is_right for answer in answers if answer.kind == kind] for kind in n_plates}
+    if missing := [kind for kind, n in n_plates.items() if len(marks_by_kind[kind]) < n]:
         raise ValueError(f"the plates {missing} are not all answered; the test is not over")
-    details = {kind: {"right": sum(marks), "of": len(marks)} for kind, marks in found.items()}
-    failed = [axis for axis in test.axes if sum(found[axis]) < test.n_plates - test.n_misses]
-    is_valid = all(found["control"]) and 2 * sum(found["catch"]) >= test.n_catches
+    details = {kind: {"right": sum(marks), "of": len(marks)} for kind, marks in marks_by_kind.items()}
+    failed = [axis for axis in test.axes if sum(marks_by_kind[axis]) < test.n_plates - test.n_misses]
+    is_valid = all(marks_by_kind["control"]) and 2 * sum(marks_by_kind["catch"]) >= test.n_catches
     verdict: Verdict = "inconclusive" if not is_valid else "failed" if failed else "passed"
     return verdict, {"plates": details, "failed_axes": failed}
 
 
 def make_dots(plate: PlannedPlate) -> Dots:
-    """The dots of a plate, packed and coloured."""
+    """Place and colour the dots of a plate."""
     rng = np.random.default_rng(plate.seed)
     centre, radius = _pack(rng)
     is_figure = is_on_ring(centre, SIDE, plate.gap) if plate.gap != NOTHING else np.zeros(len(radius), bool)
@@ -159,12 +159,13 @@ def make_dots(plate: PlannedPlate) -> Dots:
 
 
 def dot_colours(kind: PlateKind, is_figure: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Colours of a plate's dots.
+    """Return the colours of a plate's dots.
 
     Parameters
     ----------
-    kind : of plate; without a ring, a catch plate's ground is one of the others'
-    is_figure : bool (N,), whether a dot belongs to the ring
+    kind : of plate; a catch plate gets the ground of a random axis
+    is_figure : bool (N,), does a dot belong to the ring?
+    rng : Generator
 
     Returns
     -------
@@ -178,7 +179,7 @@ def dot_colours(kind: PlateKind, is_figure: NDArray[np.bool_], rng: np.random.Ge
 
 
 def draw_plate(plate: PlannedPlate) -> NDArray[np.uint8]:
-    """A plate as a picture.
+    """Draw a plate.
 
     Returns
     -------
@@ -189,7 +190,7 @@ def draw_plate(plate: PlannedPlate) -> NDArray[np.uint8]:
     for centre, radius, rgb in zip(dots.centre, dots.radius, dots.rgb, strict=True):
         low = np.maximum(np.floor(centre - radius - 1).astype(int), 0)
         high = np.minimum(np.ceil(centre + radius + 1).astype(int), SIDE)
-        columns, rows = (np.arange(low[one], high[one]) + 0.5 - centre[one] for one in (0, 1))
+        columns, rows = (np.arange(low[axis], high[axis]) + 0.5 - centre[axis] for axis in (0, 1))
         cover = np.clip(radius + 0.5 - np.hypot(columns[None, :], rows[:, None]), 0, 1)[..., None]
         place = picture[low[1] : high[1], low[0] : high[0]]
         place[...] = np.round(cover * rgb + (1 - cover) * place)
@@ -197,7 +198,7 @@ def draw_plate(plate: PlannedPlate) -> NDArray[np.uint8]:
 
 
 def _coloured(axis: Axis, side: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Linear RGB (N, 3) of dots on one side of grey or the other along a confusion line, with all noise but rounding.
+    """Return linear RGB (N, 3) of dots on either side of grey along a confusion line, with all noise but rounding.
 
     Parameters
     ----------
@@ -217,16 +218,16 @@ def _coloured(axis: Axis, side: NDArray[np.float64], rng: np.random.Generator) -
 
 
 def _levelled(cones: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
-    """Cone signals scaled to a luminance near that of white: near for everybody, and for who lacks the cone."""
+    """Scale cone signals (N, 3) to a luminance near white's, both for normal vision and without the cone."""
     luminance = cones @ RGB_FROM_CONES.T @ LUMINANCE
-    kept = 1 if axis == "protan" else 0  # what carries luminance without the cone; the short cone carries none
+    kept = 1 if axis == "protan" else 0  # the cone that carries luminance; the short cone carries none
     without = cones[:, kept] / CONES_FROM_RGB[kept].sum()
     share = MISSING_CONE_SHARE if axis != "tritan" else 0.0
     return np.asarray(cones / (luminance ** (1 - share) * without**share)[:, None])
 
 
 def _contrast(axis: Axis) -> float:
-    """The difference of the probed cone's signal that puts ring and ground as far apart in u'v' as is asked for."""
+    """Return the difference of the tested cone's signal that separates ring and ground by `DISTANCE_UV`."""
     white = CONES_FROM_RGB.sum(axis=1)
     low, high = 0.0, 1.9
     while high - low > 1e-6:
@@ -240,19 +241,19 @@ def _contrast(axis: Axis) -> float:
 
 
 def chromaticity(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """CIE 1976 u'v' (N, 2) of linear sRGB (N, 3)."""
+    """Return CIE 1976 u'v', float64 (N, 2), of linear sRGB, float64 (N, 3)."""
     x, y, z = (rgb @ XYZ_FROM_RGB.T).T
     return np.asarray(np.stack([4 * x, 9 * y], axis=1) / (x + 15 * y + 3 * z)[:, None])
 
 
 def _rounded(rgb: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """8-bit sRGB levels, up or down by chance, so that on average nothing is rounded."""
+    """Return 8-bit sRGB levels, rounded up or down at random, so without bias on average."""
     levels = 255 * encode_srgb(rgb)
     return np.clip(np.floor(levels + rng.random(levels.shape)), 0, 255).astype(np.uint8)
 
 
 def _pack(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres (N, 2) and radii (N,) of dots that fill a disc without touching, large ones first."""
+    """Return centres (N, 2) and radii (N,), pixels, of dots that fill a disc without touching, large ones first."""
     x, y = np.meshgrid(*[np.arange(GRID / 2, SIDE, GRID)] * 2)
     free = SIDE / 2 - SPACE - np.hypot(x - SIDE / 2, y - SIDE / 2)  # the largest radius that fits at each place
     reach = math.ceil((2 * RADIUS_RANGE[1] + SPACE) / GRID) + 1
@@ -267,15 +268,22 @@ def _pack(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.flo
             radius = max(RADIUS_RANGE[0], radius * SHRINK)
             continue
         row, column = divmod(int(rng.choice(candidates)), free.shape[1])
-        own = slice(max(row - reach, 0), row + reach + 1), slice(max(column - reach, 0), column + reach + 1)
+        window = slice(max(row - reach, 0), row + reach + 1), slice(max(column - reach, 0), column + reach + 1)
         centre = x[row, column], y[row, column]
-        free[own] = np.minimum(free[own], np.hypot(x[own] - centre[0], y[own] - centre[1]) - radius - SPACE)
+        free[window] = np.minimum(free[window], np.hypot(x[window] - centre[0], y[window] - centre[1]) - radius - SPACE)
         centres.append(centre)
         radii.append(radius * rng.uniform(SHRINK, 1))
 
 
 def is_on_ring(place: NDArray[np.float64], side: float, gap: int) -> NDArray[np.bool_]:
-    """Which places (N, 2) of a plate, x and y from its top left corner, belong to a ring with a gap in a direction."""
+    """Return which points of a plate belong to a ring with a gap, bool (N,).
+
+    Parameters
+    ----------
+    place : float64 (N, 2), x and y from the plate's top left corner
+    side : of the plate, in the same unit
+    gap : direction of the gap
+    """
     x, y = 2 * place[:, 0] / side - 1, 1 - 2 * place[:, 1] / side
     distance = np.hypot(x, y)
     u, v = direction_vector(gap)
@@ -285,5 +293,5 @@ def is_on_ring(place: NDArray[np.float64], side: float, gap: int) -> NDArray[np.
 
 
 def cone_signals(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Cone signals (..., 3) of what a display shows, from 8-bit sRGB."""
+    """Return cone signals, float64 (…, 3), of 8-bit sRGB, uint8 (…, 3), on a display."""
     return np.asarray(decode_srgb(rgb / 255.0) @ CONES_FROM_RGB.T)

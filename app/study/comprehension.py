@@ -1,4 +1,4 @@
-"""The question that ends the instructions; its right answer is known here and nowhere in the page."""
+"""Check the comprehension question at the end of the instructions; the page does not contain the right answer."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ RIGHT_ANSWER = "switch"
 
 
 def is_understood(answer: object) -> bool:
-    """Whether an answer shows that the instructions were understood."""
+    """Does the answer show that the participant understood the instructions?"""
     return answer == RIGHT_ANSWER

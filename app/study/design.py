@@ -1,4 +1,4 @@
-"""Which pairs a study compares, and each participant's order of trials, balanced within and across participants.
+"""Order each participant's trials, balanced within and across participants (Williams design).
 
 Everything follows from the study's seed and the participant's slot (0, 1, 2, … in order of arrival).
 """
@@ -12,12 +12,12 @@ import numpy as np
 
 from app.study.trial import IDENTICAL, MAIN, REPEAT, PlannedPair, PlannedTrial, other_half, other_label
 
-ATTEMPTS = 1000  # to find such an order; with all pairs of four or more stimuli about one in ten succeeds
+ATTEMPTS = 1000  # to find a valid order; with all pairs of four or more stimuli about one in ten succeeds
 LONGEST_RUN = 2  # trials in a row that may hold the same stimulus; a third would make it a yardstick
-APART = 5  # trials between a pair and its repetition, as far as the dataset has so many
+APART = 5  # trials between a pair and its repetition, where the dataset has enough
 FLIPS = 4  # labels exchanged or not, the other stimulus first or not: four participants see each pair in all four ways
 
-# One stream of random numbers per decision, so that changing how one is made leaves the others as they were.
+# One stream of random numbers per decision: a change to one decision leaves the others unchanged.
 _DATASETS, _LABELS, _PAIRS, _FLIPS, _REPEATED, _IDENTICAL, _PLACES = range(7)
 
 
@@ -27,9 +27,9 @@ class Repetition:
 
     Parameters
     ----------
-    both_orders : every pair comes a second time, with A and B exchanged
-    repeated_pairs : so many pairs of each dataset come again just as they were, to see whether the choice is the same
-    identical_pairs : so many pairs of each dataset hold one stimulus twice, to see whether anybody is looking
+    both_orders : show every pair a second time, with A and B exchanged
+    repeated_pairs : pairs of each dataset shown again unchanged, to see whether the choice is the same
+    identical_pairs : pairs of each dataset with the same stimulus twice, to check attention
     """
 
     both_orders: bool = False
@@ -43,36 +43,38 @@ ONCE = Repetition()
 def participant_order(
     pairs: Sequence[PlannedPair], seed: int, slot: int, repetition: Repetition = ONCE
 ) -> list[PlannedTrial]:
-    """The trials of one participant, in order.
+    """Return a participant's trials in order.
 
-    Datasets follow one another in a Williams order: over one block of slots (as many as datasets, twice as many if that
-    is odd) each stands at each position, and directly after each other one, equally often. Within a dataset the pairs
-    are shuffled. Labels and first looks are balanced for the participant (`balanced_labels`); four slots in a row share
-    them up to exchange, so that among the four each pair is seen with either stimulus as A and either first. Which
-    pairs are repeated and which stimuli are shown against themselves goes round from slot to slot.
+    Datasets follow a Williams design: over a block of slots (as many as datasets, twice as many if that is odd) each
+    stands at each position, and directly after each other dataset, equally often. Within a dataset the pairs are
+    shuffled. Labels and first looks are balanced for the participant (`balanced_labels`). Four slots in a row share
+    them up to exchange, so that the four see each pair with either stimulus as A and either first. Repeated pairs
+    and identical stimuli rotate from slot to slot.
 
     Parameters
     ----------
-    pairs : all pairs of the study, the same for every participant; identical ones where `repetition` asks for them
+    pairs : all pairs of the study, the same for every participant, with identical ones where `repetition` asks for them
     seed : the study's
     slot : the participant's, from 0
-    repetition : what comes besides every pair once
+    repetition : what is shown besides every pair once
     """
     datasets = list(dict.fromkeys(pair.dataset for pair in pairs))
     swap_labels, swap_first = _flips(seed, slot)
-    n_first_a = 0  # how much oftener A was shown first than B, so far
+    n_first_a = 0  # trials so far with A first, minus trials with B first
     orders: dict[int, list[PlannedTrial]] = {}
-    for number, dataset in enumerate(datasets, start=1):  # by their place: the same study elsewhere has other keys
-        own = [pair for pair in pairs if pair.dataset == dataset]
-        main = [pair for pair in own if not pair.is_identical]
+    for number, dataset in enumerate(datasets, start=1):  # seeded by place, as keys differ between databases
+        dataset_pairs = [pair for pair in pairs if pair.dataset == dataset]
+        main = [pair for pair in dataset_pairs if not pair.is_identical]
         labels = balanced_labels(main, _rng(seed, _LABELS, slot // FLIPS, number), first_a_so_far=n_first_a)
         n_first_a += sum(1 if trial.first_shown == "a" else -1 for trial in labels)
         trials = [_flip(trial, swap_labels=swap_labels, swap_first=swap_first) for trial in labels]
         repeated = _in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, number), slot)
-        alone = [pair for pair in own if pair.is_identical]
+        alone = [pair for pair in dataset_pairs if pair.is_identical]
         identical = _in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, number), slot)
         rngs = _rng(seed, _PAIRS, slot, number), _rng(seed, _PLACES, slot, number)
-        orders[dataset] = _dataset_trials(own, trials, repeated, identical, rngs, both_orders=repetition.both_orders)
+        orders[dataset] = _dataset_trials(
+            dataset_pairs, trials, repeated, identical, rngs, both_orders=repetition.both_orders
+        )
     return [trial for dataset in _dataset_order(datasets, seed, slot) for trial in orders[dataset]]
 
 
@@ -85,13 +87,13 @@ def _dataset_trials(
     *,
     both_orders: bool,
 ) -> list[PlannedTrial]:
-    """One dataset's trials, shuffled, with what comes besides every pair once; drawn again while a run is too long.
+    """Return a dataset's shuffled trials with repetitions; drawn again while a run is too long.
 
     Parameters
     ----------
     pairs : all of the dataset
     trials : one of each pair of two stimuli
-    repeated, identical : the pairs to show again, and those of one stimulus
+    repeated, identical : the pairs to show again, and the pairs of a stimulus with itself
     rngs : for the order of the pairs, and for the places of the others among them
     """
     shuffling, placing = rngs
@@ -115,7 +117,7 @@ def _dataset_trials(
 
 
 def williams_square(n: int) -> list[list[int]]:
-    """Rows of a Williams design: n for even n, 2n for odd n.
+    """Return the rows of a Williams design: n rows for even n, 2n for odd n.
 
     Each item stands equally often at each position, and each follows directly on each other one equally often.
 
@@ -131,13 +133,15 @@ def williams_square(n: int) -> list[list[int]]:
 def shuffle_pairs(
     pairs: Sequence[PlannedPair], rng: np.random.Generator, *, after: Sequence[PlannedPair] = ()
 ) -> list[PlannedPair]:
-    """A random order in which no stimulus is in more than LONGEST_RUN trials in a row, where such an order exists.
+    """Return a random order with no stimulus in more than LONGEST_RUN trials in a row, where such an order exists.
 
-    Draws one pair after another among those allowed, and starts again at a dead end.
+    It draws pair after pair among those allowed, and starts again at a dead end.
 
     Parameters
     ----------
-    after : what was shown directly before
+    pairs : the pairs to order
+    rng : Generator
+    after : the pairs shown directly before
     """
     before = list(after[-LONGEST_RUN:])
     for _ in range(ATTEMPTS):
@@ -157,7 +161,7 @@ def shuffle_pairs(
 
 
 def longest_run(shown: Sequence[frozenset[int]]) -> int:
-    """In how many trials in a row the same stimulus was, at most."""
+    """Return the largest number of trials in a row that show the same stimulus."""
     longest, running = 0, dict[int, int]()
     for stimuli in shown:
         running = {stimulus: running.get(stimulus, 0) + 1 for stimulus in stimuli}
@@ -168,15 +172,16 @@ def longest_run(shown: Sequence[frozenset[int]]) -> int:
 def balanced_labels(
     pairs: Sequence[PlannedPair], rng: np.random.Generator, *, first_a_so_far: int = 0
 ) -> list[PlannedTrial]:
-    """Labels and first looks for one dataset's pairs, balanced for every stimulus.
+    """Assign labels and first looks to a dataset's pairs, balanced for every stimulus.
 
-    Within one participant every stimulus is A as often as B, to one trial; among the trials in which it is A it is
-    shown first as often as second, to one trial, and likewise as B; and A is shown first as often as B, to one trial,
-    counting the trials so far.
+    For each participant every stimulus is A as often as B, up to one trial. Among the trials in which it is A it is
+    shown first as often as second, up to one trial, and likewise as B. A is shown first as often as B, up to one
+    trial, counting the trials so far.
 
     Parameters
     ----------
-    pairs : all pairs of one dataset
+    pairs : all pairs of a dataset
+    rng : Generator
     first_a_so_far : trials in earlier datasets with A first, minus those with B first
     """
     as_a = _regular_orientation([(pair.top, pair.bottom) for pair in pairs], rng)
@@ -189,7 +194,9 @@ def balanced_labels(
 
 
 def _regular_orientation(edges: Sequence[tuple[int, int]], rng: np.random.Generator) -> list[int]:
-    """The node that each edge leaves: walking each trail one way, nodes are left as often as entered, to one edge."""
+    """Orient edges along trails and return the node that each leaves; nodes are left as often as entered, up to one
+    edge.
+    """
     leaves = [edge[0] for edge in edges]
     for trail in _trails([tuple(("", node) for node in edge) for edge in edges], rng):
         for edge, start in trail:
@@ -198,8 +205,8 @@ def _regular_orientation(edges: Sequence[tuple[int, int]], rng: np.random.Genera
 
 
 def _alternating_colours(edges: Sequence[tuple[int, int]], rng: np.random.Generator, *, balance: int) -> list[bool]:
-    """Two colours, such that among the edges leaving a node, and among those entering it, both are as
-    frequent, to one.
+    """Give edges two colours: among the edges leaving a node, and among those entering it, both are equally frequent,
+    up to one.
 
     In the bipartite graph of (leaving, node) and (entering, node) every closed trail is even, so colours alternate
     along it; an open trail starts with the colour that brings the total back towards zero.
@@ -222,9 +229,9 @@ _Node = tuple[str, int]
 
 
 def _trails(edges: Sequence[tuple[_Node, ...]], rng: np.random.Generator) -> list[list[tuple[int, _Node]]]:
-    """Split a graph into edge-disjoint trails: (edge, the node it was entered from) along each.
+    """Split a graph into edge-disjoint trails of (edge, node from which it is entered).
 
-    Trails from nodes of odd degree end at nodes of odd degree; what is left is closed.
+    Trails from nodes of odd degree end at nodes of odd degree; the remaining trails are closed.
     """
     at: dict[_Node, list[int]] = {}
     for number in rng.permutation(len(edges)):
@@ -239,7 +246,7 @@ def _trails(edges: Sequence[tuple[_Node, ...]], rng: np.random.Generator) -> lis
 def _walk(
     node: _Node, edges: Sequence[tuple[_Node, ...]], at: dict[_Node, list[int]], used: set[int]
 ) -> list[tuple[int, _Node]]:
-    """Follow unused edges from a node until there is none, marking them as used."""
+    """Follow unused edges from a node until none is left there, marking them as used."""
     trail: list[tuple[int, _Node]] = []
     while True:
         while at[node] and at[node][-1] in used:
@@ -272,7 +279,7 @@ def _flip(trial: PlannedTrial, *, swap_labels: bool, swap_first: bool) -> Planne
 
 
 def _in_turn(pairs: Sequence[PlannedPair], n: int, rng: np.random.Generator, slot: int) -> list[PlannedPair]:
-    """The n pairs whose turn it is: over as many slots as there are pairs each comes n times."""
+    """Return the n pairs of this slot; over as many slots as pairs, each pair comes n times."""
     turns = rng.permutation(len(pairs))
     return [pairs[turns[(slot * n + step) % len(pairs)]] for step in range(min(n, len(pairs)))]
 
@@ -280,7 +287,7 @@ def _in_turn(pairs: Sequence[PlannedPair], n: int, rng: np.random.Generator, slo
 def _with_repeat(
     order: Sequence[PlannedTrial], pair: int, by_key: Mapping[int, PlannedPair], rng: np.random.Generator
 ) -> list[PlannedTrial]:
-    """The order with a pair's first trial once more, far from it: of the two, the later one is the repetition."""
+    """Insert a pair's first trial again, far from it; the later of the two is the repetition."""
     index = next(index for index, trial in enumerate(order) if trial.pair == pair)
     free = _free_places(order, by_key[pair], by_key)
     distances = {place: max(index - place, place - index - 1) for place in free}
@@ -293,7 +300,7 @@ def _with_repeat(
 
 
 def _closest_repeat(order: Sequence[PlannedTrial]) -> int:
-    """The fewest trials between a repetition and what it repeats; APART without repetitions."""
+    """Return the fewest trials between a pair and its repetition; APART without repetitions."""
     places = {trial.pair: place for place, trial in reversed(list(enumerate(order)))}
     gaps = [place - places[trial.pair] - 1 for place, trial in enumerate(order) if trial.role == REPEAT]
     return min(gaps, default=APART)
@@ -302,7 +309,7 @@ def _closest_repeat(order: Sequence[PlannedTrial]) -> int:
 def _with_identical(
     order: Sequence[PlannedTrial], pair: PlannedPair, by_key: Mapping[int, PlannedPair], rng: np.random.Generator
 ) -> list[PlannedTrial]:
-    """The order with a stimulus against itself, though not at its beginning: first one learns what there is to see."""
+    """Insert a stimulus against itself, but not as the first trial: participants first learn what there is to see."""
     free = _free_places(order, pair, by_key)
     later = [place for place in free if place > 0] or free
     place = later[rng.integers(len(later))]
@@ -313,7 +320,7 @@ def _with_identical(
 
 
 def _free_places(order: Sequence[PlannedTrial], pair: PlannedPair, by_key: Mapping[int, PlannedPair]) -> list[int]:
-    """Where a pair can be put without making a run too long; anywhere, if there is no such place."""
+    """Return the places where a pair makes no run too long; all places if there is none."""
     shown = [by_key[trial.pair].stimuli for trial in order]
     every = range(len(order) + 1)
     around = {

@@ -1,4 +1,4 @@
-"""Groups of participants by what they answered in the interview: by a choice, or below and above the median."""
+"""Group participants by their interview answers: by choice, or at the median of a number or scale."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ from typing import Any
 
 from app.study.questionnaire import Question
 
-SMALLEST_GROUP = 3  # participants; fewer could be recognised, and say little
+SMALLEST_GROUP = 3  # participants; members of smaller groups could be recognised
 
 
 def groupings(questions: Sequence[Question], answers: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, str]]:
-    """Question -> participant -> group, for questions that divide the participants into groups to compare.
+    """Return question -> participant -> group, for questions that divide the participants into at least two groups.
 
     Parameters
     ----------
-    answers : rows with `participant`, `question` and `answer`; None where it was left out
+    answers : rows with `participant`, `question` and `answer`, which is None where left out
     """
     kinds = {question.name: question.kind for question in questions}
     given: dict[str, dict[str, Any]] = {}
     for row in answers:
         if row["answer"] is not None and kinds.get(row["question"]) in ("choice", "scale", "number"):
             given.setdefault(row["question"], {})[row["participant"]] = row["answer"]
-    divided = {name: _chosen(own) if kinds[name] == "choice" else _halves(own) for name, own in sorted(given.items())}
+    divided = {
+        name: _chosen(by_participant) if kinds[name] == "choice" else _halves(by_participant)
+        for name, by_participant in sorted(given.items())
+    }
     large = {name: _without_small_groups(groups) for name, groups in divided.items()}
     return {name: groups for name, groups in large.items() if len(set(groups.values())) > 1}
 
@@ -33,7 +36,7 @@ def _chosen(answers: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _halves(answers: Mapping[str, Any]) -> dict[str, str]:
-    """Below or at the median, and above it."""
+    """Split answers into up to the median, and above it."""
     middle = median_low([float(answer) for answer in answers.values()])
     return {
         participant: f"up to {middle:g}" if float(answer) <= middle else f"above {middle:g}"

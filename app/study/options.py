@@ -1,4 +1,4 @@
-"""What a study asks of its participants besides the votes: its optional stages and their content."""
+"""Define a study's options: its optional stages and their content, and how pairs are shown."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
-ABANDONED_AFTER_H = 24.0  # without an answer; whoever comes back the next day still finds their slot
+ABANDONED_AFTER_H = 24.0  # without an answer; a participant who returns the next day keeps the slot
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """A study's options; the defaults are the quickest study there is.
+    """A study's options; the defaults give the shortest study.
 
     Parameters
     ----------
-    optional_stages : of screening, practice and interview, those that are on
+    optional_stages : those of screening, practice and interview that are on
     screening : its tests and limits
-    consent : what a participant agrees to, paragraphs apart by an empty line; empty: none is asked for
-    consent_version : how its authors call this text
-    comprehension : whether the instructions end with a question on them
+    consent : text that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
+    consent_version : its authors' name for this text
+    comprehension : do the instructions end with a comprehension question?
     questions : of the interview
-    spoken_questions : what the experimenter asks aloud, noted in a form of the dashboard
-    debriefing : what participants read at the end, paragraphs apart by an empty line
-    both_orders, repeated_pairs, identical_pairs : what is shown besides every pair once, see `Repetition`
-    adaptive_pairs : so many pairs of each dataset, chosen from the votes so far, instead of every pair; 0: every pair
-    free_exposure : the participant ends the exposure; the films go on until then
-    reference : the condition that is shown as the reference beside every pair, and compared with nothing; empty: none
-    second_codec : in which films are there too, for browsers without H.264; empty: in none
-    fallback : how a pair is shown where a browser plays no film of both: decoded picture by picture from a film of
-        each (webcodecs); failing that, by two players, which may be a frame apart (two videos); empty: not at all
+    spoken_questions : asked aloud by the experimenter, who notes the answers in a form of the dashboard
+    debriefing : text that participants read at the end, paragraphs apart by an empty line
+    both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
+    adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
+    free_exposure : the films play until the participant ends the exposure
+    reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
+    second_codec : codec of further films, for browsers without H.264; empty: none
+    fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
+        picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
-    abandoned_after_h : hours without an answer after which a slot that was not finished is given to somebody else
+    abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
     """
 
     optional_stages: tuple[str, ...] = ()
@@ -75,10 +75,12 @@ class StudyOptions:
 
     @property
     def repetition(self) -> Repetition:
+        """Trials shown besides every pair once."""
         return Repetition(self.both_orders, self.repeated_pairs, self.identical_pairs)
 
     @property
     def way(self) -> tuple[str, ...]:
+        """The study's stages in order."""
         return way_through(self.optional_stages)
 
     @property
@@ -86,7 +88,7 @@ class StudyOptions:
         return hashlib.sha256(self.consent.encode()).hexdigest() if self.consent else ""
 
     def as_json(self) -> dict[str, Any]:
-        """What `parse_options` reads again."""
+        """Return the options as JSON, which `parse_options` reads."""
         content = asdict(self)
         return {
             **content,
@@ -98,14 +100,14 @@ class StudyOptions:
 
 
 def parse_options(content: Mapping[str, Any]) -> StudyOptions:
-    """Options from a study file or the database.
+    """Read options from a study file or the database.
 
     Raises
     ------
     ValueError
-        If a key is unknown or a value is not as described: says which.
+        Naming an unknown key, or a key with an invalid value.
     """
-    known = {one.name for one in fields(StudyOptions)}
+    known = {option.name for option in fields(StudyOptions)}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"option {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
     stages = content.get("optional_stages", ())

@@ -1,4 +1,4 @@
-"""Pictures that the server draws for the screening, so that a page holds what is seen and never what is right.
+"""Draw the screening's pictures on the server: a page gets the picture and never the right answer.
 
 Directions are counted from 0 (right) anticlockwise by 45 degrees.
 """
@@ -16,11 +16,11 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GREY, RGB = 0, 2  # PNG colour types
 RING = 5  # outer diameter of a Landolt ring in gaps (ISO 8596)
 MARGIN = 2  # pixels of ground around a ring
-SAMPLES = 80  # of a gap, at least, for the grey levels of the pixels at its edges
+SAMPLES = 80  # at least, across a gap; they give the grey levels of the pixels at its edges
 
 
 def encode_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear light as sRGB levels, both from 0 to 1.
+    """Return sRGB levels of linear light, both float64 (…,), from 0 to 1.
 
     Source
     ------
@@ -31,26 +31,26 @@ def encode_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def decode_srgb(level: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sRGB levels as linear light, both from 0 to 1; the inverse of `encode_srgb`."""
+    """Return linear light of sRGB levels, both float64 (…,), from 0 to 1; the inverse of `encode_srgb`."""
     return np.asarray(np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4))
 
 
 def direction_vector(direction: int) -> tuple[float, float]:
-    """(x, y) of a direction, y upwards."""
+    """Return the unit vector (x, y) of a direction, y upwards."""
     return math.cos(direction * math.pi / 4), math.sin(direction * math.pi / 4)
 
 
 def landolt_ring(gap_px: float, direction: int) -> NDArray[np.uint8]:
-    """A black ring on white; a pixel that is half covered reflects half the light.
+    """Draw a black ring on white; a pixel that is half covered reflects half the light.
 
     Parameters
     ----------
-    gap_px : width of the gap and of the stroke, pixels; need not be whole
+    gap_px : width of the gap and of the stroke, pixels; fractions are allowed
     direction : of the gap
 
     Returns
     -------
-    uint8 (H, H), sRGB grey levels; the ring's centre is the picture's
+    uint8 (H, H), sRGB grey levels, the ring in the centre
 
     Source
     ------
@@ -71,7 +71,7 @@ def landolt_ring(gap_px: float, direction: int) -> NDArray[np.uint8]:
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
-    """A picture as a PNG file; `read_png` reads it again.
+    """Encode a picture as a PNG file; `read_png` is the inverse.
 
     Parameters
     ----------
@@ -87,12 +87,16 @@ def png(picture: NDArray[np.uint8]) -> bytes:
 
 
 def read_png(file: bytes) -> NDArray[np.uint8]:
-    """A picture that `png` wrote, for who looks at it without a browser.
+    """Read a picture that `png` wrote, for simulated participants.
+
+    Returns
+    -------
+    uint8 (H, W) grey or (H, W, 3) sRGB
 
     Raises
     ------
     ValueError
-        If it is no PNG of 8 bits, grey or RGB, without interlacing and row filters.
+        If it is not a PNG of 8 bits, grey or RGB, without interlacing and row filters.
     """
     chunks = _chunks(file)
     width, height, depth, kind, *others = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
@@ -112,9 +116,9 @@ def _chunk(name: bytes, content: bytes) -> bytes:
 def _chunks(file: bytes) -> dict[bytes, bytes]:
     if not file.startswith(PNG_SIGNATURE):
         raise ValueError(f"begins with {file[:8]!r}, expected a PNG")
-    found, at = {}, len(PNG_SIGNATURE)
+    chunks, at = {}, len(PNG_SIGNATURE)
     while at < len(file):
         (length,) = struct.unpack_from(">I", file, at)
-        found[file[at + 4 : at + 8]] = file[at + 8 : at + 8 + length]
+        chunks[file[at + 4 : at + 8]] = file[at + 8 : at + 8 + length]
         at += 12 + length
-    return found
+    return chunks

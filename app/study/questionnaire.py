@@ -1,4 +1,4 @@
-"""The interview's questionnaire: questions as a study defines them, and answers that fit them."""
+"""Parse the interview's questions of a study, and check answers against them."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ LONGEST_ANSWER = 2000  # characters
 
 
 class InvalidAnswerError(ValueError):
-    """An answer that does not fit its question."""
+    """An answer does not fit its question."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One question; it may be left unanswered unless it is required.
+    """A question; it may be left unanswered unless it is required.
 
     Parameters
     ----------
-    name : under which its answer is kept
-    kind : choice of options, step of a scale (1, 2, …), number within bounds, free text
-    text : what is asked; empty: a text of the page's language is known under the name
-    options : of a choice, the answers as they are kept
-    labels : of a choice, as they are read (empty: known under the name); of a scale, its two ends
+    name : key of its answer
+    kind : choice of options, step of a scale (1, 2, …), number within bounds, or free text
+    text : wording; empty: the page has a text under the name, in its language
+    options : of a choice, the answers as they are stored
+    labels : of a choice, the answers as they are shown (empty: the page has them); of a scale, its two ends
     minimum, maximum : of a number; a scale goes from 1 to `maximum`
     """
 
@@ -62,38 +62,40 @@ LONGEST_QUESTION = 500  # characters
 
 
 def parse_spoken_questions(content: Any) -> tuple[str, ...]:
-    """What an experimenter asks aloud, from a study file; none are given: the usual ones.
+    """Read the questions that an experimenter asks aloud from a study file; None gives the default ones.
 
     Raises
     ------
     ValueError
-        If it is no list of different texts.
+        If it is not a list of different texts.
     """
     if content is None:
         return DEFAULT_SPOKEN_QUESTIONS
     is_list = isinstance(content, Sequence) and not isinstance(content, str) and len(content) <= MOST_SPOKEN_QUESTIONS
-    if not is_list or not all(isinstance(one, str) and 0 < len(one.strip()) <= LONGEST_QUESTION for one in content):
+    if not is_list or not all(
+        isinstance(question, str) and 0 < len(question.strip()) <= LONGEST_QUESTION for question in content
+    ):
         lengths = f"1 to {LONGEST_QUESTION} characters"
         raise ValueError(f"spoken_questions: expected a list of at most {MOST_SPOKEN_QUESTIONS} texts of {lengths}")
-    questions = tuple(one.strip() for one in content)
+    questions = tuple(question.strip() for question in content)
     if len(set(questions)) < len(questions):
         raise ValueError("spoken_questions: one of them is there twice")
     return questions
 
 
 def parse_questions(content: Any) -> tuple[Question, ...]:
-    """Questions from a study file.
+    """Read the interview's questions from a study file.
 
     Raises
     ------
     ValueError
-        If one is not as described: names it and what is wrong.
+        Naming the question and its fault.
     """
     if not isinstance(content, Sequence) or isinstance(content, str):
         raise ValueError("questions: expected a list")
     if len(content) > MOST_QUESTIONS:
         raise ValueError(f"{len(content)} questions: expected at most {MOST_QUESTIONS}")
-    questions = tuple(_question(one, number) for number, one in enumerate(content, start=1))
+    questions = tuple(_question(entry, number) for number, entry in enumerate(content, start=1))
     names = [question.name for question in questions]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"question {twice[0]!r} is there twice")
@@ -101,7 +103,7 @@ def parse_questions(content: Any) -> tuple[Question, ...]:
 
 
 def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> None:
-    """Check that every answer fits its question; null means that a question was left out.
+    """Check that every answer fits its question; null means that the question was left out.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def _fits(question: Question, answer: Any) -> bool:
 def _question(content: Any, number: int) -> Question:
     if not isinstance(content, Mapping):
         raise ValueError(f"question {number}: expected a table of its own")
-    known = {one.name for one in fields(Question)}
+    known = {field.name for field in fields(Question)}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"question {number}: {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
     name, kind = content.get("name"), _kind(content)
@@ -159,8 +161,8 @@ def _kind(content: Mapping[str, Any]) -> Kind:
     for kind in KINDS:
         if content.get("kind") == kind:
             return kind
-    found = content.get("kind")
-    raise ValueError(f"question {content.get('name')}: its kind is {found!r}, expected one of {', '.join(KINDS)}")
+    given, kinds = content.get("kind"), ", ".join(KINDS)
+    raise ValueError(f"question {content.get('name')}: its kind is {given!r}, expected one of {kinds}")
 
 
 def _check_kind(question: Question) -> None:

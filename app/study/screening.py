@@ -1,7 +1,7 @@
-"""The screening of a study: which tests, their limits, and how each goes on from what is stored of it.
+"""Run a study's vision screening: its tests, their limits, the next ring or plate, and the verdict.
 
-A test is run from two things that the server keeps: its setup, and its items so far. Nothing else is remembered, so
-that any process can go on with it, and what is right never leaves the server.
+The server stores a test's setup and its items so far, and nothing else. Any process can therefore continue a test, and
+the right answers never leave the server.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.study.acuity import AcuityTest, Look, gap_arcmin, gap_mm, judge, next_size, smallest_size
+from app.study.acuity import AcuityTest, Ring, gap_arcmin, gap_mm, judge, next_size, smallest_size
 from app.study.colour_vision import (
     AXES,
     DIRECTIONS,
@@ -42,22 +42,22 @@ DEFAULT_ACUITY_LIMIT = 0.18  # logMAR, log10(30/20): the 20/30 line that ITU-T P
 ACUITY_LIMITS = (-0.3, 1.0)
 FIXED_DISTANCES_CM = (20.0, 600.0)
 RING_SHARE = 0.5  # of the window's height, for the largest ring
-LARGEST_GAP_PX = 200.0  # larger ones say nothing more and are long on their way
+LARGEST_GAP_PX = 200.0  # larger rings add no information and take long to send
 
 
 @dataclass(frozen=True)
 class ScreeningOptions:
-    """What a study's screening tests, and what follows from it.
+    """The tests of a study's screening, and the consequences of failing.
 
     Parameters
     ----------
     tests : those that are on
     acuity_limit : logMAR that must be reached; larger is worse
-    distance : how the distance of the eyes is known: typed on the page, fixed by the laboratory, or by the blind spot
-    distance_cm : the fixed one
+    distance : source of the viewing distance: typed on the page, fixed by the laboratory, or by the blind spot
+    distance_cm : the fixed distance
     colour_axes : confusion lines of which plates are shown
     colour_misses : plates of an axis that may be missed
-    on_failure : "record": the experimenter decides; "stop": who fails or skips a test goes no further
+    on_failure : "record": the experimenter decides; "stop": a participant who fails or skips a test goes no further
     """
 
     tests: tuple[TestName, ...] = TESTS
@@ -69,25 +69,25 @@ class ScreeningOptions:
     on_failure: Rule = "record"
 
     def stops(self, verdicts: Sequence[str]) -> bool:
-        """Whether the study ends here for who has these verdicts; what could not be judged never stops anybody."""
+        """Does the study end for a participant with these verdicts? A test that could not be judged stops nobody."""
         return self.on_failure == "stop" and any(verdict in ("failed", NOT_TAKEN) for verdict in verdicts)
 
 
 @dataclass(frozen=True)
 class Item:
-    """One ring or plate: what it is, and what was answered; None: not yet."""
+    """A ring or plate: its content, and the answer, None until it is given."""
 
     content: Mapping[str, Any]
     answer: int | None
 
 
 def parse_screening(content: Any) -> ScreeningOptions:
-    """The table [screening] of a study file.
+    """Read the table [screening] of a study file.
 
     Raises
     ------
     ValueError
-        If it is not as described: says which key, what was found and what is expected.
+        Naming the key, the value and what is expected.
     """
     if not isinstance(content, Mapping):
         raise ValueError(f"screening is {content!r}, expected a table of its own")
@@ -115,11 +115,14 @@ def parse_screening(content: Any) -> ScreeningOptions:
 def acuity_setup(
     options: ScreeningOptions, pixel_mm: float, distance_mm: float, height_px: int, seed: int
 ) -> dict[str, Any]:
-    """An acuity test on this display at this distance.
+    """Set up an acuity test for this display at this distance.
 
     Parameters
     ----------
-    height_px : of the window, in the display's own pixels: the largest ring must fit into it
+    options : with the limit
+    pixel_mm : pitch of the display's own pixels
+    distance_mm : from the eye to the display
+    height_px : of the window, in the display's own pixels; the largest ring must fit into it
     seed : of the directions
     """
     largest_gap_mm = min(RING_SHARE * height_px / RING, LARGEST_GAP_PX) * pixel_mm
@@ -135,19 +138,26 @@ def acuity_setup(
 
 
 def colour_setup(options: ScreeningOptions, seed: int) -> dict[str, Any]:
-    """A test of colour vision."""
+    """Set up a test of colour vision."""
     return {"axes": list(options.colour_axes), "n_misses": options.colour_misses, "seed": seed}
 
 
 def n_items(test: TestName, setup: Mapping[str, Any]) -> int:
-    """How many rings or plates a test shows."""
+    """Count the rings or plates of a test."""
     return int(setup["n_trials"]) if test == "acuity" else len(_plan(setup))
 
 
 def next_content(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) -> dict[str, Any] | None:
-    """The next ring or plate once all before it are answered; None when the test is over."""
+    """Return the next ring or plate once all before it are answered; None when the test is over.
+
+    Parameters
+    ----------
+    test : its name
+    setup : as from `acuity_setup` or `colour_setup`
+    items : so far, all answered
+    """
     if test == "acuity":
-        size = next_size(_looks(items), acuity_test(setup))
+        size = next_size(_rings(items), acuity_test(setup))
         gap = int(np.random.default_rng([setup["seed"], len(items)]).integers(8))
         return None if size is None else {"size": size, "gap": gap}
     plan = _plan(setup)
@@ -158,23 +168,41 @@ def next_content(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]
 
 
 def is_possible(test: TestName, answer: int) -> bool:
-    """Whether an answer is one of those that a test offers."""
+    """Is the answer one that the test offers?"""
     return answer in range(8) if test == "acuity" else answer in (*DIRECTIONS, NOTHING)
 
 
 def draw(test: TestName, setup: Mapping[str, Any], content: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """The picture of a ring in the display's own pixels, or of a plate."""
+    """Draw a ring in the display's own pixels, or a plate.
+
+    Parameters
+    ----------
+    test : its name
+    setup : as from `acuity_setup` or `colour_setup`
+    content : of the ring or plate, as from `next_content`
+
+    Returns
+    -------
+    uint8 (H, H) sRGB grey levels of a ring, or (H, H, 3) sRGB of a plate
+    """
     if test == "acuity":
         return landolt_ring(gap_mm(content["size"], setup["distance_mm"]) / setup["pixel_mm"], content["gap"])
     return draw_plate(PlannedPlate(content["kind"], content["gap"], content["seed"]))
 
 
 def verdict_of(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) -> tuple[Verdict, dict[str, Any]]:
-    """What a test that is over has found."""
+    """Return the verdict of a completed test, with its numbers.
+
+    Parameters
+    ----------
+    test : its name
+    setup : as from `acuity_setup` or `colour_setup`
+    items : all, answered
+    """
     if test == "colour":
-        answers = [Answer(one.content["kind"], one.content["gap"], _given(one)) for one in items]
+        answers = [Answer(item.content["kind"], item.content["gap"], _given(item)) for item in items]
         return judge_colours(answers, _colour_test(setup))
-    acuity = judge(_looks(items), acuity_test(setup))
+    acuity = judge(_rings(items), acuity_test(setup))
     return acuity.verdict, {"logmar": acuity.logmar, "low": acuity.low, "high": acuity.high}
 
 
@@ -182,8 +210,8 @@ def acuity_test(setup: Mapping[str, Any]) -> AcuityTest:
     return AcuityTest(setup["limit"], setup["n_trials"], setup["smallest"], setup["largest"])
 
 
-def _looks(items: Sequence[Item]) -> list[Look]:
-    return [Look(one.content["size"], one.content["gap"], _given(one)) for one in items]
+def _rings(items: Sequence[Item]) -> list[Ring]:
+    return [Ring(item.content["size"], item.content["gap"], _given(item)) for item in items]
 
 
 def _given(item: Item) -> int:
@@ -203,7 +231,7 @@ def _plan(setup: Mapping[str, Any]) -> list[PlannedPlate]:
 def _some_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
     value = content.get(key, known)
     is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if not is_list or not value or len(set(value)) < len(value) or any(one not in known for one in value):
+    if not is_list or not value or len(set(value)) < len(value) or any(word not in known for word in value):
         raise ValueError(f"screening: {key} is {value!r}, expected some of {', '.join(known)}")
     return tuple(value)
 

@@ -1,4 +1,4 @@
-"""What must come with a completed stage: the consent as it was read, practice with switches, answers that fit."""
+"""Check what a participant sends to complete a stage: consent, comprehension, practice, answers."""
 
 from __future__ import annotations
 
@@ -14,11 +14,17 @@ N_PRACTICE = 2  # an obvious pair and an identical one
 
 
 class InvalidStageError(ValueError):
-    """A stage cannot be completed with what came with it."""
+    """The data sent do not complete the stage."""
 
 
 def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions) -> None:
-    """Check what came with a stage; what a study does not ask for is kept as it comes.
+    """Check the data of a completed stage; data that the study does not ask for pass unchecked.
+
+    Parameters
+    ----------
+    stage : the stage completed
+    data : sent with it
+    options : the study's
 
     Raises
     ------
@@ -46,8 +52,8 @@ def _check_practice(data: Mapping[str, Any]) -> None:
     rounds = data.get("rounds")
     if not isinstance(rounds, list) or len(rounds) != N_PRACTICE:
         raise InvalidStageError(f"expected {N_PRACTICE} rounds of practice")
-    for number, one in enumerate(rounds, start=1):
-        n_switches = one.get("n_switches") if isinstance(one, Mapping) else None
+    for number, practice in enumerate(rounds, start=1):
+        n_switches = practice.get("n_switches") if isinstance(practice, Mapping) else None
         if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:
             raise InvalidStageError(f"round {number} has {n_switches!r} switches, expected at least one")
 

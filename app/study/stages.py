@@ -1,4 +1,4 @@
-"""The stages of a session, and which move from one to the next is legal."""
+"""Define the stages of a session, and the legal moves from one to the next."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ PRACTICE = "practice"
 TRIAL = "trial"
 INTERVIEW = "interview"
 FINISHED = "finished"
-WITHDRAWN = "withdrawn"  # stands beside the way: it is reached from any stage and leads nowhere
-SCREENED_OUT = "screened_out"  # so does this one: the study's rule ends it for who does not pass the screening
+WITHDRAWN = "withdrawn"  # not part of the way: an end, reached from any stage
+SCREENED_OUT = "screened_out"  # an end too: the study's rule for participants who fail the screening
 ENDS = (FINISHED, WITHDRAWN, SCREENED_OUT)
 ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
 OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
@@ -19,11 +19,11 @@ SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)
 
 
 class IllegalMoveError(ValueError):
-    """A stage that cannot be completed now."""
+    """The stage cannot be completed now."""
 
 
 def way_through(optional: Sequence[str]) -> tuple[str, ...]:
-    """The stages of a study that has these optional ones, in order.
+    """Return the stages of a study with these optional ones, in order.
 
     Raises
     ------
@@ -36,20 +36,20 @@ def way_through(optional: Sequence[str]) -> tuple[str, ...]:
 
 
 def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> str:
-    """The stage a session is in once a participant has completed one by hand.
+    """Return the session's stage after a participant has completed a stage by hand.
 
-    Completing a stage that is already behind changes nothing, so that a request can be sent twice.
+    Completing an earlier stage again changes nothing, so a request can be sent twice.
 
     Parameters
     ----------
-    stage : the stage reported as completed
-    current : the stage the session is in
+    stage : reported as completed
+    current : the session's stage
     way : the study's stages in order
 
     Raises
     ------
     IllegalMoveError
-        If the stage is still ahead, ends otherwise than by hand, or the participant has withdrawn.
+        If the stage is still ahead, does not end by hand, or the participant has withdrawn.
     """
     if current == WITHDRAWN:
         raise IllegalMoveError("you have withdrawn from the study")
@@ -69,10 +69,17 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
 
 
 def is_past(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> bool:
-    """Whether a stage lies behind who is in the current one."""
+    """Is the stage behind a session in the current one?
+
+    Parameters
+    ----------
+    stage : the stage asked about
+    current : the session's stage
+    way : the study's stages in order
+    """
     return current not in (WITHDRAWN, SCREENED_OUT) and way.index(current) > way.index(stage)
 
 
 def next_stage(stage: str, way: Sequence[str] = SHORTEST_WAY) -> str:
-    """The stage that follows; FINISHED is the last."""
+    """Return the stage that follows; FINISHED is the last."""
     return way[way.index(stage) + 1]

@@ -1,4 +1,4 @@
-"""A study as a TOML file: everything that makes it, but its stimuli, which stand in a folder of their own."""
+"""Read and write a study as a TOML file: all of it but its stimuli, which are in a folder of their own."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Any
 from app.study.options import StudyOptions, parse_options
 
 KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
-LONGEST_FILE = 80_000  # characters, where it is sent; a form takes 1 MiB, and escapes a letter to twelve bytes
+LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
 
 
 @dataclass(frozen=True)
 class StudyFile:
-    """What a study file says.
+    """The content of a study file.
 
     Parameters
     ----------
-    name : what participants and experimenters read
-    stimuli : the stimulus set's folder, from the file's own; None: told otherwise
-    manifest_sha256 : of the set's manifest, to be sure that it is the same; None: any
+    name : shown to participants and experimenters
+    stimuli : the stimulus set's folder, relative to the file; None: named elsewhere
+    manifest_sha256 : of the set's manifest, to check that it is the same set; None: any
     exposure_s : how long a pair is shown; None: as long as the shortest video
-    seed : of everybody's order; None: drawn
-    options : what is asked besides votes
+    seed : of all orders; None: drawn at random
+    options : everything besides the votes
     """
 
     name: str
@@ -42,7 +42,7 @@ def parse_study_file(text: str) -> StudyFile:
     Raises
     ------
     ValueError
-        If it is not TOML, a key is unknown or missing, or a value is not as described: says which.
+        If it is not TOML, a key is unknown or missing, or a value is invalid: names it.
     """
     content = tomllib.loads(text)
     if unknown := sorted(set(content) - set(KEYS)):
@@ -62,19 +62,20 @@ def parse_study_file(text: str) -> StudyFile:
     )
 
 
-def write_study_file(of: StudyFile) -> str:
-    """The file that `parse_study_file` reads as this; options that are as by default are left out."""
+def write_study_file(study: StudyFile) -> str:
+    """Write the file that `parse_study_file` reads; options with default values are left out."""
     default = StudyOptions().as_json()
-    options = {name: value for name, value in of.options.as_json().items() if value != default[name]}
+    options = {name: value for name, value in study.options.as_json().items() if value != default[name]}
     questions = options.pop("questions", [])
-    lines = [_line(key, getattr(of, key)) for key in KEYS[:-1] if getattr(of, key) is not None]
+    lines = [_line(key, getattr(study, key)) for key in KEYS[:-1] if getattr(study, key) is not None]
     tables = {name: options.pop(name) for name in list(options) if isinstance(options[name], Mapping)}
     if options:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
     for name, table in tables.items():
-        lines += ["", f"[options.{name}]", *(_line(*one) for one in table.items())]
+        lines += ["", f"[options.{name}]", *(_line(key, value) for key, value in table.items())]
     for question in questions:
-        lines += ["", "[[options.questions]]", *(_line(*one) for one in question.items() if one[1] not in (None, []))]
+        given = {key: value for key, value in question.items() if value not in (None, [])}
+        lines += ["", "[[options.questions]]", *(_line(key, value) for key, value in given.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -86,5 +87,5 @@ def _typed(content: Mapping[str, Any], key: str, kind: Any, expected: str) -> An
 
 
 def _line(key: str, value: Any) -> str:
-    """Texts, numbers, truth and lists of them are written alike in TOML and JSON, but for the character DEL."""
+    """Write a key; texts, numbers, booleans and lists are the same in TOML and JSON, but for the character DEL."""
     return f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""How a browser shows A and B in step, the best first."""
+"""Name the ways in which a browser shows A and B in step, the best first."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import Literal
 
 Technique = Literal["stacked", "webcodecs", "two videos"]
 
-STACKED: Technique = "stacked"  # one film holds both, so that they cannot differ
+STACKED: Technique = "stacked"  # one film holds both, always at the same frame
 WEBCODECS: Technique = "webcodecs"  # a film of each, decoded picture by picture and drawn together
 TWO_VIDEOS: Technique = "two videos"  # two players side by side, which may be a frame apart
 
 
 def is_frame_locked(technique: str | None) -> bool | None:
-    """Whether A and B were the same frame at every moment by construction; None where the technique is not known."""
+    """Were A and B always at the same frame by construction? None where the technique is not known."""
     return None if technique is None else technique != TWO_VIDEOS

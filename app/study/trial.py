@@ -1,4 +1,4 @@
-"""A trial: two stimuli in one video, one above the other, under the labels A and B."""
+"""Define a trial: two stimuli in one video, one above the other, labelled A and B."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ IDENTICAL: Role = "identical"
 
 @dataclass(frozen=True)
 class PlannedPair:
-    """An unordered pair of stimuli of one dataset, as it lies in its video.
+    """An unordered pair of stimuli of a dataset, as it lies in its video; keys are the caller's.
 
     Parameters
     ----------
-    key : what the caller calls the pair
-    dataset : what the caller calls the dataset
-    top, bottom : what the caller calls the stimuli; the same one twice in a pair that checks attention
+    key : of the pair
+    dataset : its key
+    top, bottom : keys of the stimuli; the same one twice in a pair that checks attention
     """
 
     key: int
@@ -41,7 +41,7 @@ class PlannedPair:
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """One trial of a participant's order: a pair, the half labelled A, and the label shown first."""
+    """A trial of a participant's order: a pair, the half labelled A, and the label shown first."""
 
     pair: int
     a_half: Half
@@ -50,13 +50,13 @@ class PlannedTrial:
 
     @property
     def exchanged(self) -> PlannedTrial:
-        """The pair in its other order: A and B change places, so that the other stimulus is shown first."""
+        """The pair in its other order: A and B change places, so the other stimulus is shown first."""
         return PlannedTrial(self.pair, other_half(self.a_half), self.first_shown, self.role)
 
 
 @dataclass(frozen=True)
 class Items:
-    """What hides behind a trial's labels, by the conditions' names."""
+    """The conditions behind a trial's labels."""
 
     item_a: str
     item_b: str
@@ -64,7 +64,7 @@ class Items:
 
 
 def reveal(top: str, bottom: str, a_half: str, first_shown: str) -> Items:
-    """Which condition was A, which B, and which was shown first.
+    """Return which condition was A, which B, and which was shown first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a valid vote is."""
+"""Check that a vote is valid: its viewing record contradicts neither itself nor the trial."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ Choice = Literal["a", "b", "none"]
 
 
 class InvalidVoteError(ValueError):
-    """A vote whose viewing record contradicts itself or the trial."""
+    """A vote's viewing record contradicts itself or the trial."""
 
 
 @dataclass(frozen=True)
 class Vote:
-    """A participant's choice in one trial and how it was come to.
+    """A participant's choice in a trial, and the viewing record before it.
 
     Parameters
     ----------
     client_id : made by the browser before it sends, so that sending twice is harmless
     choice : the better one, or none
-    viewing : {"first_shown", "shown_ms", "response_ms", "switches": [{"to", "at_ms", "media_time_s"}]}, times from the
-        first frame shown, `response_ms` from the voting screen
+    viewing : {"first_shown", "shown_ms", "response_ms", "switches": [{"to", "at_ms", "media_time_s"}]}; times count
+        from the first frame shown, `response_ms` from the voting screen
     """
 
     client_id: str
@@ -38,14 +38,14 @@ class Vote:
 
 
 def check_vote(vote: Vote) -> None:
-    """Check a well-formed vote against itself.
+    """Check that a well-formed vote does not contradict itself.
 
-    Only contradictions are refused. Short looks and quick answers are facts about a participant: they are kept, and the
-    analysis decides what they mean.
+    Only contradictions are refused. Short looks and quick answers are facts about a participant: they are kept, and
+    the analysis judges them.
 
     Parameters
     ----------
-    vote : types and bounds are already checked
+    vote : with types and bounds checked before
 
     Raises
     ------
@@ -62,17 +62,18 @@ def check_vote(vote: Vote) -> None:
 
 
 def check_vote_on_trial(vote: Vote, first_shown: Label, *, has_reference: bool = False) -> None:
-    """Check a vote that does not contradict itself against its trial.
+    """Check that a vote does not contradict its trial.
 
     Parameters
     ----------
+    vote : checked by `check_vote`
     first_shown : the label that the trial shows first
-    has_reference : whether the trial shows a reference besides A and B
+    has_reference : does the trial show a reference besides A and B?
 
     Raises
     ------
     InvalidVoteError
-        If another label was shown first, or a switch goes to what is not there.
+        If another label was shown first, or a switch goes to a missing reference.
     """
     if vote.viewing["first_shown"] != first_shown:
         raise InvalidVoteError(f"first_shown is {vote.viewing['first_shown']!r}; the trial shows {first_shown!r} first")
@@ -84,10 +85,10 @@ def check_vote_on_trial(vote: Vote, first_shown: Label, *, has_reference: bool =
 
 
 def has_seen_both(viewing: Mapping[str, Any]) -> bool:
-    """Whether a viewing record has both A and B on screen at some time."""
+    """Were both A and B on screen according to the viewing record?"""
     return {"a", "b"} <= {viewing["first_shown"], *(switch["to"] for switch in viewing["switches"])}
 
 
 def is_same(sent: Vote, stored: Vote) -> bool:
-    """Whether a vote that arrives again is the one already kept."""
+    """Is a vote that arrives again the stored one?"""
     return sent.client_id == stored.client_id and sent.choice == stored.choice and sent.viewing == stored.viewing

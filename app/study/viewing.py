@@ -1,4 +1,4 @@
-"""How large a display's pixels are and how far away they are looked at, measured by the participant."""
+"""Measure a display's pixel size with a bank card, and the viewing distance by the blind spot."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from collections.abc import Sequence
 from statistics import mean, median
 
 CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1: every bank card
-N_CARDS = 2  # times that the card is measured
-CARD_AGREEMENT = 0.02  # of their mean
+N_CARDS = 2  # measurements of the card
+CARD_AGREEMENT = 0.02  # range of the widths, relative to their mean
 PIXEL_RANGE_MM = (0.03, 2.0)  # from a telephone to a projector
 
 BLIND_SPOT_DEG = 13.5  # from fixation to where a dot that moves outwards vanishes; Li et al. 2020, "Virtual chinrest"
-N_BLIND_SPOTS = 5  # times that it is looked for
-BLIND_SPOT_AGREEMENT = 0.25  # range of the repeats, of their median; beyond it the eye has not kept still
+N_BLIND_SPOTS = 5  # measurements of the blind spot
+BLIND_SPOT_AGREEMENT = 0.25  # range of the repeats, relative to their median; beyond it the eye has moved
 DISTANCE_RANGE_MM = (200.0, 6000.0)
-BLIND_SPOT_RANGE_MM = (200.0, 2000.0)  # beyond it no display is wide enough
+BLIND_SPOT_RANGE_MM = (200.0, 2000.0)  # farther away no display is wide enough
 
 
 class ImplausibleError(ValueError):
-    """A measurement that contradicts itself, or that no display or person has."""
+    """A measurement contradicts itself, or fits no display or person."""
 
 
 def pixel_mm(card_widths: Sequence[float], device_pixel_ratio: float) -> float:
-    """The pitch of a display's own pixels, from the card that was fitted to it.
+    """Return the pitch of a display's own pixels, mm, from the width of a bank card fitted to it.
 
     Parameters
     ----------
-    card_widths : of the card in CSS pixels, each time
-    device_pixel_ratio : display pixels of a CSS pixel
+    card_widths : of the card in CSS pixels, from each measurement
+    device_pixel_ratio : display pixels per CSS pixel
 
     Raises
     ------
@@ -48,12 +48,12 @@ def pixel_mm(card_widths: Sequence[float], device_pixel_ratio: float) -> float:
 
 
 def checked_distance_mm(distance_mm: float) -> float:
-    """A distance that was typed, if one can sit there.
+    """Return a typed viewing distance, mm, if it is plausible.
 
     Raises
     ------
     ImplausibleError
-        If not.
+        If nobody sits at this distance.
     """
     low, high = DISTANCE_RANGE_MM
     if not low <= distance_mm <= high:
@@ -64,11 +64,11 @@ def checked_distance_mm(distance_mm: float) -> float:
 
 
 def blind_spot_distance_mm(offsets_mm: Sequence[float]) -> float:
-    """The distance of the eye, from where on the display a dot vanished in its blind spot.
+    """Return the distance of the eye, mm, from where on the display a dot vanished in its blind spot.
 
     Parameters
     ----------
-    offsets_mm : from the fixated point to the dot, each time
+    offsets_mm : from the fixated point to the dot, of each measurement
 
     Raises
     ------
@@ -84,8 +84,8 @@ def blind_spot_distance_mm(offsets_mm: Sequence[float]) -> float:
         raise ImplausibleError(f"{len(offsets_mm)} times measured, expected {N_BLIND_SPOTS} lengths that are positive")
     middle = median(offsets_mm)
     if max(offsets_mm) - min(offsets_mm) > BLIND_SPOT_AGREEMENT * middle:
-        found = f"{min(offsets_mm):.0f} to {max(offsets_mm):.0f} mm"
-        raise ImplausibleError(f"the dot vanished at {found}, expected a range within {BLIND_SPOT_AGREEMENT:.0%}")
+        offsets = f"{min(offsets_mm):.0f} to {max(offsets_mm):.0f} mm"
+        raise ImplausibleError(f"the dot vanished at {offsets}, expected a range within {BLIND_SPOT_AGREEMENT:.0%}")
     distance = middle / math.tan(math.radians(BLIND_SPOT_DEG))
     low, high = BLIND_SPOT_RANGE_MM
     if not low <= distance <= high:

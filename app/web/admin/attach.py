@@ -1,4 +1,4 @@
-"""Uploaded reports of objective evaluation and models: what `reconstudy study attach` takes, as a zip file."""
+"""Upload zipped reports of objective evaluation and models, as `reconstudy study attach` takes them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STARTS = {  # how a file of each kind begins
     ".svg": (b"<svg", b"<?xml"),
     ".json": (b"",),
     ".csv": (b"",),
-    ".html": (b"",),  # a report's own page, which is not kept
+    ".html": (b"",),  # a report's page, which is not kept
     ".txt": (b"",),
 }
 
@@ -34,32 +34,32 @@ router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 @router.put("/upload")
 async def upload_results(request: Request, actor: UploadingActor, study: AStudy, database: Store) -> Response:
     """Take zipped reports and models; they are unpacked, checked and attached in the background."""
-    own = settings(request)
-    folder, packed = await receive_zip(request, actor, database, own.data_dir / "uploads", own.largest_upload_mb)
+    server = settings(request)
+    folder, packed = await receive_zip(request, actor, database, server.data_dir / "uploads", server.largest_upload_mb)
 
     def work(_tell: Progress) -> str:
         unpacked = Path(folder.name) / "unpacked"
         with folder:
-            unpack(packed, unpacked, own.largest_upload_mb * MB, check_content)
+            unpack(packed, unpacked, server.largest_upload_mb * MB, check_content)
             try:
-                found = attach(own, database, study, result_folders(unpacked), by=actor.name, now=actor.now)
-            except ValueError as error:  # names files by where they lie here
+                attached = attach(server, database, study, result_folders(unpacked), by=actor.name, now=actor.now)
+            except ValueError as error:  # names paths on the server
                 raise InvalidError(
                     str(error).replace(f"{unpacked}/", "").replace(str(unpacked), "the zip file")
                 ) from error
-        return f"/admin/studies/{study.slug}/{'objective' if found['reports'] else 'models'}"
+        return f"/admin/studies/{study.slug}/{'objective' if attached['reports'] else 'models'}"
 
     job = await run_in_threadpool(start_job, request, database, actor, "Checking the uploaded results", work)
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 
 def result_folders(folder: Path) -> list[Path]:
-    """The folders of reports and of models, wherever in an upload they lie.
+    """Return the folders of reports and of models, at any depth of an upload.
 
     Raises
     ------
     ValueError
-        If there is none, or one is of both.
+        If there is none, or a folder holds both.
     """
     reports = {path.parent for path in folder.rglob(REPORT)}
     models = {path.parent for name in FOLDERS.values() for path in folder.rglob(name) if path.is_dir()}
@@ -74,7 +74,7 @@ def result_folders(folder: Path) -> list[Path]:
 
 
 def check_content(path: Path, name: str) -> None:
-    """Believe a file's content, not its name.
+    """Refuse a file whose content belongs to neither reports nor models, whatever its name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A study's design: pairs, orders and how balanced they are, how long it takes, how many participants it needs."""
+"""Show a study's design: pairs, balance of the orders, duration, and the number of participants it needs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from app.study.design import participant_order
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
-VOTING_S = 4.0  # beside the exposure: fixation, the choice, Next; typical of simulated and real sessions
+VOTING_S = 4.0  # besides the exposure: fixation, choice, Next; typical of simulated and real sessions
 BEFORE_AND_AFTER_MIN = 5
-REPLICATES = 200  # of a simulated study: the power to about 3 %
+REPLICATES = 200  # simulated studies; gives the power to about 3 %
 HALVES = ("top", "bottom")
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
@@ -29,7 +29,7 @@ router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
 @dataclass(frozen=True)
 class Power:
-    """What a number of participants can find, in JOD and as shares of studies."""
+    """Power of a number of participants to detect a difference, as shares of studies."""
 
     participants: int
     effect_jod: float
@@ -70,9 +70,8 @@ def design_page(
 def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> Power:
     from app.analysis.power import StudyPlan, power
 
-    one, all_of_them = (StudyPlan(conditions, n, participants) for n in (1, datasets))
-    found = [power(plan, effect_jod, 1, REPLICATES) for plan in (one, all_of_them)]
-    return Power(participants, effect_jod, found[0], found[1])
+    single, pooled = (power(StudyPlan(conditions, n, participants), effect_jod, 1, REPLICATES) for n in (1, datasets))
+    return Power(participants, effect_jod, single, pooled)
 
 
 @router.get("/stimuli")
@@ -82,7 +81,7 @@ def stimuli_page(request: Request, person: Person, study: AStudy, database: Stor
 
 @router.post("/stimuli")
 def check_stimuli(request: Request, person: Person, actor: Acting, study: AStudy, database: Store) -> Response:
-    """Read every pair's file again: is it there, and is it what it was?"""
+    """Check that every pair's file exists and is unchanged."""
     context = _stimuli(database, study.id)
     checked = {pair["media"]: _fault(request, pair) for pair in context["pairs"]}
     with database.writing() as connection:
@@ -115,7 +114,8 @@ def still(
 def _stimuli(database: Any, study_id: int) -> dict[str, Any]:
     with database.reading() as connection:
         stimuli, pairs = stimulus_records(connection, study_id), pair_records(connection, study_id)
-    datasets = {one["dataset"]: [row for row in stimuli if row["dataset"] == one["dataset"]] for one in stimuli}
+    names = dict.fromkeys(row["dataset"] for row in stimuli)
+    datasets = {name: [row for row in stimuli if row["dataset"] == name] for name in names}
     return {"datasets": datasets, "pairs": pairs}
 
 

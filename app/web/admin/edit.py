@@ -1,4 +1,4 @@
-"""A study's settings, as a form and as a file; two editors at once are told of each other."""
+"""Edit a study's settings, as a form or as a file; two people who edit at once are warned of each other."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, writ
 from app.web.admin.layout import see, study_page
 from app.web.gates import Acting, AStudy, Looking, Store
 
-FREE = ("name", "debriefing", "abandoned_after_h")  # what may change although somebody has begun
+FREE = ("name", "debriefing", "abandoned_after_h")  # settings that may change after somebody has begun
 LONGEST_NAME = 200
-LONGEST_NOTE = 200  # of a value in the audit log
+LONGEST_NOTE = 200  # characters of a value in the audit log
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -45,7 +45,7 @@ def screening_given(
     colour_misses: Number = None,
     on_failure: Word = "",
 ) -> dict[str, Any]:
-    """The option `screening` as the form has it; nothing where the form does not have it. `parse_options` checks it."""
+    """Return the option `screening` of the form; nothing where the form lacks it. `parse_options` checks it."""
     given = {
         "tests": test,
         "acuity_limit": acuity_limit,
@@ -60,14 +60,14 @@ def screening_given(
 
 @router.get("/edit")
 def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
-    own = study_file_of(study)
+    current = study_file_of(study)
     with database.reading() as connection:
         has_begun = progress_of(connection, study.id).n_started > 0
     context = {
-        "options": own.options,
+        "options": current.options,
         "stages": OPTIONAL_STAGES,
         "screening": {"tests": TESTS, "axes": AXES},
-        "text": write_study_file(own),
+        "text": write_study_file(current),
         "longest_text": LONGEST_TEXT,
         "longest_file": LONGEST_FILE,
         "has_begun": has_begun,
@@ -90,7 +90,7 @@ def edit(
     comprehension: Annotated[bool, Form()] = False,
     debriefing: Text = "",
 ) -> Response:
-    """What the form has; everything else stays as it is."""
+    """Save the fields of the form; everything else stays."""
     now = study_file_of(study)
     given = {
         "optional_stages": stage,
@@ -101,7 +101,7 @@ def edit(
         **screening,
     }
     with database.reading() as connection:
-        if progress_of(connection, study.id).n_started:  # these fields are not sent then
+        if progress_of(connection, study.id).n_started:  # the form lacks the other fields then
             given = {"debriefing": given["debriefing"]}
     try:
         options = parse_options({**now.options.as_json(), **given})
@@ -137,11 +137,12 @@ def study_file_of(study: Study) -> StudyFile:
 
 
 def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
-    """The file with what it leaves out as it is; another stimulus set makes another study.
+    """Fill what the file leaves out with the present settings; the stimulus set cannot change.
 
     Raises
     ------
     ValueError
+        If the stimulus set changes or a value is out of bounds.
     """
     if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
         raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
@@ -159,18 +160,18 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
 
 
 def _save(database: Database, study: Study, wanted: StudyFile, revision: int, actor: Actor) -> Response:
-    """Keep what has changed.
+    """Save what has changed.
 
     Raises
     ------
     ConflictError
-        If somebody else has changed the study meanwhile, or what has changed would be different for those who come now
-        from what it was for those who have begun.
+        If somebody else has changed the study meanwhile, or participants who have begun would have seen other settings
+        than those who come now.
     """
     changes = _changes(study_file_of(study), wanted)
     try:
         with database.writing() as connection:
-            lock_study(connection, study.id)  # nobody begins between the look and the change
+            lock_study(connection, study.id)  # nobody begins between the check and the change
             fixed = sorted(changes.keys() - set(FREE))
             if fixed and progress_of(connection, study.id).n_started:
                 what = ", ".join(fixed)
@@ -187,7 +188,7 @@ def _save(database: Database, study: Study, wanted: StudyFile, revision: int, ac
 
 
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:
-    """What differs, and what it becomes; long texts by their length."""
+    """Return the changed settings with their new values; long texts by their length."""
     old, new = _flat(before), _flat(after)
     return {key: _short(value) for key, value in new.items() if value != old[key]}
 
@@ -196,10 +197,10 @@ def _short(value: Any) -> Any:
     return value if len(str(value)) <= LONGEST_NOTE else f"{len(str(value))} characters"
 
 
-def _flat(of: StudyFile) -> dict[str, Any]:
-    return {"name": of.name, "exposure_s": of.exposure_s, "seed": of.seed, **of.options.as_json()}
+def _flat(study: StudyFile) -> dict[str, Any]:
+    return {"name": study.name, "exposure_s": study.exposure_s, "seed": study.seed, **study.options.as_json()}
 
 
 def _unix(text: str) -> str:
-    """A form's text with the line ends that files have."""
+    """Return a form's text with a file's line ends."""
     return text.replace("\r\n", "\n").strip()

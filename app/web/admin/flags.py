@@ -1,4 +1,4 @@
-"""What looks unusual about participants, looked for beside the pages that show it: it takes seconds of many votes."""
+"""Compute participants' flags (unusual votes) in a background thread, as many votes take seconds."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import Any
 from app.store.engine import Database
 from app.web.analyst.results import analysis_of
 
-AT_MOST_EVERY = timedelta(seconds=10)  # for one study; votes come more often
-PATIENCE_S = 0.5  # of a page's first look, which is to be seen within a second
+AT_MOST_EVERY = timedelta(seconds=10)  # between computations for a study; votes come more often
+PATIENCE_S = 0.5  # a page waits so long for flags, as it should appear within a second
 
 LONG_AGO = datetime.min.replace(tzinfo=UTC)
 
@@ -24,17 +24,17 @@ FlagsOf = Mapping[str, tuple[str, ...]]
 
 @dataclass
 class _Known:
-    """The flags of a study, and the votes that they were looked for in."""
+    """The flags of a study, and the votes from which they were computed."""
 
     flags: FlagsOf = field(default_factory=dict)
-    votes: Votes | None = frozenset()  # None: the look at them failed
+    votes: Votes | None = frozenset()  # None: the computation failed
     work: Future[FlagsOf] | None = None
     begun_at: datetime = LONG_AGO
     again_at: datetime = LONG_AGO
 
 
 class Flags:
-    """Flags by study, shared by all who watch; one study at a time, so that the others' requests are answered."""
+    """Flags by study, shared by all pages; studies are computed in turn, which leaves time for other requests."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -51,37 +51,37 @@ class Flags:
         self._worker.shutdown(cancel_futures=True)
 
     def of(self, study_id: int, people: Sequence[Mapping[str, Any]], now: datetime, patience_s: float = 0.0) -> FlagsOf:
-        """The flags by participant as they are known; newer ones are looked for if something has changed since.
+        """Return the present flags by participant; compute newer ones if something has changed.
 
         Parameters
         ----------
-        people : as `participants_votes` or `participant_records` has them
-        patience_s : how long to wait for newer ones
+        people : rows of `participants_votes` or `participant_records`
+        patience_s : how long to wait for newer flags
         """
         with self._lock:
             known = self._known.setdefault(study_id, _Known())
-            self._look_again(study_id, known, _votes_of(people), now)
+            self._compute_again(study_id, known, _votes_of(people), now)
             work = known.work
         if work is not None:
             wait([work], patience_s)
         with self._lock:
             return self._finished(known, now)
 
-    def is_looking(self, study_id: int) -> bool:
-        """Whether newer ones are being looked for."""
+    def is_computing(self, study_id: int) -> bool:
+        """Are newer flags being computed?"""
         with self._lock:
             known = self._known.get(study_id)
             return known is not None and known.work is not None and not known.work.done()
 
-    def _look_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
+    def _compute_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
         if known.work is None and votes != known.votes and now >= known.again_at:
             known.votes, known.begun_at = votes, now
-            known.work = self._worker.submit(_look, self._database, study_id)
+            known.work = self._worker.submit(_compute, self._database, study_id)
 
     def _finished(self, known: _Known, now: datetime) -> FlagsOf:
         if known.work is not None and known.work.done():
             work, known.work = known.work, None
-            known.again_at = now + max(AT_MOST_EVERY, now - known.begun_at)  # a rest as long as the work
+            known.again_at = now + max(AT_MOST_EVERY, now - known.begun_at)  # then rest as long as the work took
             if work.exception() is not None:
                 known.votes = None
             known.flags = work.result()
@@ -89,11 +89,11 @@ class Flags:
 
 
 def _votes_of(people: Sequence[Mapping[str, Any]]) -> Votes:
-    """What changes with the votes that count: a participant's are added to, or all erased, and never altered."""
+    """Return facts that change whenever the counted votes do: votes are added, or all erased, and never altered."""
     facts = ("participant", "n_votes", "reason", "withdrawn_at")
     return frozenset(tuple(row[name] for name in facts) for row in people if row["n_votes"])
 
 
-def _look(database: Database, study_id: int) -> FlagsOf:
+def _compute(database: Database, study_id: int) -> FlagsOf:
     analysis = analysis_of(database, study_id)
     return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}

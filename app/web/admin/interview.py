@@ -1,4 +1,4 @@
-"""The form for the spoken interview: an experimenter notes what a participant says."""
+"""Note a participant's answers in the spoken interview."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ router = APIRouter(prefix="/admin/studies/{slug}/participants/{label}/interview"
 @router.get("")
 def interview_page(request: Request, person: Looking, study: AStudy, label: Label, database: Store) -> Response:
     with database.reading() as connection:
-        found = participant_labelled(connection, study.id, label)
-        said = spoken_of(connection, found.id)
+        participant = participant_labelled(connection, study.id, label)
+        said = spoken_of(connection, participant.id)
     asked = parse_options(study.options).spoken_questions
     answers = {question: said.get(question, "") for question in (*asked, *said)}
     context = {
@@ -48,17 +48,17 @@ def keep_interview(
     database: Store,
     seen: Said = [],  # noqa: B006 (FastAPI copies it)
 ) -> Response:
-    """Keep what was noted; a question that is not answered stays without an answer.
+    """Save the answers noted; a question that is not answered stays without an answer.
 
     Parameters
     ----------
-    seen : the answers as the page showed them; what still stands so was not noted here, and stays as it is by now
+    seen : the answers as the page showed them; an answer unchanged since was not noted here, and keeps its stored value
     """
     with database.writing() as connection:
-        found = participant_labelled(connection, study.id, label)
-        if found.erased_at is not None:
+        participant = participant_labelled(connection, study.id, label)
+        if participant.erased_at is not None:
             raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
-        kept = spoken_of(connection, found.id)
+        kept = spoken_of(connection, participant.id)
         known = {*parse_options(study.options).spoken_questions, *kept}
         shown, noted = _by_question(question, seen), _by_question(question, answer)
         noted = {asked: said for asked, said in noted.items() if said != shown.get(asked)}
@@ -69,11 +69,11 @@ def keep_interview(
         others = {asked for asked, said in shown.items() if kept.get(asked, "") not in (said, noted.get(asked))}
         if lost := sorted(others & noted.keys()):
             raise ConflictError(f"Somebody else has noted something on {lost[0]!r:.80} meanwhile. Nothing was kept.")
-        keep_spoken(connection, found.id, noted, actor.name, actor.now)
+        keep_spoken(connection, participant.id, noted, actor.name, actor.now)
         actor.note(connection, "interview noted", study, label)
     return see(f"/admin/studies/{study.slug}/participants/{label}/interview?saved=1")
 
 
 def _by_question(questions: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
-    """A form's texts with the line ends that are kept."""
+    """Return a form's texts by question, with a file's line ends."""
     return {asked: text.replace("\r\n", "\n").strip() for asked, text in zip(questions, texts, strict=False)}

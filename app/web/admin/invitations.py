@@ -1,4 +1,4 @@
-"""A study's invitations: links, codes and QR codes, for one participant, for some, or for as many as come."""
+"""Manage a study's invitations: links and QR codes for one participant, several, or an unlimited number."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.web.gates import Acting, AStudy, Looking, Store
 
 MOST_AT_ONCE = 200
 MOST_PLACES = 100_000
-SHOWN = 8  # characters of a code that stand in the audit log
+SHOWN = 8  # characters of a code that the audit log shows
 
 Code = Annotated[str, Path(max_length=40)]
 
@@ -26,8 +26,8 @@ router = APIRouter(prefix="/admin/studies/{slug}/invitations", include_in_schema
 @router.get("")
 def invitations_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     with database.reading() as connection:
-        found = invitations_of(connection, study.id)
-    context = {"invitations": list(reversed(found)), "site": str(request.base_url)}
+        invitations = invitations_of(connection, study.id)
+    context = {"invitations": list(reversed(invitations)), "site": str(request.base_url)}
     return study_page(request, "invitations", person, study, context)
 
 
@@ -58,7 +58,7 @@ def end(actor: Acting, study: AStudy, code: Code, database: Store) -> Response:
 @router.get("/{code}/qr.svg")
 def qr_code(request: Request, _person: Looking, study: AStudy, code: Code, database: Store) -> Response:
     with database.reading() as connection:
-        if code not in {one.code for one in invitations_of(connection, study.id)}:
+        if code not in {invitation.code for invitation in invitations_of(connection, study.id)}:
             raise NotFoundError("This study has no such invitation.")
     picture = io.BytesIO()
     segno.make(f"{request.base_url}s/{code}", error="m").save(picture, kind="svg", scale=5, border=2)

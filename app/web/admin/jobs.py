@@ -1,4 +1,4 @@
-"""Long work that a form starts: in a thread of its own, which tells the database how far it is."""
+"""Run long work that a form starts in a thread; the database stores its progress."""
 
 from __future__ import annotations
 
@@ -32,23 +32,24 @@ def start_job(
     *,
     subject: str | None = None,
 ) -> str:
-    """Start some work and return the job's id; that of the one that runs, where they have just started it.
+    """Start work in a thread and return the job's id; the id of the running job if the same person has just started the
+    same.
 
     Parameters
     ----------
-    work : is told with what to tell its progress; returns the address of what it made
-    subject : what it makes, as `begin_job` has it
+    work : takes a function that reports progress; returns the address of the result
+    subject : identifies equal work, as in `begin_job`
 
     Raises
     ------
     ConflictError
-        If somebody else makes the same now.
+        If somebody else is doing the same now.
     """
     begun = begin_job(database, actor.name, title, actor.now, subject)
     if begun.is_new:
-        of = (database, actor, title, begun.public_id, work)
-        thread = threading.Thread(target=_run, args=of, name=f"job-{begun.public_id}")
-        thread.daemon = True  # a server that is told to stop stops; what the work made is taken up by the next try
+        arguments = (database, actor, title, begun.public_id, work)
+        thread = threading.Thread(target=_run, args=arguments, name=f"job-{begun.public_id}")
+        thread.daemon = True  # the server can stop at once; the next attempt reuses what the work has made
         request.app.state.jobs.append(thread)
         thread.start()
     return begun.public_id
@@ -76,7 +77,7 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
 
 @contextmanager
 def _beating(database: Database, public_id: str) -> Iterator[None]:
-    """Tell that a job lives while the block runs: one step of it, a long film say, may take minutes."""
+    """Report that a job is alive while the block runs: a single step, such as a long film, may take minutes."""
     has_ended = threading.Event()
 
     def run() -> None:
@@ -96,6 +97,6 @@ def _beating(database: Database, public_id: str) -> Iterator[None]:
 
 
 def _fail(database: Database, actor: Actor, title: str, public_id: str, reason: str) -> None:
-    """The entry comes first: who sees that the work failed finds it."""
+    """Record the failure before the job shows it: whoever sees it then finds the entry."""
     record_alone(database, actor.name, Entry("work failed", subject=title, detail={"reason": reason}), utc_now())
     fail_job(database, public_id, reason, utc_now())

@@ -1,4 +1,4 @@
-"""What all of the experimenter's pages share: the frame around them, a study's head, and where forms lead."""
+"""Render the frame of the experimenter's pages: navigation, a study's head and tabs, paging, redirects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TABS: tuple[tuple[str, str, Role], ...] = (
 def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
-    """A page for who is signed in; its forms carry the session's form token."""
+    """Render a page for the signed-in person; its forms carry the session's form token."""
     shown: Response = request.app.state.templates.TemplateResponse(
         request,
         f"admin/{template}.html",
@@ -46,7 +46,7 @@ def study_page(
     context: dict[str, Any] | None = None,
     status_code: int = 200,
 ) -> Response:
-    """A page of one study, under its name and tabs."""
+    """Render a page of a study, under its name and tabs."""
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
     tabs = [(path, name) for path, name, role in TABS if person.may(role)]
@@ -56,10 +56,10 @@ def study_page(
 
 
 def turns(at: int, size: int, *, has_more: bool) -> dict[str, int | None]:
-    """Where the pages before and after one of a long list begin; None where there is none."""
+    """Return where the previous and next pages of a long list begin; None where there is none."""
     return {"before": max(0, at - size) if at else None, "after": at + size if has_more else None}
 
 
 def see(path: str) -> Response:
-    """Look at another page after a form was taken."""
+    """Redirect to another page after a form."""
     return RedirectResponse(path, status_code=303)

@@ -1,4 +1,4 @@
-"""A study's models in three dimensions: two approaches side by side, turned together, coloured by their error."""
+"""Show a study's models in 3D: two approaches side by side, turned together, coloured by their error."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ router = APIRouter(prefix="/admin/studies/{slug}/models", include_in_schema=Fals
 @router.get("")
 def models_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     with database.reading() as connection:
-        found = model_records(connection, study.id)
-    shown = [_shown(row, f"/admin/studies/{study.slug}/models") for row in found]
-    datasets = list(dict.fromkeys(row["dataset"] for row in found))
+        models = model_records(connection, study.id)
+    shown = [_shown(row, f"/admin/studies/{study.slug}/models") for row in models]
+    datasets = list(dict.fromkeys(row["dataset"] for row in models))
     context = {"models": shown, "datasets": datasets, "largest_mb": settings(request).largest_upload_mb}
     return study_page(request, "models", person, study, context)
 

@@ -1,4 +1,4 @@
-"""A study's objective results: attached reports with their figures, and their measures against the scores."""
+"""Show a study's objective results: attached reports with their figures, and their measures against the scores."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ router = APIRouter(prefix="/admin/studies/{slug}/objective", include_in_schema=F
 @router.get("")
 def objective_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
     with database.reading() as connection:
-        found = report_records(connection, study.id)
+        records = report_records(connection, study.id)
         measures = measurement_records(connection, study.id)
-    reports = [report_view(row, report_folder(settings(request), row["digest"])) for row in found]
+    reports = [report_view(row, report_folder(settings(request), row["digest"])) for row in records]
     context = {"reports": reports, "measures": measures, "largest_mb": settings(request).largest_upload_mb}
     return study_page(request, "objective", person, study, context)
 
 
 @router.get("/scores")
 def against_scores_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
-    """Do the objective measures say what people say?"""
+    """Compare the objective measures with the scores."""
     with database.reading() as connection:
         measures = measurement_records(connection, study.id)
     snapshot = snapshot_of(database, study.id)
@@ -42,7 +42,7 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
         "has_votes": analysis is not None,
         "lines": measure_lines(analysis["measures"], measures) if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
-        "figures": [one for one in figures_of(snapshot) if one[0].startswith("measure_")],
+        "figures": [(name, caption) for name, caption in figures_of(snapshot) if name.startswith("measure_")],
     }
     return study_page(request, "against_scores", person, study, context)
 

@@ -1,4 +1,4 @@
-"""Attached reports, and measures beside scores, in the words and numbers of their pages."""
+"""Prepare attached reports, and measures beside scores, for their pages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 from app.intake.reports import EVERY_DATASET
 from app.web.admin.results_view import NOTHING, decimal, unique
 
-MOST_ROWS = 100  # of a table on the page; the file has all
+MOST_ROWS = 100  # of a table on the page; the file holds all
 TITLES = {
     "sphere": "Sphere",
     "cuboid": "Cuboid",
@@ -31,7 +31,7 @@ NUMBERS_OF = {"psnr": "views"}  # figures whose table has another name
 
 @dataclass(frozen=True)
 class FigureView:
-    """A figure of a report: its picture, and every file that it can be had as."""
+    """A figure of a report: its picture, and every file to download it as."""
 
     caption: str
     picture: str
@@ -40,7 +40,7 @@ class FigureView:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table of a report, as far as the page shows it."""
+    """The first rows of a report's table."""
 
     name: str
     file: str
@@ -61,7 +61,7 @@ class ReportView:
 
 @dataclass(frozen=True)
 class MeasureLine:
-    """How well an attached measure goes with the scores; `contradiction`: people prefer what it calls worse."""
+    """How well an attached measure predicts the scores; `contradiction`: people prefer what it calls worse."""
 
     name: str
     contradiction: str
@@ -81,7 +81,7 @@ class BesideScores:
 
 
 def report_view(record: Mapping[str, Any], folder: Path) -> ReportView:
-    """What the page shows of a report whose files lie in a folder."""
+    """Return a report for its page; its files are in the folder."""
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     stems = {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
     figures = [_figure(stem, names) for stem in sorted(stems)]
@@ -94,7 +94,7 @@ def report_view(record: Mapping[str, Any], folder: Path) -> ReportView:
 
 
 def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
-    """One line a measure: of all datasets together, or of the only one."""
+    """Return a line per measure: over all datasets, or for the only one."""
     last = {row["measure"]: row for row in rows}
     directions = {row["measure"]: row["direction"] for row in measurements}
     return [
@@ -109,7 +109,7 @@ def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapp
 
 
 def _contradiction(row: Mapping[str, Any], direction: str | None) -> str:
-    """What to say where the interval of the rank correlation lies on the other side than the measure's meaning."""
+    """Say whether the interval of the rank correlation contradicts the measure's direction."""
     low, high = row.get("spearman_low"), row.get("spearman_high")
     if direction == "more is better" and high is not None and high < 0:
         return "more should be better, but people prefer less"
@@ -119,15 +119,19 @@ def _contradiction(row: Mapping[str, Any], direction: str | None) -> str:
 
 
 def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[BesideScores]:
-    """For each dataset the conditions, best first, and what was measured of them."""
+    """Return each dataset's conditions, best first, with their measures."""
     values = {(row["dataset"], row["approach"], row["measure"]): row["value"] for row in measurements}
     units = {row["measure"]: row["unit"] for row in measurements}
     shown = []
     for dataset in unique(row["dataset"] for row in measurements):
-        own = [measure for measure in units if any(key[0] == dataset and key[2] == measure for key in values)]
-        heads = [f"{measure}, {units[measure]}" if units[measure] else measure for measure in own]
+        measured = [measure for measure in units if any(key[0] == dataset and key[2] == measure for key in values)]
+        heads = [f"{measure}, {units[measure]}" if units[measure] else measure for measure in measured]
         rows = [
-            (row["item"], decimal(row["score"]), *(_value(values.get((dataset, row["item"], name))) for name in own))
+            (
+                row["item"],
+                decimal(row["score"]),
+                *(_value(values.get((dataset, row["item"], name))) for name in measured),
+            )
             for row in _by_score(analysis, dataset)
         ]
         shown.append(BesideScores(dataset, heads, rows))
@@ -154,7 +158,7 @@ def _table(path: Path) -> TableView:
 
 
 def _cell(text: str) -> str:
-    """Numbers with as many digits as can be read; words as they are."""
+    """Return a number with readable digits; other text unchanged."""
     try:
         return _value(float(text)) if text and not text.lstrip("-").isdigit() else text or NOTHING
     except ValueError:
@@ -166,8 +170,8 @@ def _value(value: float | None) -> str:
 
 
 def _by_score(analysis: Mapping[str, Any], dataset: str) -> list[Mapping[str, Any]]:
-    own = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
-    return sorted(own, key=lambda row: -(row["score"] if row["score"] is not None else float("-inf")))
+    rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    return sorted(rows, key=lambda row: -(row["score"] if row["score"] is not None else float("-inf")))
 
 
 def _with_interval(row: Mapping[str, Any], key: str) -> str:

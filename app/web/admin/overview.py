@@ -1,4 +1,4 @@
-"""A study's overview, live: who is in which stage, how far, how fast, and what looks unusual."""
+"""Show a study's overview, live: each participant's stage, progress and flags, and the pace of votes."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page
 from app.web.gates import AStudy, Person, database, is_still_signed_in, now
 
-LOOKS_EVERY_S = 1.0
-ASKS_EVERY_S = 3.0  # whether who watches still may
-STREAM_LASTS_S = 300.0  # then the browser opens another one
-HERE = timedelta(minutes=2)  # since the last sign of life; a trial takes a fraction of it
+REFRESH_S = 1.0
+CHECK_SIGNED_IN_S = 3.0  # between checks that the viewer is still signed in
+STREAM_LASTS_S = 300.0  # then the browser opens another stream
+HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
 PACE_MINUTES = 60
 
@@ -36,7 +36,7 @@ router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
 @dataclass(frozen=True)
 class Line:
-    """A participant as the monitor shows them."""
+    """A participant's row in the monitor."""
 
     participant: str
     stage: str
@@ -53,28 +53,28 @@ class Line:
         return round(100 * self.n_votes / self.n_trials) if self.n_trials else 0
 
 
-class Sight:
-    """A study's monitor as all its open pages show it: rendered once a second, however many they are."""
+class SharedMonitor:
+    """A study's monitor as all open pages show it, rendered once a second however many there are."""
 
     def __init__(self) -> None:
         self._lock = anyio.Lock()
-        self._looked = -1
+        self._rendered_s = -1
         self._text = ""
 
     async def at(self, time_s: float, render: Callable[[], str]) -> str:
-        """What it shows at a time of the event loop's clock."""
-        second = int(time_s // LOOKS_EVERY_S)
+        """Return the monitor at a time of the event loop's clock."""
+        second = int(time_s // REFRESH_S)
         async with self._lock:
-            if self._looked < second:
+            if self._rendered_s < second:
                 self._text = await run_in_threadpool(render)
-                self._looked = second
+                self._rendered_s = second
             return self._text
 
 
 @router.get("")
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
-        invitations = [one for one in invitations_of(connection, study.id) if not one.is_used]
+        invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
     link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
     context = {**monitor_of(request, study, PATIENCE_S), "link": link}
     return study_page(request, "overview", person, study, context)
@@ -82,29 +82,27 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
 
 @router.get("/live")
 async def live(request: Request, person: Person, study: AStudy) -> Response:  # noqa: ARG001 (the gate)
-    """The monitor again whenever it changes, by server-sent events."""
+    """Send the monitor whenever it changes, as server-sent events."""
     stopped = anyio.Event()
     changes = _changes(request, study, stopped)
-    return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=LOOKS_EVERY_S)
+    return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=REFRESH_S)
 
 
 async def _changes(request: Request, study: Study, stopped: anyio.Event) -> AsyncIterator[ServerSentEvent]:
-    """The monitor whenever it changes, until the page is left or its reader's session ends, or the server stops, by a
-    signal or in its thread.
-    """
-    sight = request.app.state.sights.setdefault(study.id, Sight())
-    last, asked_s = "", anyio.current_time()
+    """Yield the monitor whenever it changes, until the page is left, its reader's session ends, or the server stops."""
+    monitor = request.app.state.monitors.setdefault(study.id, SharedMonitor())
+    last, checked_s = "", anyio.current_time()
     with anyio.move_on_after(STREAM_LASTS_S):
         while not (stopped.is_set() or request.app.state.is_stopping or await request.is_disconnected()):
-            if anyio.current_time() >= asked_s + ASKS_EVERY_S:
+            if anyio.current_time() >= checked_s + CHECK_SIGNED_IN_S:
                 if not await run_in_threadpool(is_still_signed_in, request):
                     return
-                asked_s = anyio.current_time()
-            shown = await sight.at(anyio.current_time(), partial(_rendered, request, study))
+                checked_s = anyio.current_time()
+            shown = await monitor.at(anyio.current_time(), partial(_rendered, request, study))
             if shown != last:
                 last = shown
                 yield ServerSentEvent(shown, event="monitor")
-            with anyio.move_on_after(LOOKS_EVERY_S - anyio.current_time() % LOOKS_EVERY_S):  # all pages at once
+            with anyio.move_on_after(REFRESH_S - anyio.current_time() % REFRESH_S):  # all pages at once
                 await stopped.wait()
 
 
@@ -117,7 +115,7 @@ def _rendered(request: Request, study: Study) -> str:
 
 
 def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[str, Any]:
-    """What the monitor shows now; `patience_s` is how long to wait for what looks unusual."""
+    """Return the monitor's content now; `patience_s` is how long to wait for flags."""
     moment = now(request)
     with database(request).reading() as connection:
         people = participant_records(connection, study.id)

@@ -1,4 +1,4 @@
-"""A study's participants: what each gave, exclusions with reasons, withdrawal and erasure."""
+"""Manage a study's participants: their data, exclusions with reasons, withdrawal and erasure."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def participant_page(request: Request, person: Looking, study: AStudy, label: La
 def renew_resume_code(
     request: Request, person: Looking, actor: Acting, study: AStudy, label: Label, database: Store
 ) -> Response:
-    """A code for who lost theirs, shown this once."""
+    """Make a new resume code for a participant who lost theirs, shown only once."""
     with database.writing() as connection:
         code = new_resume_code(connection, participant_labelled(connection, study.id, label).id)
         actor.note(connection, "new code to go on", study, label)
@@ -109,7 +109,7 @@ def withdraw_for_participant(actor: Acting, study: AStudy, label: Label, databas
 def erase_participant(
     actor: Acting, study: AStudy, label: Label, again: Annotated[str, Form(max_length=40)], database: Store
 ) -> Response:
-    """Delete what somebody gave; typing the label again keeps slips from being final."""
+    """Erase a participant's data; typing the label again prevents accidents."""
     if again.strip() != label:
         raise InvalidError(f"To erase {label}, type {label} into the field. Nothing was erased.")
     with database.writing() as connection:
@@ -122,10 +122,10 @@ def _participant_page(
     request: Request, person: Experimenter, study: Study, label: str, resume_code: str | None = None
 ) -> Response:
     with database(request).reading() as connection:
-        found = participant_labelled(connection, study.id, label)
-        facts = participant_record(connection, found)
-        given = stage_records(connection, found.id)
-        history = exclusion_records(connection, found.id)
+        participant = participant_labelled(connection, study.id, label)
+        facts = participant_record(connection, participant)
+        given = stage_records(connection, participant.id)
+        history = exclusion_records(connection, participant.id)
     context = {
         "facts": facts,
         "given": given,
@@ -142,22 +142,22 @@ def _address(study: Study, label: str) -> str:
 
 
 def _unusual(request: Request, study: Study) -> dict[str, Any]:
-    """What is known to be unusual about whom, and whether it is being looked for; nobody waits for it to the end."""
+    """Return the flags known now, and whether newer ones are being computed; the page does not wait for the end."""
     with database(request).reading() as connection:
         votes = participants_votes(connection, study.id)
     flags: Flags = request.app.state.flags
     return {
         "flags": flags.of(study.id, votes, now(request), PATIENCE_S),
-        "is_looking": flags.is_looking(study.id),
+        "is_computing": flags.is_computing(study.id),
     }
 
 
 @router.get("/{label}/export.json")
 def export_participant(person: Looking, study: AStudy, label: Label, database: Store, moment: Now) -> Response:
-    """All that is kept of one participant, for who asks for it."""
+    """Export all data of a participant, on request."""
     with database.writing() as connection:
-        found = participant_labelled(connection, study.id, label)
-        given = everything_of(connection, found)
+        participant = participant_labelled(connection, study.id, label)
+        given = everything_of(connection, participant)
         record(connection, person.name, Entry("participant exported", study.id, label), moment)
     headers = {"Content-Disposition": f'attachment; filename="{study.slug}-{label}.json"'}
     return JSONResponse(jsonable_encoder({"study": study.slug, "participant": label, **given}), headers=headers)

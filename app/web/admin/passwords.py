@@ -1,4 +1,4 @@
-"""Passwords: what is good enough, and Argon2id, which makes guessing a stolen one dear."""
+"""Check and hash experimenters' passwords; Argon2id makes guessing a stolen hash expensive."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import VerificationError
 
 SHORTEST, LONGEST = 12, 128  # characters, OWASP ASVS 2.1.1 and 2.1.2
-FEWEST_DIFFERENT = 5  # of them
+FEWEST_DIFFERENT = 5  # different characters
 _HASHER = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)  # the OWASP cheat sheet's first choice
 
 
@@ -18,7 +18,7 @@ def check_password(password: str, name: str) -> None:
     Raises
     ------
     ValueError
-        In a sentence for who chose it.
+        With a sentence for the person who chose it.
     """
     if not SHORTEST <= len(password) <= LONGEST:
         raise ValueError(
@@ -31,12 +31,12 @@ def check_password(password: str, name: str) -> None:
 
 
 def hash_password(password: str) -> str:
-    """What is kept of a password: parameters, salt and digest."""
+    """Return parameters, salt and digest."""
     return _HASHER.hash(password)
 
 
 def is_password(password: str, kept: str | None) -> bool:
-    """Whether a password is the one of which `kept` is the hash; takes as long where nothing is kept."""
+    """Does a password match its hash? Takes as long without a hash."""
     try:
         _HASHER.verify(kept or _nobodys(), password)
     except VerificationError:

@@ -1,4 +1,4 @@
-"""A study's results, live as votes come in, with every figure as a file."""
+"""Show a study's results, updated as votes come in, with every figure as a file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from app.web.admin.results_view import groups_view, results_view
 from app.web.analyst.results import FIGURE_TYPES, Snapshot, figure, figures_of, grouped_snapshot_of, snapshot_of
 from app.web.gates import AStudy, Looking, Person, Store
 
-KEPT = "private, max-age=31536000, immutable"  # the address of a figure holds the digest of its votes
+KEPT = "private, max-age=31536000, immutable"  # a figure's address contains the digest of its votes
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
 FigureName = Annotated[str, Path(max_length=200)]
 FigureKind = Annotated[str, Path(max_length=10)]
 Digest = Annotated[str, Query(max_length=64)]
-Everybody = Annotated[bool, Query(description="count those who are excluded, too")]
+Everybody = Annotated[bool, Query(description="also count excluded participants")]
 
 
 @router.get("/results")
@@ -33,7 +33,7 @@ def results_page(
     everybody: Everybody = False,
     seen: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
-    """`seen` is the digest of what a page shows already: 204 if nothing is new."""
+    """Show the results; `seen` is the digest of the results that the page shows: 204 if nothing is new."""
     snapshot = snapshot_of(database, study.id, with_excluded=everybody)
     if seen == snapshot.digest:
         return Response(status_code=204)
@@ -41,7 +41,7 @@ def results_page(
     context = {
         "everybody": everybody,
         "digest": snapshot.digest,
-        "figures": [one for one in figures_of(snapshot) if not one[0].startswith("measure_")],
+        "figures": [(name, caption) for name, caption in figures_of(snapshot) if not name.startswith("measure_")],
         "results": results_view(analysis) if analysis else None,
         "n_excluded": analysis["votes"]["excluded"] if analysis else 0,
     }
@@ -50,7 +50,7 @@ def results_page(
 
 @router.get("/results/groups")
 def groups_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
-    """Do groups of participants prefer different things? It tells what participants answered."""
+    """Compare the scores of groups of participants; their interview answers make the groups."""
     snapshot = grouped_snapshot_of(database, study)
     analysis = snapshot.analysis
     context = {

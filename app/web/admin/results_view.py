@@ -1,4 +1,4 @@
-"""An analysis in the words and numbers of the results page."""
+"""Prepare an analysis for the results page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ScoreLine:
 
 @dataclass(frozen=True)
 class ScoreGroup:
-    """The scores of one dataset, or of all together."""
+    """The scores of a dataset, or of all together."""
 
     name: str
     rows: Sequence[ScoreLine]
@@ -31,7 +31,7 @@ class ScoreGroup:
 
 @dataclass(frozen=True)
 class ComparisonView:
-    """The scores of all conditions ("all"), or of one factor's levels."""
+    """The scores of all conditions ("all"), or of a factor's levels."""
 
     name: str
     groups: Sequence[ScoreGroup]
@@ -39,7 +39,7 @@ class ComparisonView:
 
 @dataclass(frozen=True)
 class TriadsLine:
-    """A participant's circular triads by dataset, and of all that are complete together."""
+    """A participant's circular triads by dataset, and over all complete datasets."""
 
     participant: str
     cells: Sequence[str]
@@ -56,7 +56,7 @@ class AgreementLine:
 
 @dataclass(frozen=True)
 class GroupingView:
-    """Groups of participants, whether they differ, and their scores over all datasets.
+    """Groups of participants, a test of their difference, and their scores over all datasets.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class ResultsView:
 
 
 def results_view(analysis: Mapping[str, Any]) -> ResultsView:
-    """What the results page shows of analysis.json."""
+    """Return the content of the results page from analysis.json."""
     datasets = unique(row["dataset"] for row in analysis["triads"])
     return ResultsView(
         [_comparison(name, analysis["scores"]) for name in unique(row["comparison"] for row in analysis["scores"])],
@@ -93,7 +93,7 @@ def results_view(analysis: Mapping[str, Any]) -> ResultsView:
 
 
 def groups_view(analysis: Mapping[str, Any]) -> list[GroupingView]:
-    """What the groups' page shows of analysis.json."""
+    """Return the content of the groups' page from analysis.json."""
     names = unique(row["grouping"] for row in analysis["groups"])
     return [_grouping(analysis, name) for name in names]
 
@@ -101,10 +101,10 @@ def groups_view(analysis: Mapping[str, Any]) -> list[GroupingView]:
 def _grouping(analysis: Mapping[str, Any], name: str) -> GroupingView:
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]
-    own = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
-    groups = {row["group"]: row["n_participants"] for row in own}
-    cells = {(row["item"], row["group"]): row for row in own}
-    items = unique(row["item"] for row in own)
+    rows = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
+    groups = {row["group"]: row["n_participants"] for row in rows}
+    cells = {(row["item"], row["group"]): row for row in rows}
+    items = unique(row["item"] for row in rows)
     lines = [(item, *(_group_cell(cells.get((item, group))) for group in groups)) for item in items]
     tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
     p = tests[0]["p_holm"] if tests else None
@@ -119,7 +119,7 @@ def _group_cell(row: Mapping[str, Any] | None) -> str:
 
 
 def decimal(value: float | None, digits: int = 2) -> str:
-    """A number with a true minus; a dash where there is none."""
+    """Format a number with a true minus sign; None as a dash."""
     return NOTHING if value is None else f"{value:.{digits}f}".replace("-", MINUS)
 
 
@@ -130,10 +130,10 @@ def p_value(value: float | None) -> str:
 
 
 def _comparison(name: str, scores: Iterable[Mapping[str, Any]]) -> ComparisonView:
-    own = [row for row in scores if row["comparison"] == name]
-    # All datasets together first: it is what most readers look for.
-    datasets = sorted(unique(row["dataset"] for row in own), key=lambda dataset: dataset != "all")
-    groups = [_group(dataset, [row for row in own if row["dataset"] == dataset]) for dataset in datasets]
+    rows = [row for row in scores if row["comparison"] == name]
+    # All datasets together first: most readers look for them.
+    datasets = sorted(unique(row["dataset"] for row in rows), key=lambda dataset: dataset != "all")
+    groups = [_group(dataset, [row for row in rows if row["dataset"] == dataset]) for dataset in datasets]
     return ComparisonView(name, groups)
 
 

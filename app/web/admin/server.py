@@ -1,4 +1,4 @@
-"""How this server is set up, for its owners to look at."""
+"""Show the server's settings to its owners."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 
 @router.get("/settings")
 def settings_page(request: Request, person: Owner) -> Response:
-    own = settings(request)
-    disk = shutil.disk_usage(own.data_dir)
+    current = settings(request)
+    disk = shutil.disk_usage(current.data_dir)
     facts = {
         "Version": version("reconstudy"),
         "Python": platform.python_version(),
-        "Database": "SQLite in the data folder" if own.is_embedded else own.url.split("://", 1)[0],
+        "Database": "SQLite in the data folder" if current.is_embedded else current.url.split("://", 1)[0],
         "Version of the tables": newest_version(),
-        "Data folder": str(own.data_dir.absolute()),
-        "Stimulus sets": str(own.sets_dir.absolute()),
+        "Data folder": str(current.data_dir.absolute()),
+        "Stimulus sets": str(current.sets_dir.absolute()),
         "Free disk space": f"{disk.free / 1e9:.1f} GB of {disk.total / 1e9:.1f} GB",
     }
     described = [
-        (f"RECONSTUDY_{name.upper()}", getattr(own, name), field.description or "")
-        for name, field in type(own).model_fields.items()
+        (f"RECONSTUDY_{name.upper()}", getattr(current, name), field.description or "")
+        for name, field in type(current).model_fields.items()
         if name != "database_url"  # it may hold a password
     ]
     return page(request, "settings", person, {"facts": facts, "described": described})

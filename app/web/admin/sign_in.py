@@ -1,4 +1,4 @@
-"""How experimenters come in: the set-up link, sign-in links, passwords; and their own account."""
+"""Sign experimenters in: the set-up link, sign-in links, passwords; and show their account."""
 
 from __future__ import annotations
 

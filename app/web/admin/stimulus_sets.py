@@ -1,6 +1,6 @@
-"""Stimulus sets on the server: those in its folder, and new ones as uploaded zip files.
+"""List the server's stimulus sets, and upload new ones as zip files.
 
-A name from outside never becomes a path: sets are chosen from what is there, and names in an upload must be plain.
+A name from outside never becomes a path: sets are chosen from the list, and names in an upload must be plain.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 
 @dataclass(frozen=True)
 class KnownSet:
-    """A stimulus set that a study can be made of."""
+    """A stimulus set on the server, to make studies of."""
 
     name: str
     title: str
@@ -39,40 +39,40 @@ class KnownSet:
     size: str
 
 
-def known_sets(of: Settings) -> list[KnownSet]:
-    """The stimulus sets in the server's folder, by name; what is not readable is left out."""
-    folders = sorted(of.sets_dir.iterdir()) if of.sets_dir.is_dir() else []
-    return [found for folder in folders if (found := _known_set(folder)) is not None]
+def known_sets(server: Settings) -> list[KnownSet]:
+    """Return the stimulus sets in the server's folder, by name; unreadable ones are left out."""
+    folders = sorted(server.sets_dir.iterdir()) if server.sets_dir.is_dir() else []
+    return [known for folder in folders if (known := _known_set(folder)) is not None]
 
 
-def set_folder(of: Settings, name: str) -> Path:
-    """The folder of a known set.
+def set_folder(server: Settings, name: str) -> Path:
+    """Return the folder of a known set.
 
     Raises
     ------
     NotFoundError
-        If there is no set of this name.
+        If no set has this name.
     """
-    if name not in {known.name for known in known_sets(of)}:
+    if name not in {known.name for known in known_sets(server)}:
         raise NotFoundError("There is no stimulus set of this name on the server.")
-    return of.sets_dir / name
+    return server.sets_dir / name
 
 
 @router.get("/sets")
 def sets_page(request: Request, person: Person) -> Response:
-    own = settings(request)
-    return page(request, "sets", person, {"sets": known_sets(own), "largest_mb": own.largest_upload_mb})
+    server = settings(request)
+    return page(request, "sets", person, {"sets": known_sets(server), "largest_mb": server.largest_upload_mb})
 
 
 @router.put("/stimuli/upload")
 async def upload(request: Request, actor: UploadingActor, database: Store) -> Response:
     """Take a zipped stimulus set; it is unpacked and checked in the background."""
-    own = settings(request)
-    folder, packed = await receive_zip(request, actor, database, own.sets_dir, own.largest_upload_mb)
+    server = settings(request)
+    folder, packed = await receive_zip(request, actor, database, server.sets_dir, server.largest_upload_mb)
 
-    def work(tell: Progress) -> str:
+    def work(progress: Progress) -> str:
         with folder:
-            name = install_set(own, packed, Path(folder.name) / "unpacked", tell)
+            name = install_set(server, packed, Path(folder.name) / "unpacked", progress)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
         return "/admin/sets"
 
@@ -80,22 +80,22 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 
-def install_set(of: Settings, packed: Path, unpacked: Path, tell: Progress) -> str:
-    """Unpack an upload, check it as any stimulus set, and give it its place; its name.
+def install_set(server: Settings, packed: Path, unpacked: Path, progress: Progress) -> str:
+    """Unpack an upload, check it like any stimulus set, move it to its place, and return its name.
 
     Raises
     ------
     ValueError, TooLargeError
-        If it is not a whole stimulus set, or there is one of its name.
+        If it is not a complete stimulus set, or its name is taken.
     """
-    unpack(packed, unpacked, of.largest_upload_mb * MB, _check_content)
+    unpack(packed, unpacked, server.largest_upload_mb * MB, _check_content)
     inside = list(unpacked.iterdir())
-    folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # that all may lie in
-    found = read_stimulus_set(folder, tell)
-    name = slugify(found.name)
-    if (of.sets_dir / name).exists():
+    folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # a zip file may hold one folder
+    stimulus_set = read_stimulus_set(folder, progress)
+    name = slugify(stimulus_set.name)
+    if (server.sets_dir / name).exists():
         raise StimuliError(f"there is a stimulus set {name!r} already; give this one another name in its manifest")
-    folder.rename(of.sets_dir / name)
+    folder.rename(server.sets_dir / name)
     return name
 
 
@@ -105,7 +105,7 @@ def _known_set(folder: Path) -> KnownSet | None:
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         stimuli = manifest["stimuli"]
-        datasets, conditions = ({str(one[key]) for one in stimuli} for key in ("dataset", "approach"))
+        datasets, conditions = ({str(stimulus[key]) for stimulus in stimuli} for key in ("dataset", "approach"))
         first = stimuli[0]
         size = f"{first['width']}×{first['height']}, {first['n_frames'] / first['fps']:g} s"
         return KnownSet(folder.name, str(manifest["name"]), len(datasets), len(conditions), len(stimuli), size)
@@ -114,7 +114,7 @@ def _known_set(folder: Path) -> KnownSet | None:
 
 
 def _check_content(path: Path, name: str) -> None:
-    """Believe a file's content, not its name."""
+    """Refuse a file whose content does not belong to a stimulus set, whatever its name."""
     with path.open("rb") as file:
         head = file.read(16)
     if path.suffix.lower() in (".mp4", ".mov") and head[4:8] != b"ftyp":

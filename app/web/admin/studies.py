@@ -1,4 +1,4 @@
-"""Studies: all of them, a new one, and what can be done to one as a whole."""
+"""List studies, create them, and open, pause, close, archive, duplicate or preview one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 
 @dataclass(frozen=True)
 class Card:
-    """What an experimenter sees of a study at a glance."""
+    """A study in the list, with its progress."""
 
     study: Study
     progress: StudyCounts
@@ -41,9 +41,9 @@ class Card:
 def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
     afterwards.add_task(load_analysis)  # a study's pages come next
     with database.reading() as connection:
-        found = all_studies(connection)
-        progress = progress_by_study(connection)  # afterwards: a study may come meanwhile
-    cards = [Card(study, progress[study.id]) for study in found]
+        listed = all_studies(connection)
+        progress = progress_by_study(connection)  # read second: it then covers every study listed
+    cards = [Card(study, progress[study.id]) for study in listed]
     current = [card for card in cards if card.study.standing != "archived"]
     archived = [card for card in cards if card.study.standing == "archived"]
     return page(request, "studies", person, {"cards": current, "archived": archived})
@@ -66,18 +66,25 @@ def create(
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
 ) -> Response:
-    """Create a study in the background; its page tells how far it is."""
+    """Create a study in the background; the job's page shows the progress."""
     folder = set_folder(settings(request), stimulus_set)
     try:
         options = parse_options({"optional_stages": stage, "consent": _unix(consent)})
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
-    own = settings(request)
+    server = settings(request)
 
     def work(progress: Progress) -> str:
         made = create_study(
-            own, folder, name, exposure_s=exposure_s, options=options, progress=progress, by=actor.name, is_paused=True
+            server,
+            folder,
+            name,
+            exposure_s=exposure_s,
+            options=options,
+            progress=progress,
+            by=actor.name,
+            is_paused=True,
         )
         return f"/admin/studies/{made['slug']}"
 
@@ -88,12 +95,12 @@ def create(
 @router.get("/jobs/{job}")
 def job_page(request: Request, job: Annotated[str, Path(max_length=32)], person: Person, database: Store) -> Response:
     with database.reading() as connection:
-        found = job_by_id(connection, job)
-    if found is None:
+        known = job_by_id(connection, job)
+    if known is None:
         raise NotFoundError("There is no such work in progress.")
-    if found.state == "done" and found.result and "hx-request" not in request.headers:
-        return see(found.result)
-    return page(request, "job", person, {"job": found, "stopped": STOPPED})
+    if known.state == "done" and known.result and "hx-request" not in request.headers:
+        return see(known.result)
+    return page(request, "job", person, {"job": known, "stopped": STOPPED})
 
 
 @router.post("/studies/{slug}/state")
@@ -108,7 +115,7 @@ def change_standing(actor: Acting, study: AStudy, state: Annotated[Standing, For
 def duplicate(
     actor: Acting, study: AStudy, name: Annotated[str, Form(min_length=1, max_length=200)], database: Store
 ) -> Response:
-    """A study of the same stimuli and options that nobody has taken yet."""
+    """Create a study of the same stimuli and options, without participants."""
     try:
         slug = duplicate_study(database, study, name, actor)
     except ValueError as error:
@@ -118,7 +125,7 @@ def duplicate(
 
 @router.post("/studies/{slug}/preview")
 def preview(request: Request, actor: Acting, study: AStudy, database: Store) -> Response:
-    """Walk through a study as a participant would; nothing of it is counted or kept."""
+    """Walk through a study as a participant; nothing is counted or kept."""
     token = begin_preview(database, study, actor.now)
     with database.writing() as connection:
         actor.note(connection, "study previewed", study, study.slug)
@@ -129,5 +136,5 @@ def preview(request: Request, actor: Acting, study: AStudy, database: Store) -> 
 
 
 def _unix(text: str) -> str:
-    """A form's text with the line ends that files have."""
+    """Return a form's text with a file's line ends."""
     return text.replace("\r\n", "\n").strip()

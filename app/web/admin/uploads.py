@@ -1,4 +1,4 @@
-"""Zip files that an experimenter uploads: how large they may be, packed and unpacked, and what names they may hold."""
+"""Receive uploaded zip files safely: limits on packed and unpacked size, number of files and names."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from app.web.gates import acting_by_header
 
 MB = 1024 * 1024
 MOST_FILES = 2000  # in an upload
-MOST_RATIO = 200  # unpacked to packed; films and models hardly pack at all
+MOST_RATIO = 200  # unpacked to packed; films and models hardly compress
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
 CHUNK = 1024 * 1024
-DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # the last: encrypted, or packed in some new way
+DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # the last: encrypted, or an unknown compression
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]
-CheckFile = Callable[[Path, str], None]  # a file that was unpacked, its name in the upload
+CheckFile = Callable[[Path, str], None]  # takes an unpacked file and its name in the upload
 
 
 async def receive_zip(
     request: Request, actor: Actor, database: Database, parent: Path, largest_mb: int
 ) -> tuple[TemporaryDirectory[str], Path]:
-    """Take an upload into a folder of its own, which the caller removes, and look at what it says of itself.
+    """Receive an upload into a temporary folder, which the caller removes, and check the zip file's headers.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ async def receive_zip(
     Raises
     ------
     InvalidError, TooLargeError
-        If it is no zip file or larger than the limit; the audit log then says so.
+        If it is not a zip file, or larger than the limit; the audit log then records it.
     """
     parent.mkdir(parents=True, exist_ok=True)
     folder = TemporaryDirectory(prefix=".upload-", dir=parent)
@@ -61,7 +61,7 @@ async def receive_zip(
 
 
 def check_zip(packed: Path, largest_mb: int) -> None:
-    """Check an upload before anything of it is unpacked.
+    """Check an upload before unpacking any of it.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def check_zip(packed: Path, largest_mb: int) -> None:
 
 
 def unpack(packed: Path, out: Path, limit: int, check: CheckFile) -> None:
-    """Unpack below `out`; what headers say of sizes is not believed.
+    """Unpack below `out`; the sizes in the headers are not trusted.
 
     Raises
     ------

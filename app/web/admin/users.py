@@ -1,4 +1,4 @@
-"""Who may use the dashboard, the tokens of analysts, and the audit log."""
+"""Manage who may use the dashboard, the tokens of analysts, and the audit log."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 @router.get("/users")
 def users_page(request: Request, person: Owner, database: Store) -> Response:
     with database.reading() as connection:
-        found = all_experimenters(connection)
-    return page(request, "users", person, {"people": found, "link": None})
+        people = all_experimenters(connection)
+    return page(request, "users", person, {"people": people, "link": None})
 
 
 @router.post("/users")
@@ -59,7 +59,7 @@ def add_user(
 
 @router.post("/users/link")
 def new_link(request: Request, person: Owner, actor: ActingOwner, name: Name, database: Store) -> Response:
-    """A sign-in link in place of somebody's password or earlier link."""
+    """Make a sign-in link that replaces somebody's password or earlier link."""
     with database.reading() as connection:
         known = experimenter_named(connection, name)
     if known is None:
@@ -73,11 +73,11 @@ def new_link(request: Request, person: Owner, actor: ActingOwner, name: Name, da
 
 
 def _with_link(request: Request, person: Experimenter, name: str, secret: str) -> Response:
-    """Everybody, and a link that is shown this once."""
+    """Show all people, and a link that is shown only once."""
     with database(request).reading() as connection:
-        found = all_experimenters(connection)
+        people = all_experimenters(connection)
     link = {"name": name, "url": f"{request.base_url}admin/login/{secret}"}
-    return page(request, "users", person, {"people": found, "link": link})
+    return page(request, "users", person, {"people": people, "link": link})
 
 
 @router.post("/users/role")
@@ -103,8 +103,8 @@ def disable_user(actor: ActingOwner, name: Name, database: Store) -> Response:
 @router.get("/tokens")
 def tokens_page(request: Request, person: Owner, database: Store) -> Response:
     with database.reading() as connection:
-        found = all_tokens(connection)
-    return page(request, "tokens", person, {"tokens": found, "scopes": SCOPES, "made": None})
+        tokens = all_tokens(connection)
+    return page(request, "tokens", person, {"tokens": tokens, "scopes": SCOPES, "made": None})
 
 
 @router.post("/tokens")
@@ -117,17 +117,17 @@ def add_token(
     scope: Annotated[list[str], Form(max_length=len(SCOPES))] = [],  # noqa: B006 (FastAPI copies it)
     days: Annotated[int | None, Form(ge=1, le=LONGEST_TOKEN_DAYS)] = None,
 ) -> Response:
-    """A new token, shown this once."""
+    """Make a token, shown only once."""
     expires_at = actor.now + timedelta(days=days) if days else None
     try:
         with database.writing() as connection:
             secret = insert_token(connection, name.strip(), scope, actor.name, actor.now, expires_at)
             actor.note(connection, "token made", subject=name.strip(), scopes=scope, days=days)
-            found = all_tokens(connection)
+            tokens = all_tokens(connection)
     except ValueError as error:
         raise InvalidError(f"This token was not made: {error}.") from error
     made = {"name": name.strip(), "secret": secret}
-    return page(request, "tokens", person, {"tokens": found, "scopes": SCOPES, "made": made})
+    return page(request, "tokens", person, {"tokens": tokens, "scopes": SCOPES, "made": made})
 
 
 @router.post("/tokens/revoke")
@@ -148,10 +148,10 @@ def audit_page(
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
     with database.reading() as connection:
-        found = audit_records(connection, search=search.strip(), limit=ENTRIES_ON_A_PAGE + 1, offset=at)
+        records = audit_records(connection, search=search.strip(), limit=ENTRIES_ON_A_PAGE + 1, offset=at)
     context = {
-        "entries": found[:ENTRIES_ON_A_PAGE],
+        "entries": records[:ENTRIES_ON_A_PAGE],
         "search": search,
-        **turns(at, ENTRIES_ON_A_PAGE, has_more=len(found) > ENTRIES_ON_A_PAGE),
+        **turns(at, ENTRIES_ON_A_PAGE, has_more=len(records) > ENTRIES_ON_A_PAGE),
     }
     return page(request, "audit", person, context)

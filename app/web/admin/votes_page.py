@@ -1,4 +1,4 @@
-"""A study's votes: a table with filters, and any trial again as it was looked at."""
+"""List a study's votes with filters, and replay any trial as it was seen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False
 
 @dataclass(frozen=True)
 class Look:
-    """A stretch of time in which one of the two was on screen, in parts of the whole."""
+    """A stretch of time in which A or B was on screen."""
 
     label: str
     from_ms: float
@@ -61,25 +61,25 @@ def votes_page(
 def replay_page(
     request: Request, person: Looking, study: AStudy, trial: Annotated[str, Path(max_length=32)], database: Store
 ) -> Response:
-    """One trial: both films, and on a time line what was on screen when."""
+    """Show a trial: both films, and a time line of what was on screen."""
     with database.reading() as connection:
-        found = trial_record(connection, study.id, trial)
+        record = trial_record(connection, study.id, trial)
         film = trial_film(connection, study.id, trial)
-    if found is None or film is None:
+    if record is None or film is None:
         raise NotFoundError("This study has no such trial.")
-    viewing = found["viewing"] or {}
+    viewing = record["viewing"] or {}
     looks = looks_of(viewing, study.exposure_s * 1000)
     dwell = {label: sum(look.to_ms - look.from_ms for look in looks if look.label == label) for label in ("a", "b")}
-    context = {"trial": found, "film": film, "viewing": viewing, "looks": looks, "dwell": dwell}
+    context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "dwell": dwell}
     return study_page(request, "replay", person, study, context)
 
 
 def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:
-    """What was on screen when, from a viewing record; nothing from none.
+    """Return what was on screen when, from a viewing record; nothing without one.
 
     Parameters
     ----------
-    shown_ms : how long a pair is shown, where the record does not say
+    shown_ms : how long a pair is shown, where the record lacks it
     """
     if "first_shown" not in viewing:
         return ()

@@ -1,4 +1,4 @@
-"""A study's archive: everything that analysts can fetch, in one zip file with a data dictionary and checksums."""
+"""Write a study's archive: all tables that analysts can fetch, in a zip file with data dictionary and checksums."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
 from app.web.analyst.results import given_of, snapshot_of_given
 
-OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in it, so that the same content is the same archive
+OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
 
 
 def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
-    """Write the archive, all of one moment: the same bytes as long as nothing changes.
+    """Write the archive from one snapshot of the database; unchanged data give the same bytes.
 
-    Of a table, never more than a part is in memory.
+    Only a part of each table is in memory at a time.
     """
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         with database.snapshot() as connection:
-            of = study_by_id(connection, study_id)
-            assert of is not None, "studies are never deleted"
-            files = _Files(archive, of.slug)
-            files.write("README.md", _dictionary(of))
-            files.write("study.toml", _study_file(of))
-            given = given_of(connection, of.id)
-            for name, rows in _tables(connection, of.id):
+            study = study_by_id(connection, study_id)
+            assert study is not None, "studies are never deleted"
+            files = _Files(archive, study.slug)
+            files.write("README.md", _dictionary(study))
+            files.write("study.toml", _study_file(study))
+            given = given_of(connection, study.id)
+            for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
         analysis = snapshot_of_given(given).analysis
         for name in ("scores", "triads", "observers"):
@@ -53,7 +53,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
 
 
 class _Files:
-    """The files of an archive, with the checksums of those that are in it so far."""
+    """The files of an archive, with the checksums so far."""
 
     def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
         self._archive, self._folder = archive, folder
@@ -103,11 +103,11 @@ def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Itera
     yield "audit", audit_records(connection, study_id=study_id)
 
 
-def _dictionary(of: Study) -> str:
+def _dictionary(study: Study) -> str:
     parts = [
-        f"# {of.name}\n\nAll data of the study `{of.slug}`. Times are UTC. A text that a spreadsheet would take for a "
-        "formula has an apostrophe before it. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the study "
-        "again from its stimulus set; `analysis.json` is described in the project's documentation.\n"
+        f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
+        "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
+        "study again from its stimulus set; the project's documentation describes `analysis.json`.\n"
     ]
     for name, columns in TABLES.items():
         rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
@@ -115,14 +115,14 @@ def _dictionary(of: Study) -> str:
     return "".join(parts)
 
 
-def _study_file(of: Study) -> str:
-    options = parse_options(of.options)
+def _study_file(study: Study) -> str:
+    options = parse_options(study.options)
     return write_study_file(
         StudyFile(
-            name=of.name,
-            manifest_sha256=of.manifest_sha256,
-            exposure_s=of.exposure_s,
-            seed=of.seed,
+            name=study.name,
+            manifest_sha256=study.manifest_sha256,
+            exposure_s=study.exposure_s,
+            seed=study.seed,
             options=options,
         )
     )

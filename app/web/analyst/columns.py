@@ -1,12 +1,12 @@
-"""The columns of every table that analysts fetch, and what they mean: for answers, OpenAPI and the archive alike."""
+"""Describe the columns of every table that analysts fetch, for responses, OpenAPI and the archive."""
 
 from __future__ import annotations
 
 Columns = dict[str, str]
 
 PARTICIPANT = "label, by order of arrival"
-DATASET = "dataset, that is a scene"
-TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not tell"
+DATASET = "dataset (a scene)"
+TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
@@ -20,7 +20,7 @@ VOTES: Columns = {
     "response_ms": "from the voting screen to the vote, milliseconds",
     "practice": "true for practice",
     "excluded": "true if the vote does not count",
-    "reason": "why it does not",
+    "reason": "reason of the exclusion",
     "role": "main, or what the trial checks about the participant",
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
@@ -36,10 +36,10 @@ TRIALS: Columns = {
     "item_b": "condition labelled B",
     "first_shown": "condition that was on screen first",
     "role": "main, or what the trial checks about the participant",
-    "served_at": "when it was given out",
+    "served_at": "when it was sent to the participant",
     "voided_at": "when it was interrupted",
-    "void_reason": "by what",
-    "voted_at": "when the vote came",
+    "void_reason": "reason of the interruption",
+    "voted_at": "when the vote arrived",
     "choice": "a, b or none",
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
@@ -53,18 +53,18 @@ TRIALS: Columns = {
 PARTICIPANTS: Columns = {
     "participant": PARTICIPANT,
     "session": "id of the session",
-    "stage": "where the session is",
+    "stage": "stage of the session",
     "n_trials": "trials planned",
     "n_votes": "votes given",
     "n_voided": "trials interrupted",
     "mean_response_ms": "mean response time, milliseconds",
     "started_at": "when the session began",
     "finished_at": "when it finished",
-    "last_vote_at": "when the last vote came",
+    "last_vote_at": "when the last vote arrived",
     "withdrawn_at": "when the participant withdrew",
-    "erased_at": "when what they gave was erased",
+    "erased_at": "when the participant's data were erased",
     "excluded": "true if excluded by an experimenter",
-    "reason": "why",
+    "reason": "reason of the exclusion",
 }
 QUESTIONNAIRE: Columns = {
     "participant": PARTICIPANT,
@@ -83,10 +83,10 @@ SCORES: Columns = {
     "se_participant": "standard error clustered by participant",
     "ci_low": "lower end of the 95 % interval",
     "ci_high": "upper end",
-    "n_votes": "votes in which the item took part",
-    "wins": "won",
-    "losses": "lost",
-    "ties": "no preference",
+    "n_votes": "votes on pairs with the item",
+    "wins": "votes for the item",
+    "losses": "votes for the other item",
+    "ties": "votes without preference",
     "status": "ok, separated (no finite maximum) or disconnected",
 }
 TRIADS: Columns = {
@@ -95,10 +95,10 @@ TRIADS: Columns = {
     "n_items": "conditions compared",
     "complete": "true if every pair has a vote",
     "circular": "circular triads of strict preferences",
-    "circular_expected_ties": "expected if ties were broken at random",
-    "circular_max": "largest possible number",
+    "circular_expected_ties": "expected circular triads if ties were broken at random",
+    "circular_max": "largest possible number of circular triads",
     "zeta": "coefficient of consistence, 1 - circular / circular_max",
-    "p_value": "probability of as few under random votes",
+    "p_value": "probability of as few circular triads under random votes",
 }
 OBSERVERS: Columns = {
     "participant": PARTICIPANT,
@@ -115,11 +115,11 @@ MEASUREMENTS: Columns = {
 }
 AUDIT: Columns = {
     "entry": "number of the entry",
-    "at": "when",
-    "actor": "who",
-    "action": "did what",
-    "study": "in which study",
-    "subject": "to what or whom",
+    "at": "time",
+    "actor": "who did it",
+    "action": "what was done",
+    "study": "study concerned",
+    "subject": "object or person concerned",
     "detail": "more, as JSON",
 }
 STUDIES: Columns = {
@@ -132,7 +132,7 @@ STUDIES: Columns = {
     "n_conditions": "conditions",
     "n_pairs": "pairs",
     "n_started": "participants who began",
-    "n_finished": "who finished",
+    "n_finished": "participants who finished",
     "n_votes": "votes",
 }
 SCREENING: Columns = {
@@ -143,13 +143,13 @@ SCREENING: Columns = {
     "logmar": "acuity, logMAR",
     "low": "lower end of its 95 % interval",
     "high": "upper end",
-    "limit": "what the study asks for",
+    "limit": "limit that the study sets",
     "smallest": "smallest ring that the display can draw, logMAR",
     "pixel_mm": "pitch of the display's pixels, mm",
     "distance_mm": "distance of the eyes, mm",
-    "distance_source": "how the distance is known",
+    "distance_source": "how the distance was measured",
     "n_answered": "rings or plates answered",
-    "started_at": "when it began",
+    "started_at": "when the test began",
     "finished_at": "when it ended",
     "details": "more, as JSON",
 }

@@ -1,4 +1,4 @@
-"""Tables as JSON, CSV or Parquet, as the client prefers; in pages, and only when they have changed."""
+"""Send tables as JSON, CSV or Parquet, as the client prefers: in pages, and only when they have changed."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ CSV = "text/csv; charset=utf-8; header=present"
 PARQUET = "application/vnd.apache.parquet"
 MEDIA_TYPES: dict[Format, str] = {"json": "application/json", "csv": CSV, "parquet": PARQUET}
 MOST_ROWS = 1_000_000  # of a page
-IN_MEMORY = 1024 * 1024  # bytes of a table; more of it waits on disk
-PART = 256 * 1024  # bytes that are sent at once
-ROWS_AT_ONCE = 20_000  # of a Parquet file, in Python's own objects
-FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would compute
+IN_MEMORY = 1024 * 1024  # bytes of a table; the rest waits on disk
+PART = 256 * 1024  # bytes sent at once
+ROWS_AT_ONCE = 20_000  # of a Parquet file, as Python objects
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of a spreadsheet's formula
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """How a client wants a table.
+class TableRequest:
+    """Format and page that a client asks for, and what it already has.
 
     Parameters
     ----------
-    known : the entity tags that it has already
+    known : entity tags that the client has
     limit, offset : the page, in rows; no limit: to the end
     """
 
@@ -43,27 +43,28 @@ class Wanted:
     offset: int
 
 
-def wanted(
+def table_request(
     request: Request,
-    given: Annotated[Format | None, Query(alias="format", description="before Accept; else JSON")] = None,
-    limit: Annotated[int | None, Query(ge=1, le=MOST_ROWS, description="rows at most")] = None,
-    offset: Annotated[int, Query(ge=0, le=10**9, description="rows left out at the beginning")] = 0,
-) -> Wanted:
-    """`?format=`, else what Accept prefers, else JSON; and which page."""
+    given: Annotated[Format | None, Query(alias="format", description="overrides Accept; else JSON")] = None,
+    limit: Annotated[int | None, Query(ge=1, le=MOST_ROWS, description="largest number of rows")] = None,
+    offset: Annotated[int, Query(ge=0, le=10**9, description="rows to skip")] = 0,
+) -> TableRequest:
+    """Read format and page from the request: `?format=`, else the preference of Accept, else JSON."""
     known = frozenset(tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(","))
-    return Wanted(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
+    return TableRequest(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
 
 
-ChosenFormat = Annotated[Wanted, Depends(wanted)]
+ChosenFormat = Annotated[TableRequest, Depends(table_request)]
 
 
-def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wanted, name: str) -> Response:
-    """Rows as a JSON array of objects, as CSV with a header, or as Parquet; the same columns in each.
+def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: TableRequest, name: str) -> Response:
+    """Return rows as a JSON array of objects, as CSV with a header, or as Parquet, with the same columns.
 
-    A page says how many rows there are in all (`X-Total-Count`) so that a client knows when it has them. Rows are taken
-    one by one, and what does not fit into some memory waits in a temporary file: a million votes need no more than ten.
+    `X-Total-Count` gives the number of rows in all, which tells the client of a page when it has them. Rows are read
+    one by one, and a temporary file takes what exceeds a little memory: a million votes need no more memory than
+    ten.
     """
-    columns, counted = list(columns), Counted(rows)
+    columns, counted = list(columns), CountedRows(rows)
     end = None if chosen.limit is None else chosen.offset + chosen.limit
     page = islice(counted, chosen.offset, end)
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
@@ -77,11 +78,11 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Wan
 def streamed(
     content: SpooledTemporaryFile[bytes],
     media_type: str,
-    chosen: Wanted,
+    chosen: TableRequest,
     headers: Mapping[str, str],
     beside: str = "",
 ) -> Response:
-    """As `tagged`, from a temporary file, which is closed when it has been sent; what stands `beside` it counts too."""
+    """Return a temporary file's content as `tagged` does, and close it when sent; `beside` enters the entity tag."""
     content.seek(0)
     whole = hashlib.file_digest(content, "sha256")
     whole.update(beside.encode())
@@ -95,13 +96,13 @@ def streamed(
     )
 
 
-class Counted:
+class CountedRows:
     """Rows that are counted as they pass."""
 
     def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
         self._rows, self._n = iter(rows), 0
 
-    def __iter__(self) -> Counted:
+    def __iter__(self) -> CountedRows:
         return self
 
     def __next__(self) -> Mapping[str, Any]:
@@ -110,27 +111,27 @@ class Counted:
         return row
 
     def count_to_the_end(self) -> int:
-        """How many they are, those that nobody has taken too."""
+        """Count all rows, also those not yet taken."""
         for _ in self:
             pass
         return self._n
 
 
-def json_object(content: Mapping[str, Any], chosen: Wanted) -> Response:
-    """One object as JSON, unless the client has it already."""
+def json_object(content: Mapping[str, Any], chosen: TableRequest) -> Response:
+    """Return an object as JSON, unless the client has it already."""
     return tagged(json_bytes(content), MEDIA_TYPES["json"], chosen, {})
 
 
-def tagged(content: bytes, media_type: str, chosen: Wanted, headers: Mapping[str, str]) -> Response:
-    """An answer with the digest of its content as entity tag; 304 if the client has that."""
+def tagged(content: bytes, media_type: str, chosen: TableRequest, headers: Mapping[str, str]) -> Response:
+    """Return content with its digest as entity tag; 304 if the client has it."""
     digest = hashlib.sha256(content).hexdigest()
     if is_known(chosen, digest):
         return unchanged(digest)
     return Response(content, media_type=media_type, headers={**_own_headers(digest), **headers})
 
 
-def is_known(chosen: Wanted, digest: str) -> bool:
-    """Whether the client has this content already."""
+def is_known(chosen: TableRequest, digest: str) -> bool:
+    """Does the client have this content already?"""
     return bool(chosen.known & {_tag(digest), "*"})
 
 
@@ -158,21 +159,21 @@ def json_bytes(content: Any) -> bytes:
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
-    """CSV by RFC 4180; what is missing is empty, what is nested is JSON, what would be a formula is none."""
+    """Write CSV by RFC 4180: missing values empty, nested values as JSON, formulas disarmed by an apostrophe."""
     text = io.StringIO()
     _write_csv_rows(text, rows, columns)
     return text.getvalue()
 
 
 def write_csv(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    """As `csv_text`, into a file."""
+    """Write CSV to a file, as `csv_text`."""
     text = io.TextIOWrapper(out, encoding="utf-8", newline="")
     _write_csv_rows(text, rows, columns)
     text.detach()
 
 
 def write_json(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    """A JSON array of objects."""
+    """Write a JSON array of objects."""
     before = b"["
     for row in rows:
         out.write(before + json_bytes({column: _plain(row.get(column)) for column in columns}))
@@ -181,7 +182,7 @@ def write_json(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Seque
 
 
 def write_parquet(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    """Parquet; what is nested, and what a column holds of several kinds, is text."""
+    """Write Parquet; nested values, and columns of mixed types, become text."""
     import pyarrow
     import pyarrow.parquet
 
@@ -216,7 +217,7 @@ def _array(pyarrow: Any, values: Sequence[Any]) -> Any:
 
 
 def _joined(pyarrow: Any, parts: Sequence[Any]) -> Any:
-    """Parts of a column as one, of the one kind that they are all of, or of text."""
+    """Join the parts of a column, in their common type, or as text."""
     kinds = {part.type for part in parts} - {pyarrow.null()}
     if kinds == {pyarrow.int64(), pyarrow.float64()}:
         kind = pyarrow.float64()
@@ -226,14 +227,14 @@ def _joined(pyarrow: Any, parts: Sequence[Any]) -> Any:
 
 
 def flattened(content: Any, path: str = "") -> Iterator[dict[str, Any]]:
-    """A nested object as rows of (key, value), for example ("scores.0.item", "id_fa")."""
+    """Flatten a nested object into rows of (key, value), for example ("scores.0.item", "id_fa")."""
     children = content.items() if isinstance(content, Mapping) else enumerate(content)
     for name, child in children:
-        own = f"{path}.{name}" if path else str(name)
+        key = f"{path}.{name}" if path else str(name)
         if isinstance(child, (Mapping, list, tuple)) and child:
-            yield from flattened(child, own)
+            yield from flattened(child, key)
         else:
-            yield {"key": own, "value": child}
+            yield {"key": key, "value": child}
 
 
 def _plain(value: Any) -> Any:
@@ -251,12 +252,12 @@ def _cell(value: Any) -> Any:
 
 
 def _accepted(accept: str) -> Format:
-    """The format with the highest weight in an Accept header; JSON of equals."""
+    """Return the format with the highest weight in an Accept header; JSON among equals."""
     weights: dict[Format, float] = dict.fromkeys(MEDIA_TYPES, 0.0)
     for entry in accept.split(","):
         kind, _, parameters = entry.strip().partition(";")
-        for name, own in MEDIA_TYPES.items():
-            if kind.strip().lower() == own.split(";")[0]:
+        for name, media_type in MEDIA_TYPES.items():
+            if kind.strip().lower() == media_type.split(";")[0]:
                 weights[name] = _quality(parameters)
     return max(weights, key=lambda name: weights[name])
 

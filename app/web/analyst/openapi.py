@@ -1,4 +1,4 @@
-"""How the REST interface describes itself: tables with their columns, problems, tokens."""
+"""Describe the REST interface in OpenAPI: tables with their columns, problems, tokens."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ PROBLEM = {
 
 
 def table_answers(columns: Columns) -> Answers:
-    """The answers of a route that gives a table."""
+    """Return the responses of a route that sends a table."""
     properties = {name: {"description": meaning} for name, meaning in columns.items()}
     row = {"type": "object", "properties": properties, "required": list(columns)}
     example = {name: ROW.get(name) for name in columns}
     json_table = {"schema": {"type": "array", "items": row}}
     csv_table = {"schema": {"type": "string"}, "example": csv_text([example], list(columns))}
     content = {"application/json": json_table, "text/csv": csv_table, PARQUET: BINARY}
-    return {200: {"description": "The table", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+    return {200: {"description": "The table", "content": content}, 304: {"description": "Unchanged (If-None-Match)"}}
 
 
 def object_answers(example: Mapping[str, Any], *, tables_too: bool = False) -> Answers:
-    """The answers of a route that gives one object."""
+    """Return the responses of a route that sends an object."""
     content: dict[str, Any] = {"application/json": {"schema": {"type": "object"}, "example": dict(example)}}
     if tables_too:
         content |= {"text/csv": {"schema": {"type": "string"}}, PARQUET: BINARY}
-    return {200: {"description": "The object", "content": content}, 304: {"description": "As before (If-None-Match)"}}
+    return {200: {"description": "The object", "content": content}, 304: {"description": "Unchanged (If-None-Match)"}}
 
 
 def describe(app: FastAPI) -> None:
-    """Let the app describe its problems and tokens as they are."""
+    """Add problems and tokens to the app's OpenAPI description."""
 
     def description() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -60,25 +60,25 @@ def describe(app: FastAPI) -> None:
 
 
 def _description(app: FastAPI) -> dict[str, Any]:
-    found = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
-    schemas = found["components"]["schemas"]
+    description = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
+    schemas = description["components"]["schemas"]
     for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)
     schemas["Problem"] = PROBLEM
-    found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    description["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
     problem = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    for operations in found["paths"].values():
+    for operations in description["paths"].values():
         for operation in operations.values():
             operation["responses"].pop("422", None)
             operation["responses"]["4XX"] = {"description": "Refused: says why (RFC 9457)", "content": problem}
             operation["responses"]["503"] = {"description": "Try again later (Retry-After)", "content": problem}
             operation["security"] = [{"token": []}]
             _add_examples(operation)
-    return dict(found)
+    return dict(description)
 
 
 def _add_examples(operation: dict[str, Any]) -> None:
-    """Give each body and answer in JSON its example; FastAPI would leave out what is null in it."""
+    """Give each JSON body and response its example; FastAPI would drop nulls from it."""
     parts = [operation.get("requestBody", {}), *operation["responses"].values()]
     for content in [part["content"][JSON] for part in parts if JSON in part.get("content", {})]:
         schema = content["schema"]

@@ -1,6 +1,6 @@
-"""An example for every body and answer of the session interface, by its schema; for tables, by column.
+"""Examples for every body and response of the session interface, by schema; for tables, by column.
 
-`tests/app/web/analyst/test_openapi_examples.py` holds each against its schema.
+`tests/app/web/analyst/test_openapi_examples.py` checks each against its schema.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ EXAMPLES: dict[str, Any] = {
     "TroubleBody": {"why": "PIPELINE_ERROR_DECODE: the film cannot be decoded"},
     "VoidBody": {"reason": "hidden", "viewing": VIEWING},
 }
-ROW: dict[str, Any] = {  # of a table, by column
+ROW: dict[str, Any] = {  # of any table, by column
     "participant": "P001",
     "session": "3n8v5k2d9x7q",
     "dataset": "ball",

@@ -1,4 +1,4 @@
-"""Results over REST, for analysts with a bearer token and for signed-in experimenters."""
+"""Serve results over REST to analysts with a bearer token and to signed-in experimenters."""
 
 from __future__ import annotations
 
@@ -52,133 +52,137 @@ EMPTY_ANALYSIS: dict[str, Any] = {
 router = APIRouter(prefix="/api/v1", tags=["results"])
 READING, PERSONAL_TOO, AUDITING = ([Depends(may_read(scope))] for scope in (READ, PERSONAL, AUDIT_SCOPE))
 
-OfParticipant = Annotated[str | None, Query(alias="participant", max_length=40, description="of this one only")]
-OfDataset = Annotated[str | None, Query(alias="dataset", max_length=200, description="of this one only")]
+OfParticipant = Annotated[str | None, Query(alias="participant", max_length=40, description="only this participant")]
+OfDataset = Annotated[str | None, Query(alias="dataset", max_length=200, description="only this dataset")]
 
 
 @router.get("/studies", responses=table_answers(columns.STUDIES), dependencies=READING)
 def studies(database: Store, chosen: ChosenFormat) -> Response:
-    """All studies, the newest first."""
+    """List all studies, the newest first."""
     with database.reading() as connection:
-        found = all_studies(connection)
-        progress = progress_by_study(connection)  # afterwards: a study may come meanwhile
-    rows = [_summary(study, progress[study.id]) for study in found]
+        listed = all_studies(connection)
+        progress = progress_by_study(connection)  # read second: it then covers every study listed
+    rows = [_summary(study, progress[study.id]) for study in listed]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
 @router.get("/studies/{slug}", responses=object_answers(STUDY), dependencies=READING)
-def study(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """One study: what it compares, and how far it is."""
+def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Describe a study: what it compares, and its progress."""
     with database.reading() as connection:
-        conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, of.id).items()]
-        datasets = datasets_of(connection, of.id)
-        progress = progress_of(connection, of.id)
-    whole = {**_summary(of, progress), "datasets": datasets, "conditions": conditions, "factors": of.factors}
+        conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
+        datasets = datasets_of(connection, study.id)
+        progress = progress_of(connection, study.id)
+    whole = {**_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
     return json_object(whole, chosen)
 
 
 @router.get("/studies/{slug}/votes", responses=table_answers(columns.VOTES), dependencies=READING)
 def votes(
-    of: AStudy,
+    study: AStudy,
     database: Store,
     chosen: ChosenFormat,
     participant: OfParticipant = None,
     dataset: OfDataset = None,
 ) -> Response:
-    """All votes; `item_a` is what was labelled A in that trial."""
+    """List all votes; `item_a` is the condition labelled A in that trial."""
     with database.reading() as connection:
-        rows = _of(vote_records(connection, of.id), participant, dataset)
-        return table(rows, columns.VOTES, chosen, f"{of.slug}-votes")
+        rows = _of(vote_records(connection, study.id), participant, dataset)
+        return table(rows, columns.VOTES, chosen, f"{study.slug}-votes")
 
 
 @router.get("/studies/{slug}/trials", responses=table_answers(columns.TRIALS), dependencies=READING)
 def trials(
-    of: AStudy,
+    study: AStudy,
     database: Store,
     chosen: ChosenFormat,
-    session: Annotated[str | None, Query(max_length=32, description="of this session only")] = None,
+    session: Annotated[str | None, Query(max_length=32, description="only this session")] = None,
     participant: OfParticipant = None,
     dataset: OfDataset = None,
 ) -> Response:
-    """All planned trials, those without a vote too, with the viewing behaviour."""
+    """List all planned trials, also those without a vote, with the viewing behaviour."""
     with database.reading() as connection:
-        rows = _of(trial_records(connection, of.id, session), participant, dataset)
-        return table(rows, columns.TRIALS, chosen, f"{of.slug}-trials")
+        rows = _of(trial_records(connection, study.id, session), participant, dataset)
+        return table(rows, columns.TRIALS, chosen, f"{study.slug}-trials")
 
 
 @router.get("/studies/{slug}/participants", responses=table_answers(columns.PARTICIPANTS), dependencies=PERSONAL_TOO)
-def participants(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """Everybody who has begun, how far they are, and whether they count."""
+def participants(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List all participants who have begun, with progress and exclusions."""
     with database.reading() as connection:
-        return table(participant_records(connection, of.id), columns.PARTICIPANTS, chosen, f"{of.slug}-participants")
+        return table(
+            participant_records(connection, study.id), columns.PARTICIPANTS, chosen, f"{study.slug}-participants"
+        )
 
 
 @router.get("/studies/{slug}/screening", responses=table_answers(columns.SCREENING), dependencies=PERSONAL_TOO)
-def screening(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """What the screening found, a row for each participant and test. It is a screening, not a diagnosis."""
+def screening(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List the screening's results, a row per participant and test. It is a screening, not a diagnosis."""
     with database.reading() as connection:
-        return table(screening_records(connection, of.id), columns.SCREENING, chosen, f"{of.slug}-screening")
+        return table(screening_records(connection, study.id), columns.SCREENING, chosen, f"{study.slug}-screening")
 
 
 @router.get("/studies/{slug}/questionnaire", responses=table_answers(columns.QUESTIONNAIRE), dependencies=PERSONAL_TOO)
-def questionnaire(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """The answers of the interview, a row for each participant and question."""
+def questionnaire(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List the answers of the interview, a row per participant and question."""
     with database.reading() as connection:
-        rows = questionnaire_records(connection, of.id)
-    return table(rows, columns.QUESTIONNAIRE, chosen, f"{of.slug}-questionnaire")
+        rows = questionnaire_records(connection, study.id)
+    return table(rows, columns.QUESTIONNAIRE, chosen, f"{study.slug}-questionnaire")
 
 
 @router.get("/studies/{slug}/scores", responses=table_answers(columns.SCORES), dependencies=READING)
-def scores(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """Scores of the votes so far: natural log-odds that sum to zero in each comparison and dataset."""
-    rows = _analysis(database, of)["scores"]
-    return table(rows, _columns(columns.SCORES, rows), chosen, f"{of.slug}-scores")
+def scores(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Fit scores to the votes so far: natural log-odds that sum to zero in each comparison and dataset."""
+    rows = _analysis(database, study)["scores"]
+    return table(rows, _columns(columns.SCORES, rows), chosen, f"{study.slug}-scores")
 
 
 @router.get("/studies/{slug}/triads", responses=table_answers(columns.TRIADS), dependencies=READING)
-def triads(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """Circular triads by participant and dataset."""
-    rows = _analysis(database, of)["triads"]
-    return table(rows, _columns(columns.TRIADS, rows), chosen, f"{of.slug}-triads")
+def triads(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Count circular triads by participant and dataset."""
+    rows = _analysis(database, study)["triads"]
+    return table(rows, _columns(columns.TRIADS, rows), chosen, f"{study.slug}-triads")
 
 
 @router.get("/studies/{slug}/observers", responses=table_answers(columns.OBSERVERS), dependencies=READING)
-def observers(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """What is unusual about each participant's votes, with the numbers behind it."""
-    rows = _analysis(database, of)["observers"]
-    return table(rows, _columns(columns.OBSERVERS, rows), chosen, f"{of.slug}-observers")
+def observers(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Flag what is unusual about each participant's votes, with the numbers behind it."""
+    rows = _analysis(database, study)["observers"]
+    return table(rows, _columns(columns.OBSERVERS, rows), chosen, f"{study.slug}-observers")
 
 
 @router.get("/studies/{slug}/validation", responses=table_answers(columns.MEASUREMENTS), dependencies=READING)
-def validation(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """Objective measures attached to the study, which the analysis compares with the scores."""
+def validation(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List the objective measures attached to the study, which the analysis compares with the scores."""
     with database.reading() as connection:
-        return table(measurement_records(connection, of.id), columns.MEASUREMENTS, chosen, f"{of.slug}-validation")
+        return table(
+            measurement_records(connection, study.id), columns.MEASUREMENTS, chosen, f"{study.slug}-validation"
+        )
 
 
 @router.get("/studies/{slug}/analysis", responses=object_answers(ANALYSIS, tables_too=True), dependencies=READING)
-def analysis(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """The whole analysis of the votes so far; as CSV or Parquet, one row for each value."""
-    content = _analysis(database, of)
+def analysis(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Analyse the votes so far; as CSV or Parquet, a row per value."""
+    content = _analysis(database, study)
     if chosen.format != "json":
-        return table(flattened(content), ("key", "value"), chosen, f"{of.slug}-analysis")
+        return table(flattened(content), ("key", "value"), chosen, f"{study.slug}-analysis")
     return json_object(content, chosen)
 
 
 @router.get("/studies/{slug}/audit", responses=table_answers(columns.AUDIT), dependencies=AUDITING)
-def audit_of_study(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """What experimenters did in a study, the latest first."""
+def audit_of_study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List what experimenters did in a study, the latest first."""
     with database.reading() as connection:
-        return table(audit_records(connection, study_id=of.id), columns.AUDIT, chosen, f"{of.slug}-audit")
+        return table(audit_records(connection, study_id=study.id), columns.AUDIT, chosen, f"{study.slug}-audit")
 
 
 @router.get("/audit", responses=table_answers(columns.AUDIT), dependencies=AUDITING)
 def audit(
     database: Store,
     chosen: ChosenFormat,
-    search: Annotated[str, Query(max_length=100, description="a part of the actor, action or subject")] = "",
+    search: Annotated[str, Query(max_length=100, description="part of the actor, action or subject")] = "",
 ) -> Response:
-    """Everything that was done on this server and what was refused, the latest first."""
+    """List everything that was done or refused on this server, the latest first."""
     with database.reading() as connection:
         return table(audit_records(connection, search=search), columns.AUDIT, chosen, "audit")
 
@@ -188,15 +192,15 @@ def audit(
     dependencies=PERSONAL_TOO,
     responses={
         200: {"content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}}},
-        304: {"description": "As before"},
+        304: {"description": "Unchanged"},
     },
     response_class=Response,
 )
-def archive(of: AStudy, database: Store, chosen: ChosenFormat) -> Response:
-    """Everything of a study in one file: tables, analysis, study file, data dictionary, checksums."""
+def archive(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Download a study in one file: tables, analysis, study file, data dictionary, checksums."""
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
-    write_archive(content, database, of.id)
-    headers = {"Content-Disposition": f'attachment; filename="{of.slug}.zip"'}
+    write_archive(content, database, study.id)
+    headers = {"Content-Disposition": f'attachment; filename="{study.slug}.zip"'}
     return streamed(content, "application/zip", chosen, headers)
 
 
@@ -206,21 +210,21 @@ def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | 
 
 
 def _columns(first: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The agreed columns, then what else the rows have."""
+    """Return the documented columns, then any others of the rows."""
     return list(dict.fromkeys([*first, *(key for row in rows for key in row)]))
 
 
-def _analysis(database: Database, of: Study) -> Mapping[str, Any]:
-    found = analysis_of(database, of.id)
-    return EMPTY_ANALYSIS if found is None else found
+def _analysis(database: Database, study: Study) -> Mapping[str, Any]:
+    analysis = analysis_of(database, study.id)
+    return EMPTY_ANALYSIS if analysis is None else analysis
 
 
-def _summary(of: Study, progress: StudyCounts) -> dict[str, Any]:
+def _summary(study: Study, progress: StudyCounts) -> dict[str, Any]:
     return {
-        "slug": of.slug,
-        "name": of.name,
-        "state": of.standing,
-        "exposure_s": of.exposure_s,
-        "created_at": of.created_at.isoformat(),
+        "slug": study.slug,
+        "name": study.name,
+        "state": study.standing,
+        "exposure_s": study.exposure_s,
+        "created_at": study.created_at.isoformat(),
         **asdict(progress),
     }

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared, participant_gradients
-from app.analysis.many_items import maximise_many_items
+from app.analysis.conjugate_gradients import maximise_many_items
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.ties import TIE_MODELS
 from app.analysis.votes_table import VotesTable, votes_from_indices

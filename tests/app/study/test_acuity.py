@@ -15,7 +15,7 @@ from app.study.acuity import (
     THRESHOLDS,
     Acuity,
     AcuityTest,
-    Look,
+    Ring,
     gap_arcmin,
     judge,
     next_size,
@@ -28,7 +28,7 @@ from tests.app.study.lookers import simulate_test
 N_PEOPLE = 300
 FULL_HD_27_INCH_MM = 597.7 / 1920  # pixel pitch
 looks = st.lists(
-    st.builds(Look, st.floats(-0.5, 1.5), st.integers(0, 7), st.integers(0, 7)), max_size=30
+    st.builds(Ring, st.floats(-0.5, 1.5), st.integers(0, 7), st.integers(0, 7)), max_size=30
 )  # answers of any kind
 
 
@@ -78,14 +78,14 @@ def test_larger_rings_are_seen_better(size: float, larger: float) -> None:
 
 
 @given(looks)
-def test_a_posterior_is_a_distribution_whatever_is_answered(answers: list[Look]) -> None:
+def test_a_posterior_is_a_distribution_whatever_is_answered(answers: list[Ring]) -> None:
     probability = posterior(answers)
     assert probability.sum() == pytest.approx(1)
     assert np.all(probability >= 0)
 
 
 @given(looks, st.floats(-0.6, 0.8))
-def test_a_ring_is_never_smaller_than_the_display_can_draw(answers: list[Look], smallest: float) -> None:
+def test_a_ring_is_never_smaller_than_the_display_can_draw(answers: list[Ring], smallest: float) -> None:
     test = AcuityTest(n_trials=31, smallest=smallest)
     size = next_size(answers, test)
     assert size is not None
@@ -95,9 +95,9 @@ def test_a_ring_is_never_smaller_than_the_display_can_draw(answers: list[Look], 
 def test_the_first_ring_is_large_and_the_last_ends_the_test() -> None:
     test = AcuityTest(n_trials=3)
     assert next_size([], test) == LARGEST_FIRST
-    assert next_size([Look(1.0, 0, 0)] * 3, test) is None
+    assert next_size([Ring(1.0, 0, 0)] * 3, test) is None
     with pytest.raises(ValueError, match="2 of 3"):
-        judge([Look(1.0, 0, 0)] * 2, test)
+        judge([Ring(1.0, 0, 0)] * 2, test)
 
 
 def test_artificial_people_answer_with_a_direction() -> None:

@@ -77,9 +77,9 @@ def test_labels_that_always_follow_the_video_are_found() -> None:
     plan = plan_of(1, 6)
     trials = [PlannedTrial(pair.key, "top", "a") for pair in plan.pairs]
     assert failing(plan, [TakenOrder("P", 0, "finished", is_released=False, trials=trials)]) >= {
-        "how much oftener a stimulus is A than B",
-        "how much oftener A is first than B",
-        "how much oftener a stimulus is first than second under a label",
+        "surplus of trials with a stimulus as A over as B",
+        "surplus of trials with A first over B first",
+        "surplus of trials with a stimulus first over second, by label",
         "trials in a row with the same stimulus",
     }
 

@@ -98,7 +98,7 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
     page.goto("/admin/tokens")
-    page.get_by_label("Who or what it is for").fill("double")
+    page.get_by_label("Name of its user or purpose").fill("double")
     page.get_by_role("button", name="Make the token").dblclick()
     page.get_by_text("shown this once").wait_for()
     assert len(sent) == 1

@@ -113,12 +113,12 @@ def test_participants_are_shown_while_what_is_unusual_is_looked_for(
     pages = [f"/admin/studies/{study['slug']}/participants{which}" for which in ("", "/P001")]
     analysis.may_end.clear()
     for page in pages:
-        assert "is being looked for" in experimenter.get(page).text
+        assert "are being checked for anything unusual" in experimenter.get(page).text
     analysis.may_end.set()
     for page in pages:
         text = experimenter.get(page).text
         assert "look 1" in text
-        assert "is being looked for" not in text
+        assert "are being checked for anything unusual" not in text
 
 
 def test_an_open_overview_shows_what_is_unusual_and_looks_once(

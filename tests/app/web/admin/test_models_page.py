@@ -59,13 +59,16 @@ def test_a_model_is_what_its_file_holds(folder: Path) -> None:
         (b"ply\nformat ascii 1.0\nend_header\n", "no binary little-endian PLY"),
         (b"ply\nformat binary_little_endian 1.0\n" + b"comment x\n" * 2000, "no binary little-endian PLY"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE, "has 36 bytes after its header"),
-        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + FACE + b"more", "speaks of 49"),
+        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + FACE + b"more", "expected 49"),
         (HEADER.format(points="", faces=LIST).encode() + FACE, "holds no points with x, y and z"),
         (HEADER.format(points=FLOATS, faces="property int colour\n").encode() + TRIANGLE, "'property int colour'"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE[:-4] + b"\0\0\xc0\x7f" + FACE, "not finite"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x03" + b"\xff" * 12, "no triangles"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x04" + FACE[1:], "no triangles"),
-        (HEADER.replace("vertex 3", "vertex 99999999999").format(points=FLOATS, faces=LIST).encode(), "speaks of"),
+        (
+            HEADER.replace("vertex 3", "vertex 99999999999").format(points=FLOATS, faces=LIST).encode(),
+            "bytes after its header, expected",
+        ),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
@@ -88,7 +91,7 @@ def test_what_the_study_does_not_compare_is_named_and_left_out(
 ) -> None:
     study = new_study()
     with pytest.raises(
-        ValueError, match=r"speaks of statue/id_fa, statue/pm_fb.* compares id_fa, id_fb, pm_fb in ball"
+        ValueError, match=r"describes statue/id_fa, statue/pm_fb.* compares id_fa, id_fb, pm_fb in ball"
     ):
         manage.attach_results(settings, [shapes.write_folder(tmp_path / "other", "statue")], study["slug"])
     shapes.write_folder(tmp_path / "both")

@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.web.admin import participants
 from app.web.admin import votes_page as admin_votes
-from app.web.admin.overview import Sight
+from app.web.admin.overview import SharedMonitor
 from app.web.admin.votes_page import looks_of
 from tests.app.web.admin.dashboard import Dashboard, link_of, signed_in, until
 
@@ -87,14 +87,14 @@ def test_a_monitor_that_many_watch_is_made_once_a_second() -> None:
     made: list[float] = []
 
     async def watch() -> None:
-        sight = Sight()
+        monitor = SharedMonitor()
 
         async def look(at: float) -> None:
             def render() -> str:
                 made.append(at)
                 return f"at {at}"
 
-            assert await sight.at(at, render) == f"at {at}"
+            assert await monitor.at(at, render) == f"at {at}"
 
         for second in (7.0, 8.0):
             async with anyio.create_task_group() as pages:
@@ -123,7 +123,7 @@ def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     assert {vote["participant"] for vote in votes if vote["excluded"]} == {"P002"}
     results = f"/admin/studies/{taken['slug']}/results"
     assert "6 votes are left out" in experimenter.get(results).text
-    assert "Everybody is counted" in experimenter.get(results, params={"everybody": "true"}).text
+    assert "All participants are counted" in experimenter.get(results, params={"everybody": "true"}).text
     experimenter.act(f"{person}/include")
     assert "Every vote is counted" in experimenter.get(results).text
     assert "undone by Eva Example" in experimenter.get(person).text

@@ -284,7 +284,7 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
         stills = re.findall(r'src="(/admin/studies/films/stimuli/[^"]+\.jpg)"', page)
         assert len(stills) == 6
         assert eva.get(stills[0]).content.startswith(b"\xff\xd8")
-        assert "films are there and are what they were" in eva.act("/admin/studies/films/stimuli").text
+        assert "films are there and unchanged" in eva.act("/admin/studies/films/stimuli").text
         damaged = next(own.media_dir.glob("*.mp4"))
         content = damaged.read_bytes()
         damaged.write_bytes(content + b"x")
@@ -296,7 +296,7 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
 def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     page = experimenter.get(f"/admin/studies/{taken['slug']}/design", params={"participants": 6, "effect": 1}).text
     assert "as planned" in page
-    assert re.search(r"found in \d+ % of studies in\s+one dataset", page)
+    assert re.search(r"detected in \d+ % of studies on\s+one dataset", page)
     assert experimenter.get(f"/admin/studies/{taken['slug']}/design?participants=1e9").status_code == 422
 
 

@@ -16,7 +16,7 @@ import pyarrow.parquet
 import pytest
 from fastapi.responses import Response, StreamingResponse
 
-from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, Wanted, table
+from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, TableRequest, table
 
 COLUMNS = ("participant", "choice", "response_ms")
 
@@ -37,7 +37,7 @@ def content_of(answer: Response) -> bytes:
 
 
 def ask(rows: Iterable[Mapping[str, Any]], kind: Format, **changes: Any) -> Response:
-    chosen = Wanted(**{"format": kind, "known": frozenset(), "limit": None, "offset": 0} | changes)
+    chosen = TableRequest(**{"format": kind, "known": frozenset(), "limit": None, "offset": 0} | changes)
     return table(rows, COLUMNS, chosen, "votes")
 
 

@@ -1,4 +1,4 @@
-"""Scores of hundreds or thousands of items: Newton's method with conjugate gradients instead of matrices."""
+"""Fit hundreds or thousands of items: Newton's method, each step solved by conjugate gradients instead of matrices."""
 
 from __future__ import annotations
 
@@ -13,24 +13,22 @@ from app.analysis.ties import Derivatives
 
 Array = NDArray[np.float64]
 
-CG_TOLERANCE = 1e-5  # of the residual's norm; Newton's method then still gains five digits a step
+CG_TOLERANCE = 1e-5  # relative norm of the residual; Newton's method then still gains five digits a step
 CG_ROUNDING = 1e-13  # log-odds; a residual that would change the scores by less is rounding
 CG_STEPS = 2  # times the number of parameters; exact arithmetic would need one
 
 
 def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array, *, ridge: float = 0.0) -> Maximum:
-    """Maximise the likelihood of one table of many items, by Newton steps that are solved by conjugate gradients.
+    """Maximise the likelihood of one table of many items by Newton steps solved with conjugate gradients.
 
-    Every pair costs a few operations per step, and nothing the square of the number of items: ten thousand items are no
-    trouble unless nearly all pairs of them were compared.
+    A step costs a few operations per pair and nothing that grows with the square of the number of items. Ten
+    thousand items fit easily unless nearly all their pairs were compared.
 
     Parameters
     ----------
-    design : Design
-        Without levels and without an order effect.
-    wins, losses, ties : float64 (C,)
-    ridge : float
-        Penalty ridge / 2 * sum of squared parameters.
+    design : Design without levels and without an order effect
+    wins, losses, ties : float64 (C,), votes
+    ridge : penalty ridge / 2 * sum of squared parameters
     """
     n, first, second = design.counts.n_items, design.counts.first, design.counts.second
     theta = np.r_[_start_scores(design, wins, losses, ties), start_parameters(design, wins, losses, ties)[n:]]
@@ -50,7 +48,7 @@ def maximise_many_items(design: Design, wins: Array, losses: Array, ties: Array,
 
 
 def _start_scores(design: Design, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-odds of each item's share of won votes, half a vote added to both sides."""
+    """Return the log-odds of each item's share of won votes, with half a vote added to both sides."""
     n, first, second = design.counts.n_items, design.counts.first, design.counts.second
     won = np.bincount(first, wins + ties / 2, n) + np.bincount(second, losses + ties / 2, n)
     lost = np.bincount(first, losses + ties / 2, n) + np.bincount(second, wins + ties / 2, n)
@@ -59,9 +57,9 @@ def _start_scores(design: Design, wins: Array, losses: Array, ties: Array) -> Ar
 
 
 def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_array, theta: Array, ridge: float) -> Array:
-    """Return information^-1 gradient (P,) for one table, by conjugate gradients with the diagonal as preconditioner.
+    """Return information^-1 gradient (P,) of a table, by conjugate gradients preconditioned with the diagonal.
 
-    Scores that all shift together are in the null space of both sides, so that the iteration never leaves sum zero.
+    A common shift of all scores is in the null space of both sides, so the scores keep their sum of zero.
     """
     n, first, second = design.counts.n_items, design.counts.first, design.counts.second
     ties = design.has_tie
@@ -81,7 +79,7 @@ def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_arra
     residual = np.r_[by_item(by_pair.d), by_pair.t.sum()] if ties else by_item(by_pair.d)
     scale = np.r_[degree, corner] if ties else degree
     residual = residual - ridge * theta
-    residual[:n] -= residual[:n].mean()  # rounding; nothing could take it away later
+    residual[:n] -= residual[:n].mean()  # rounding, which later steps could not remove
     x = np.zeros_like(residual)
     ahead = residual / scale
     direction, size = ahead.copy(), float(residual @ ahead)

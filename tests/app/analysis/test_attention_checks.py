@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from app.analysis import analyse
-from app.analysis.checks import check_rows
+from app.analysis.attention_checks import check_rows
 from app.analysis.reading import VotesError, votes_from_rows
 
 MAIN = [("p1", "x", "y", "a"), ("p1", "y", "z", "b"), ("p1", "x", "z", "none"), ("p2", "x", "y", "b")]

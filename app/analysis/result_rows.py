@@ -1,4 +1,4 @@
-"""The rows of analysis.json: a fit, its contrasts and the triads as names and numbers."""
+"""Turn a fit, its contrasts, effects and triads into the rows of analysis.json."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
-LOG_ODDS_PER_JOD = float(
-    np.log(3)
-)  # one just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017)
+# One just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017).
+LOG_ODDS_PER_JOD = float(np.log(3))
 
 
-def score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
-    fit, n = one.fit, len(one.fit.items)
-    wins, losses, ties = _outcomes(one.votes)
-    low, high, method = intervals(fit, one.bootstrap)
+def score_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """Return a row per item with its score, errors, interval and votes."""
+    fit, n = comparison.fit, len(comparison.fit.items)
+    wins, losses, ties = _outcomes(comparison.votes)
+    low, high, method = intervals(fit, comparison.bootstrap)
     shown = _letters(fit)
     for index, item in enumerate(fit.items):
         score = None if fit.scores is None else float(fit.scores[index])
         yield {
-            "comparison": one.comparison,
-            "dataset": one.dataset,
+            "comparison": comparison.comparison,
+            "dataset": comparison.dataset,
             "item": item,
             "score": score,
             "se": fit.error(index),
@@ -58,28 +58,29 @@ def score_rows(one: Comparison) -> Iterator[dict[str, Any]]:
         }
 
 
-def group_rows(found: GroupComparison) -> Iterator[dict[str, Any]]:
-    """Each group's scores, as `score_rows`."""
-    for group, part in found.groups.items():
-        for row in score_rows(Comparison(found.grouping, found.dataset, part.votes, part.fit, None)):
+def group_rows(comparison: GroupComparison) -> Iterator[dict[str, Any]]:
+    """Return the scores of each group, as `score_rows`."""
+    for group, part in comparison.groups.items():
+        for row in score_rows(Comparison(comparison.grouping, comparison.dataset, part.votes, part.fit, None)):
             named = {"grouping": row.pop("comparison"), "group": group, "n_participants": part.fit.n_participants}
             yield named | row
 
 
 def _letters(fit: Fit) -> dict[str, str]:
-    found = contrasts(fit)
-    if not found or fit.scores is None:
+    differences = contrasts(fit)
+    if not differences or fit.scores is None:
         return {}
     best_first = [fit.items[index] for index in np.argsort(-fit.scores)]
-    return letters(best_first, found)
+    return letters(best_first, differences)
 
 
 def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Array | None, str | None]:
-    """Return the limits of the scores' 95 % intervals and how they were made.
+    """Return the limits of the scores' 95 % intervals, each float64 (n,), log-odds, and the method.
 
-    Percentiles of the participant bootstrap if it has them; else t(J - 1) on the errors clustered by participant;
-    else, where participants are unknown, the normal distribution on the errors from the information. Where they are
-    known and nothing is known of how they differ (one of them, all alike, no maximum), there is no interval.
+    The method is percentiles of the participant bootstrap if there are enough replicates; else t(J - 1) on the
+    errors clustered by participant; else, where participants are unknown, the normal distribution on the errors from
+    the information. There is no interval where participants are known but their variation is not: a single
+    participant, all voting alike, or no maximum.
     """
     if fit.scores is None or fit.covariance is None:
         return None, None, None
@@ -97,13 +98,13 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
 
 
 def _win_probability(fit: Fit, index: int) -> float:
-    """Return the probability that the item is preferred to another one taken at random, ties apart."""
+    """Return the probability that the item is preferred to another item taken at random, given a preference."""
     assert fit.scores is not None
     return float(np.mean(fit.preference(fit.scores[index] - np.delete(fit.scores, index))))
 
 
 def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
-    """Return wins, losses and ties of each item."""
+    """Count wins, losses and ties of each item."""
     n = len(votes.items)
     winner = np.where(votes.choice == A, votes.item_a, votes.item_b)
     loser = np.where(votes.choice == A, votes.item_b, votes.item_a)
@@ -115,19 +116,24 @@ def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     return wins.astype(int).tolist(), losses.astype(int).tolist(), ties.astype(int).tolist()
 
 
-def contrast_rows(one: Comparison) -> Iterator[dict[str, Any]]:
-    for contrast in contrasts(one.fit):
-        yield {"comparison": one.comparison, "dataset": one.dataset} | asdict(contrast)
+def contrast_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """Return a row per pair of items with the difference of their scores."""
+    for contrast in contrasts(comparison.fit):
+        yield {"comparison": comparison.comparison, "dataset": comparison.dataset} | asdict(contrast)
 
 
-def tie_model_rows(one: Comparison, settings: AnalysisSettings) -> Iterator[dict[str, Any]]:
-    """The log-likelihoods of all ways of treating ties, side by side; only Davidson's and Rao and Kupper's compare."""
-    if one.comparison != ALL or not (one.votes.choice == NONE).any():
+def tie_model_rows(comparison: Comparison, settings: AnalysisSettings) -> Iterator[dict[str, Any]]:
+    """Return the log-likelihoods of all ways of treating ties; only Davidson's and Rao and Kupper's compare."""
+    if comparison.comparison != ALL or not (comparison.votes.choice == NONE).any():
         return
     for ties, model in TIE_MODELS.items():
-        fit = one.fit if ties == one.fit.ties else fit_scores(one.votes, ties=ties, order_effect=settings.order_effect)
+        fit = (
+            comparison.fit
+            if ties == comparison.fit.ties
+            else fit_scores(comparison.votes, ties=ties, order_effect=settings.order_effect)
+        )
         yield {
-            "dataset": one.dataset,
+            "dataset": comparison.dataset,
             "ties": ties,
             "parameter": model.parameter,
             "value": fit.tie_parameter,
@@ -138,10 +144,11 @@ def tie_model_rows(one: Comparison, settings: AnalysisSettings) -> Iterator[dict
         }
 
 
-def model_row(one: Comparison) -> dict[str, Any]:
-    fit = one.fit
+def model_row(comparison: Comparison) -> dict[str, Any]:
+    """Return the tie parameter, order effect and goodness of fit of a model."""
+    fit = comparison.fit
     parameter = TIE_MODELS[fit.ties].parameter
-    row: dict[str, Any] = {"comparison": one.comparison, "dataset": one.dataset, "ties": fit.ties}
+    row: dict[str, Any] = {"comparison": comparison.comparison, "dataset": comparison.dataset, "ties": fit.ties}
     if parameter:
         has_error = fit.design.has_tie and fit.tie_parameter is not None
         row[parameter] = fit.tie_parameter
@@ -163,14 +170,15 @@ def model_row(one: Comparison) -> dict[str, Any]:
         "status": fit.status,
         "groups": [list(group) for group in fit.groups],
         "penalty": fit.penalty,
-        "n_votes": one.votes.n_votes,
+        "n_votes": comparison.votes.n_votes,
         "n_participants": fit.n_participants,
-        "bootstrap_replicates": None if one.bootstrap is None else len(one.bootstrap.scores),
-        "bootstrap_without_maximum": None if one.bootstrap is None else one.bootstrap.n_without_maximum,
+        "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
+        "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,
     }
 
 
 def effect_row(effect: Effect) -> dict[str, Any]:
+    """Return a level's effect with its 95 % interval."""
     if effect.n_participants is None:
         half = float(norm.ppf((1 + LEVEL) / 2)) * effect.se
     elif effect.se_participant is not None:
@@ -180,16 +188,16 @@ def effect_row(effect: Effect) -> dict[str, Any]:
     return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
 
 
-def pair_rows(one: Comparison) -> Iterator[dict[str, Any]]:
-    """Observed and expected votes on every pair, for the preference matrix and the residuals."""
-    fit = one.fit
+def pair_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """Return observed and expected votes on every pair, for the preference matrix and the residuals."""
+    fit = comparison.fit
     nothing: list[list[float | None]] = [[None] * 3] * len(fit.counts.first)
     expected = nothing if fit.expected is None else fit.expected.T.tolist()
     columns = fit.counts.first, fit.counts.second, fit.counts.wins, fit.counts.losses, fit.counts.ties
     for first, second, wins, losses, ties, (as_win, as_loss, as_tie) in zip(*columns, expected, strict=True):
         yield {
-            "comparison": one.comparison,
-            "dataset": one.dataset,
+            "comparison": comparison.comparison,
+            "dataset": comparison.dataset,
             "item_a": fit.items[first],
             "item_b": fit.items[second],
             "a": float(wins),
@@ -202,6 +210,7 @@ def pair_rows(one: Comparison) -> Iterator[dict[str, Any]]:
 
 
 def triads_row(row: Triads) -> dict[str, Any]:
+    """Return the circular triads of a participant on a dataset."""
     named = asdict(row)
     return {
         "participant": named["participant"],
@@ -217,16 +226,17 @@ def triads_row(row: Triads) -> dict[str, Any]:
 
 
 def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
+    """Return each participant's circular triads over all datasets."""
     by_participant: dict[str, list[Triads]] = {}
     for row in rows:
         by_participant.setdefault(row.participant, []).append(row)
     return [
         {
             "participant": participant,
-            "n_datasets": len(own),
-            "circular": sum(row.circular for row in own),
-            "circular_expected_ties": sum(row.expected_ties for row in own),
-            "p_value": pooled_p_value(own),
+            "n_datasets": len(by_dataset),
+            "circular": sum(row.circular for row in by_dataset),
+            "circular_expected_ties": sum(row.expected_ties for row in by_dataset),
+            "p_value": pooled_p_value(by_dataset),
         }
-        for participant, own in by_participant.items()
+        for participant, by_dataset in by_participant.items()
     ]

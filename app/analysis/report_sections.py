@@ -1,4 +1,4 @@
-"""The parts of the report after the scores: each a title, a paragraph that says how to read it, figures and a table."""
+"""Write the report's sections after the scores: each a title, a paragraph on how to read it, figures and a table."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from typing import Any
 Analysis = Mapping[str, Any]
 Figures = Mapping[str, dict[str, str]]
 
-ROWS = 80  # of a table; the rest is in the CSV files
+ROWS = 80  # rows of a table; the CSV files hold the rest
 
 
 def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
-    """Return the parts that this analysis has something to say in.
+    """Yield the sections for which this analysis has results.
 
     Parameters
     ----------
-    figures : mapping
-        Name -> figure, of those that were drawn.
+    figures : name -> figure, of the figures that were drawn
     """
     yield _model(analysis, figures)
     if analysis["effects"]:
@@ -58,8 +57,8 @@ def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         for row in analysis["models"]
     ]
     text = (
-        "A small p-value of Pearson's X2 says that one score per item does not explain the votes; with several votes "
-        "of the same people it also reacts to their being alike."
+        "A small p-value of Pearson's X2 says that one score per item does not explain the votes. With several votes "
+        "per person it also reacts to the similarity of a person's votes."
     )
     shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
     columns = [
@@ -101,9 +100,9 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
         for row in analysis["tests"]
     ]
     text = (
-        "G2 is the likelihood-ratio statistic, which takes votes for independent; p (participants) is the Wald test "
-        "with participants as the sample. Holm's correction is over the tests of one kind on the single datasets, or "
-        "on all together, and uses p (participants) where there is one."
+        "G2 is the likelihood-ratio statistic, which treats votes as independent; p (participants) is the Wald test "
+        "with participants as the sample. Holm's correction covers the tests of one kind on single datasets, or on all "
+        "together, and uses p (participants) where it exists."
     )
     columns = ["test", "in the model of", "dataset", "G2", "df", "p (votes)", "p (participants)", "p (Holm)"]
     return _section("Tests", text, columns, rows)
@@ -119,9 +118,9 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         for row in analysis["measures"]
     ]
     text = (
-        "How well objective measures go with the scores. The monotone correlation is that after the best monotone "
-        "curve; the last column is the share of significantly different pairs that the measure puts in the right "
-        "order. Over all datasets, measure and score are taken relative to their dataset's mean. Intervals: 95 %, "
+        "How well objective measures predict the scores. The monotone correlation is taken after fitting the best "
+        "monotone curve; the last column is the share of significantly different pairs that the measure puts in the "
+        "right order. Over all datasets, measure and score are relative to their dataset's mean. Intervals: 95 %, "
         "from resampling participants, over all datasets also datasets."
     )
     columns = [
@@ -142,7 +141,7 @@ def _excluded(analysis: Analysis) -> dict[str, Any]:
     everybody = {(r["comparison"], r["dataset"], r["item"]): r["score"] for r in analysis["scores_with_excluded"]}
     keys = [(row["comparison"], row["dataset"], row["item"]) for row in analysis["scores"]]
     rows = [(*key, row["score"], everybody.get(key)) for key, row in zip(keys, analysis["scores"], strict=True)]
-    text = f"{analysis['votes']['excluded']} votes were excluded; the last column is what they would have changed."
+    text = f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them."
     return _section("Exclusions", text, ["comparison", "dataset", "item", "score", "score with all votes"], rows)
 
 
@@ -155,8 +154,8 @@ def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         for row in analysis["groups"]
     ]
     text = (
-        "Scores of each group of participants by itself. Whether groups differ is tested above (group …); a difference "
-        "between groups that was not planned before the study is a question for the next one."
+        "Scores of each group of participants alone. The tests above (group …) tell whether groups differ; a "
+        "difference that was not planned before the study is a question for the next one."
     )
     columns = ["grouping", "group", "participants", "dataset", "item", "score", "from", "to", "status"]
     shown = [figure for name, figure in figures.items() if name.startswith("group_")]
@@ -168,16 +167,16 @@ def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
         (row["dataset_a"], row["dataset_b"], row["n_items"], row["pearson"], row["spearman"], row["kendall"])
         for row in analysis["dataset_agreement"]
     ]
-    found = analysis["dataset_concordance"]
+    w_test = analysis["dataset_concordance"]
     overall = (
         ""
-        if found is None
-        else f" Kendall's coefficient of concordance over all {found['n_datasets']} datasets: W = {found['w']:.3f} "
-        f"(1: the same order everywhere), p = {found['p_value']:.2g}."
+        if w_test is None
+        else f" Kendall's coefficient of concordance over all {w_test['n_datasets']} datasets: W = {w_test['w']:.3f} "
+        f"(1: the same order everywhere), p = {w_test['p_value']:.2g}."
     )
     text = (
-        "How well the scores of two datasets go together over the items they share. Errors of the scores lower these "
-        f"correlations; whether the datasets differ beyond them is tested above.{overall}"
+        "Correlation of the scores of two datasets over the items they share. Errors of the scores lower these "
+        f"correlations; the test above tells whether the datasets differ beyond them.{overall}"
     )
     columns = ["dataset", "and", "items", "Pearson", "Spearman", "Kendall"]
     return _section("Agreement between datasets", text, columns, rows)
@@ -193,8 +192,8 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
     ]
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
-        "complete designs without ties. Beside it, how many triples of items violate weak, moderate and strong "
-        "stochastic transitivity; without weak transitivity no scores fit the preferences."
+        "complete designs without ties. The next columns count the triples of items that violate weak, moderate and "
+        "strong stochastic transitivity; without weak transitivity no scores fit the preferences."
     )
     columns = ["dataset", "u", "p", "weak violated", "moderate violated", "strong violated", "triples"]
     return _section("Agreement", text, columns, rows)
@@ -207,8 +206,8 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     complete = sum(row["complete"] for row in analysis["triads"])
     text = (
         f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
-        f"by {with_cycles} of {len(pooled)} participants. They inform a decision and exclude nobody: where stimuli "
-        "look alike, honest votes contradict each other."
+        f"by {with_cycles} of {len(pooled)} participants. They exclude nobody: where stimuli look alike, honest votes "
+        "contradict each other."
     )
     rows = [
         (row["participant"], row["n_datasets"], row["circular"], row["circular_expected_ties"], row["p_value"])
