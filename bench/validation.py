@@ -11,6 +11,7 @@ import argparse
 import importlib.util
 import random
 import shutil
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -33,11 +34,13 @@ from recon.validation.cuboid.fit import fit_cuboid
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, usual_parts
-from recon.validation.sphere.methods import METHODS, SphereSettings
-from recon.validation.sphere.model import SphereFit
-from recon.validation.sphere.simulated_caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap
+from recon.validation.sphere.methods import METHODS
+from recon.validation.sphere.model import SphereFit, SphereSettings
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import Shape, compare_points, sample_evenly
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.recon.validation.sphere.simulated_caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap
 
 RADIUS = 150.0
 AZIMUTHS = np.deg2rad((-42.0, 0.0, 42.0))
@@ -260,7 +263,8 @@ def studio(n_positions: int, methods: tuple[str, ...], kept: Path | None) -> Non
         for method in methods:
             clouds = [folder / f"{number:02d}/{method}_{s}.ply" for number in range(n_positions) for s in SENSORS]
             settings = SphereSettings(RADIUS, (5.0, 12.5))
-            _print_studio(method, measure_spheres(named_clouds(clouds, SENSORS), settings), offsets)
+            report, _ = measure_spheres(named_clouds(clouds, SENSORS), settings)
+            _print_studio(method, report, offsets)
 
 
 def _clouds_of_ball(out: Path, offset: NDArray[np.float64], seed: int, methods: tuple[str, ...]) -> None:

@@ -35,7 +35,7 @@ from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.measures import Subject
 from recon.validation.page import write_report_json
 from recon.validation.sphere.evaluation import measure_spheres
-from recon.validation.sphere.methods import SphereSettings
+from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
 from recon.validation.truth.evaluation import MeshSettings, measure_mesh
 from recon.validation.views.evaluation import ViewSettings, measure_views
@@ -192,8 +192,8 @@ def measure_sphere(experiment: Experiment, progress: Progress) -> None:
     settings = SphereSettings(SPHERE_RADIUS_MM, THRESHOLDS, subject=subject, seed=SEED)
 
     def write(path: Path) -> None:
-        report = measure_spheres(named_clouds([run / name for run, name in clouds], SENSORS), settings, progress)
-        write_sphere_report(report, path.parent)
+        files = named_clouds([run / name for run, name in clouds], SENSORS)
+        write_sphere_report(*measure_spheres(files, settings, progress), path.parent)
 
     _make_report(experiment, "sphere", clouds, asdict(settings), write)
 
@@ -204,10 +204,8 @@ def measure_cuboid(experiment: Experiment, progress: Progress) -> None:
     settings = CuboidSettings(CUBOID_SIZE_MM, THRESHOLDS, seed=SEED)
 
     def write(path: Path) -> None:
-        report, measured = measure_cuboids(
-            named_clouds([run / name for run, name in clouds], SENSORS), settings, progress
-        )
-        write_cuboid_report(report, measured, path.parent)
+        files = named_clouds([run / name for run, name in clouds], SENSORS)
+        write_cuboid_report(*measure_cuboids(files, settings, progress), path.parent)
 
     _make_report(experiment, "cuboid", clouds, asdict(settings), write)
 

@@ -56,7 +56,7 @@ def validate_sphere(
     from recon.validation.clouds import named_clouds
     from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
-    from recon.validation.sphere.methods import SphereSettings
+    from recon.validation.sphere.model import SphereSettings
     from recon.validation.sphere.report import write_sphere_report
 
     settings = SphereSettings(
@@ -71,9 +71,9 @@ def validate_sphere(
         seed=seed,
     )
     progress = ProgressLine()
-    report = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
+    report, pictured = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
-    page = write_sphere_report(report, out)
+    page = write_sphere_report(report, pictured, out)
     print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
 
 

@@ -11,20 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import read_points
-from recon.validation.sphere.kernels import extent
 
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
+MAX_DISTANCE = 1e5  # times the length that is fitted; float32 then still resolves a hundredth of that length
 
 
 class FitError(ValueError):
-    """The shape that was looked for is not in the cloud, or is there more than once."""
+    """The shape is not in the cloud, or is there more than once."""
 
 
 @dataclass(frozen=True)
-class MeasuredCloud:
-    """A file with one sensor's reconstruction of one placed object."""
+class CloudFile:
+    """A file with one sensor's reconstruction of one placed object.
+
+    Parameters
+    ----------
+    path : PLY, or text
+    sample : which of the placed objects it shows, counted from 1
+    sensor : name of the sensor that saw it
+    """
 
     path: Path
     sample: int
@@ -32,20 +39,20 @@ class MeasuredCloud:
 
     @property
     def name(self) -> str:
-        """How reports and options call it, for example "3/S1"."""
+        """The name in reports and options, for example "3/S1"."""
         return f"{self.sample}/{self.sensor}"
 
 
-def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[MeasuredCloud, ...]:
-    """Which sample and sensor each file is of.
+def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[CloudFile, ...]:
+    """Assign each file to a sample and a sensor.
 
-    The names of the sensors belong to the files in order and repeat if they are fewer; the n-th file of each sensor
-    is of sample n. Without names every file is a sample of its own.
+    The sensors' names belong to the files in order and repeat if they are fewer; the n-th file of each sensor
+    shows sample n. Without names every file is a sample by itself.
 
     Raises
     ------
     ValueError
-        If the files are no whole number of times as many as the names.
+        If the number of files is not a multiple of the number of names.
     """
     if not paths:
         raise ValueError("there is no cloud to measure")
@@ -53,15 +60,15 @@ def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[Measure
         raise ValueError(f"{len(paths)} clouds cannot be shared among {len(sensors)} sensors: {', '.join(sensors)}")
     names = [sensors[index % len(sensors)] if sensors else "S1" for index in range(len(paths))]
     seen: Counter[str] = Counter()
-    clouds = []
+    files = []
     for path, name in zip(paths, names, strict=True):
         seen[name] += 1
-        clouds.append(MeasuredCloud(path, seen[name], name))
-    return tuple(clouds)
+        files.append(CloudFile(path, seen[name], name))
+    return tuple(files)
 
 
 def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
-    """The points (N, 3) of a cloud, mm.
+    """Read the points (N, 3) of a cloud, mm.
 
     Raises
     ------
@@ -75,18 +82,31 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
 
 
 def checked_points(points: NDArray[np.floating], length: float, name: str) -> NDArray[np.float32]:
-    """The points as float32, if a shape of this length, such as a radius, can be fitted to them at all."""
+    """Return points as float32 (N, 3), mm, if a shape of this length can be fitted to them at all.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm
+    length : mm, of the shape, such as a sphere's radius
+    name : of that length in messages
+
+    Raises
+    ------
+    ValueError
+        If the length is not positive, there are too few points, or a coordinate is not finite or too large.
+    """
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"the {name} is {length:g} mm, expected a positive number")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points have shape {points.shape}, expected (N, 3)")
     if len(points) < MIN_POINTS:
         raise ValueError(f"the cloud has {len(points)} points, expected at least {MIN_POINTS}")
-    low, high, row = extent(points)
-    if row >= 0:
+    is_finite = np.isfinite(points)
+    if not is_finite.all():
+        row = int(np.argmin(is_finite.all(axis=1)))
         raise ValueError(f"point {row} is {points[row].tolist()}: not a finite number; remove such points first")
-    largest = max(-low, high)
-    if largest > 1e5 * length:
+    largest = max(-float(points.min()), float(points.max()))
+    if largest > MAX_DISTANCE * length:
         raise ValueError(
             f"a coordinate is {largest:.3g} mm where the {name} is {length:g} mm: too far away to be measured in "
             "single precision; move the cloud to its origin, or look for a wrong unit"

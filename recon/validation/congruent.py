@@ -24,7 +24,7 @@ def _cell_of(point, low, cell):  # type: ignore[no-untyped-def]  # numba
 def cell_table(
     points: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Points sorted into a grid: lowest corner (3,), shape (3,), first entry of each cell (C + 1,), entries (N,)."""
+    """Sort points into a grid: lowest corner (3,), shape (3,), first entry of each cell (C + 1,), entries (N,)."""
     low = np.empty(3)
     shape = np.empty(3, np.int64)
     for axis in range(3):
@@ -48,10 +48,16 @@ def cell_table(
 
 @njit(cache=True, nogil=True)
 def pairs_at_distance(points: NDArray[np.float64], distance: float, tolerance: float, most: int) -> NDArray[np.int64]:
-    """Ordered pairs (P, 2) of points `distance` apart, give or take; at most `most` of them.
+    """Return ordered pairs (P, 2) of points that are `distance` apart, within the tolerance.
 
-    Around each point only those cells of a grid are looked into that the sphere of that radius crosses: the list of
-    their offsets is the rasterised sphere, the same for every point.
+    Around each point only the cells of a grid that the sphere of that radius crosses are searched; the list of their
+    offsets, the rasterised sphere, is the same for every point.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm
+    distance, tolerance : mm
+    most : pairs that are returned
     """
     cell = max(distance / 8, tolerance)
     low, shape, starts, entries = cell_table(points, cell)
@@ -99,19 +105,20 @@ def congruent_bases(
     tolerance: float,
     most: int,
 ) -> NDArray[np.int64]:
-    """Quadruples (B, 4) of points: a pair of each list that cross where the base's diagonals do, at their angle.
+    """Return quadruples (B, 4) of points: a pair of each list that cross where the base's diagonals do, at their angle.
 
     Parameters
     ----------
+    points : float64 (N, 3), mm
     first, second : int64 (P, 2), ordered pairs as long as the base's diagonals
-    at : float64 (2,), where on either diagonal the other crosses it, as a share of its length
+    at : float64 (2,), where each diagonal crosses the other, as a share of its length
     cosine : of the angle between the diagonals
-    tolerance : mm, between the two crossings; divided by the diagonals' lengths it is that of the cosine as well
-    most : of the quadruples
+    tolerance : mm, between the two crossings; divided by the shorter diagonal's length, half that of the cosine
+    most : quadruples that are returned
     """
-    found = np.empty((most, 4), np.int64)
+    bases = np.empty((most, 4), np.int64)
     if len(first) == 0 or len(second) == 0:
-        return found[:0]
+        return bases[:0]
     crossings = np.empty((len(first), 3))
     for k in range(len(first)):
         for axis in range(3):
@@ -141,11 +148,11 @@ def congruent_bases(
                         slack = 2 * tolerance / min(length_ab, length_cd)
                         if gap > tolerance * tolerance or abs(dot / (length_ab * length_cd) - cosine) > slack:
                             continue
-                        found[n] = first[m, 0], first[m, 1], second[k, 0], second[k, 1]
+                        bases[n] = first[m, 0], first[m, 1], second[k, 0], second[k, 1]
                         n += 1
                         if n == most:
-                            return found
-    return found[:n]
+                            return bases
+    return bases[:n]
 
 
 @njit(cache=True, nogil=True)
@@ -156,7 +163,16 @@ def overlaps(
     low: NDArray[np.float64],
     cell: float,
 ) -> NDArray[np.float64]:
-    """Share (T,) of the points that each transform (T, 3, 4) brings into cells of `near`, the model's surroundings."""
+    """Return the share (T,) of the points that each transform brings near the model.
+
+    Parameters
+    ----------
+    transforms : float64 (T, 3, 4), model_from_cloud
+    points : float64 (N, 3), mm, of the cloud
+    near : bool (X, Y, Z), which cells of a grid are near the model
+    low : float64 (3,), mm, the grid's lowest corner
+    cell : mm
+    """
     shares = np.zeros(len(transforms))
     for t in range(len(transforms)):
         count = 0

@@ -1,4 +1,4 @@
-"""Fewer points that stand for many, and directions evenly spread over a sphere."""
+"""Samples of clouds, evenly drawn or evenly spread, and directions evenly spread over a sphere."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
-CELLS_A_SIDE = 32  # their numbers fit into 16 bits
+CELLS_A_SIDE = 32  # so that a cell's number fits into 16 bits
 
 
 def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE) -> NDArray[np.float32]:
-    """At most `most` of the points, one out of each run of equal length."""
+    """Draw at most `most` of the points (N, 3), one out of each run of equal length.
+
+    Parameters
+    ----------
+    points : float32 (N, 3)
+    seed : of the random numbers
+    most : points that are drawn
+    """
     if len(points) <= most:
         return points
     edges = np.linspace(0, len(points), most + 1).astype(np.int64)
@@ -19,19 +26,19 @@ def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE
 
 
 def thinned(points: NDArray[np.floating], cell: float) -> NDArray[np.floating]:
-    """The first point in every occupied cell of a grid: dense parts then count by their area."""
+    """Return the first of points (N, 3) in every occupied cell of a grid: dense parts then count by their area."""
     return points[first_in_cells(points, cell)]
 
 
 def first_in_cells(points: NDArray[np.floating], cell: float) -> NDArray[np.int64]:
-    """Index of the first point in every occupied cell of a grid."""
+    """Return the index of the first of points (N, 3) in every occupied cell of a grid."""
     cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     keys = (cells[:, 0] * 2_000_003 + cells[:, 1]) * 2_000_003 + cells[:, 2]
     return np.sort(np.unique(keys, return_index=True)[1])
 
 
 def order_by_cells(points: NDArray[np.floating]) -> NDArray[np.int64]:
-    """The rows (N,) of points (N, 3) so that neighbours follow each other: by cells, CELLS_A_SIDE along each axis."""
+    """Order the rows (N,) of points (N, 3) by cells, CELLS_A_SIDE along each axis: neighbours then stand together."""
     if not len(points):
         return np.zeros(0, np.int64)
     low = points.min(axis=0)
@@ -42,10 +49,10 @@ def order_by_cells(points: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def cell_means(points: NDArray[np.floating], cell: float) -> NDArray[np.float64]:
-    """The mean (M, 3) of the points (N, 3) in every occupied cell of a grid, mm.
+    """Return the mean (M, 3) of the points (N, 3) in every occupied cell of a grid, mm.
 
-    Convention: the grid begins half a cell below the lowest coordinates, as that of Open3D's `voxel_down_sample`, which
-    the evaluation of Tanks and Temples calls.
+    Convention: the grid begins half a cell below the lowest coordinates, like that of Open3D's `voxel_down_sample`,
+    which the evaluation of Tanks and Temples calls.
     """
     low = points.min(axis=0) - cell / 2
     cells = np.floor((points - low) / cell).astype(np.int64)
@@ -56,7 +63,7 @@ def cell_means(points: NDArray[np.floating], cell: float) -> NDArray[np.float64]
 
 
 def fibonacci_sphere(n: int) -> NDArray[np.float64]:
-    """Evenly spread directions (n, 3) of unit length."""
+    """Return evenly spread directions (n, 3) of unit length."""
     index = np.arange(n) + 0.5
     y, turn = 1 - 2 * index / n, np.pi * (1 + 5**0.5) * index
     sine = np.sqrt(1 - y**2)

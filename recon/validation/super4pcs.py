@@ -1,7 +1,7 @@
-"""Super4PCS: a rigid model registered to a cloud without a starting guess.
+"""Super4PCS: registration of a rigid model to a cloud without a starting guess.
 
-Source: Mellado, Aiger, Mitra (2014). A base of four coplanar points of the cloud is looked for in the model by the
-invariants that a rigid motion leaves: the diagonals' lengths, where they cross, and their angle. Each congruent base
+Source: Mellado, Aiger, Mitra (2014). The model is searched for bases that are congruent to one of four coplanar points
+of the cloud: no rigid motion changes the diagonals' lengths, where they cross, and their angle. Each congruent base
 gives a motion; the motion that brings most of the cloud onto the model wins.
 """
 
@@ -19,23 +19,23 @@ from recon.validation.congruent import congruent_bases, overlaps, pairs_at_dista
 MOST_PAIRS = 20_000
 MIN_SAMPLE = 20
 LARGEST_GRID = 96  # cells along the longest side of the model's surroundings
-FLATTEST = 0.3  # sine between the base's sides below which its points are nearly in line
+FLATTEST = 0.3  # sine between the base's sides; below, its points are nearly in line
 BASE_TRIES = 200
-PER_TRIAL, N_CANDIDATES = 3, 12  # motions that are kept of each base, and of all
+PER_TRIAL, N_CANDIDATES = 3, 12  # motions that are kept of each base, and of all bases
 
 
 @dataclass(frozen=True)
 class Super4PCSParameters:
-    """How long and how finely is searched.
+    """How long and how finely to search.
 
     Parameters
     ----------
-    delta : mm, how far a point may lie from the model and still count; also the congruence's tolerance
+    delta : mm, how far from the model its points may lie; also the tolerance of congruence
     overlap : share of the cloud that belongs to the model; the widest bases are this share of the cloud's extent
     n_samples : points of the cloud and of the model that are used
-    n_trials : bases; every one is tried unless the time is over
+    n_trials : bases that are tried, unless time runs out
     n_congruent : congruent bases that are checked per trial
-    seconds : time budget; None for none, and then the same seed gives the same result on every machine
+    seconds : time budget; without one, None, the same seed gives the same result on every machine
     seed : of samples and bases
     """
 
@@ -70,7 +70,7 @@ class Registration:
     n_trials : bases that were tried
     n_checked : motions that were checked
     is_out_of_time : whether the time budget ended the search
-    candidates : float64 (C, 4, 4), cloud_from_model, the best of all, best first; they may be nearly alike
+    candidates : float64 (C, 4, 4), cloud_from_model of the best motions, best first; they may be nearly alike
     """
 
     cloud_from_model: NDArray[np.float64]
@@ -87,7 +87,13 @@ def super4pcs(
     parameters: Super4PCSParameters,
     clock: Callable[[], float] = time.monotonic,
 ) -> Registration:
-    """Register a model's points (M, 3) to a cloud (N, 3), mm.
+    """Register a model to a cloud.
+
+    Parameters
+    ----------
+    model, cloud : floating (M, 3) and (N, 3), mm
+    parameters : of the search
+    clock : seconds, for the time budget
 
     Raises
     ------
@@ -110,7 +116,7 @@ def super4pcs(
         shares = overlaps(motions, cloud_sample, near, low, cell)
         n_checked += len(motions)
         best += [(float(shares[index]), motions[index]) for index in np.argsort(-shares, kind="stable")[:PER_TRIAL]]
-    best.sort(key=lambda one: -one[0])
+    best.sort(key=lambda candidate: -candidate[0])
     if not best or best[0][0] <= 0:
         raise ValueError(
             f"no base of the cloud is congruent to one of the model in {n_trials} trials; delta "
@@ -124,7 +130,7 @@ def super4pcs(
 def _motions(
     base: NDArray[np.float64], model: NDArray[np.float64], parameters: Super4PCSParameters, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Motions (T, 3, 4) that bring the base (4, 3) onto congruent points of the model."""
+    """Return the motions (T, 3, 4) that bring the base (4, 3) onto congruent points of the model."""
     a, b, c, d = base
     at = _crossing(base)
     length_ab, length_cd = float(np.linalg.norm(b - a)), float(np.linalg.norm(d - c))
@@ -134,14 +140,14 @@ def _motions(
     first = pairs_at_distance(model, length_ab, parameters.delta, MOST_PAIRS)
     second = pairs_at_distance(model, length_cd, parameters.delta, MOST_PAIRS)
     most = 20 * parameters.n_congruent
-    found = congruent_bases(model, first, rng.permutation(second), at, cosine, parameters.delta, most)
-    if len(found) > parameters.n_congruent:
-        found = found[rng.choice(len(found), parameters.n_congruent, replace=False)]
-    return rigid_motions(base, model[found])
+    bases = congruent_bases(model, first, rng.permutation(second), at, cosine, parameters.delta, most)
+    if len(bases) > parameters.n_congruent:
+        bases = bases[rng.choice(len(bases), parameters.n_congruent, replace=False)]
+    return rigid_motions(base, model[bases])
 
 
 def rigid_motions(sources: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rigid motions (T, 3, 4) that bring points (K, 3) nearest to each of targets (T, K, 3).
+    """Return the rigid motions (T, 3, 4) that bring points (K, 3) nearest to each of targets (T, K, 3).
 
     Source: Arun, Huang, Blostein, "Least-squares fitting of two 3-D point sets" (1987).
     """
@@ -158,7 +164,7 @@ def rigid_motions(sources: NDArray[np.float64], targets: NDArray[np.float64]) ->
 def _base(
     cloud: NDArray[np.float64], model: NDArray[np.float64], parameters: Super4PCSParameters, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Four nearly coplanar points (4, 3) whose diagonals ab and cd cross, as wide as the overlap allows."""
+    """Draw four nearly coplanar points (4, 3) whose diagonals ab and cd cross, as wide as the overlap allows."""
     widest = parameters.overlap * min(_extent(cloud), _extent(model))
     best, best_gap = cloud[:4], np.inf
     for _ in range(BASE_TRIES):
@@ -179,7 +185,7 @@ def _base(
 def _fourth(
     cloud: NDArray[np.float64], triangle: NDArray[np.float64], normal: NDArray[np.float64], widest: float
 ) -> tuple[NDArray[np.float64], float]:
-    """The point nearest to the triangle's plane that makes ab and cd cross, and its distance to the plane."""
+    """Return the point nearest to the triangle's plane that makes ab and cd cross, and its distance to the plane."""
     a, b, c = triangle
     in_plane = np.stack([b - a, c - a], axis=1)
     s, t = np.linalg.lstsq(in_plane, (cloud - a).T, rcond=None)[0]
@@ -193,13 +199,13 @@ def _fourth(
 
 
 def _crossing(base: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the lines ab and cd are nearest to each other, as shares (2,) of either."""
+    """Return where the lines ab and cd are nearest to each other, as a share (2,) of each length."""
     a, b, c, d = base
     return np.asarray(np.linalg.lstsq(np.stack([b - a, c - d], axis=1), c - a, rcond=None)[0])
 
 
 def _surroundings(model: NDArray[np.float64], delta: float) -> tuple[NDArray[np.bool_], NDArray[np.float64], float]:
-    """Which cells of a grid around the model lie within delta of one of its points; its lowest corner, its cell."""
+    """Return which cells of a grid around the model lie within delta of its points, the lowest corner and the cell."""
     from scipy.spatial import cKDTree
 
     low, high = model.min(axis=0) - delta, model.max(axis=0) + delta
@@ -211,7 +217,7 @@ def _surroundings(model: NDArray[np.float64], delta: float) -> tuple[NDArray[np.
 
 
 def _spread(points: NDArray[np.floating], n: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """About n of the points, evenly spread over the surface: one a cell, of the cells that are there."""
+    """Draw about n of the points, evenly spread over the surface: one from each occupied cell of a grid."""
     if len(points) < MIN_SAMPLE:
         raise ValueError(f"registering needs at least {MIN_SAMPLE} points, found {len(points)}")
     chosen = rng.permutation(len(points)) if len(points) <= 50 * n else rng.choice(len(points), 50 * n, replace=False)

@@ -1,4 +1,4 @@
-"""Where a surface ends: there the density of its points falls from full to none, blurred by their noise."""
+"""The end of a surface: there the density of its points falls from full to none, blurred by their noise."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 NOT_SEEN = float("nan"), float("nan")
 N_BINS = 96
-INSIDE_WINDOWS = 3.0  # how much farther inside than outside is looked: the density there is then well known
+INSIDE_WINDOWS = 3.0  # windows that are counted inside, against one outside, so that the density there is well known
 MIN_COUNT = 200  # points near the end; fewer do not tell where the density falls
-LARGEST_REST = 0.5  # of the density inside, that may be left outside
+LARGEST_REST = 0.5  # of the density inside; with more left outside there is no end
 BROAD = 0.6  # of the window, blur of the points that lie far off
-SMALLEST_ERROR = 1e-4  # of the window; points without noise end sharper than their bins are wide
-MOST_BROAD = 0.3  # share of such points
-# At first, lowest, highest: density as a share of the level, slope, end and blur in windows, broad share, rest outside.
+SMALLEST_ERROR = 1e-4  # of the window; points without noise end more sharply than a bin is wide
+MOST_BROAD = 0.3  # share of the points that lie far off
+# Start, lowest, highest: density as a share of the level, slope, end and blur in windows, broad share, rest outside.
 STARTS_AND_LIMITS = (
     (1.0, 0.1, 10.0),
     (0.0, -0.3, 0.3),
@@ -25,18 +25,18 @@ STARTS_AND_LIMITS = (
 
 
 def end_of_points(along: NDArray[np.float64], start: float, side: float, window: float) -> tuple[float, float]:
-    """Where the points end along a line, and its standard error, mm; NaN where no end is to be found near the start.
+    """Return where the points end along a line, and its standard error, mm; NaN where there is no end near the start.
 
-    The likeliest density for the counts in bins: a slope inside, the cumulative distribution of two Gaussians across
-    the end, one of the noise and a broad one of wrong points, and a constant rest outside. Both blurs are symmetric, so
-    they do not move the end.
+    The counts in bins are fitted by the likeliest density: a slope inside, the cumulative distribution of two Gaussians
+    across the end, one of the noise and a broad one of wrong points, and a constant rest outside. Both blurs are
+    symmetric, so they do not move the end.
 
     Parameters
     ----------
-    along : float64 (N,), mm, places of the points of one face along an edge
-    start : mm, where the end is about
+    along : float64 (N,), mm, places of one face's points along an edge
+    start : mm, about where the end is
     side : 1.0 if it is the upper end, -1.0 the lower
-    window : mm, how far beyond the start is looked
+    window : mm, searched beyond the start
     """
     places = side * (along - start)
     counts, borders = np.histogram(places, N_BINS, (-INSIDE_WINDOWS * window, window))
@@ -44,15 +44,15 @@ def end_of_points(along: NDArray[np.float64], start: float, side: float, window:
     level = float(np.median(counts[middles < -window / 3]))
     if counts[np.abs(middles) < window].sum() < MIN_COUNT or not level > 0:
         return NOT_SEEN
-    found = _likeliest(middles / window, counts.astype(np.float64), level)
-    if found is None:
+    likeliest = _likeliest(middles / window, counts.astype(np.float64), level)
+    if likeliest is None:
         return NOT_SEEN
-    end, error = found
+    end, error = likeliest
     return float(start + side * window * end), window * error
 
 
 def _likeliest(t: NDArray[np.float64], counts: NDArray[np.float64], level: float) -> tuple[float, float] | None:
-    """The end and its standard error in windows, by the least Poisson deviance of counts (B,) at places t (B,)."""
+    """Return the end and its standard error in windows, of least Poisson deviance for counts (B,) at places t (B,)."""
     from scipy.optimize import least_squares
     from scipy.special import erfc, xlogy
 

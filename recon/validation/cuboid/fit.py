@@ -1,7 +1,7 @@
-"""A cuboid of known size looked for in a cloud.
+"""The search for a cuboid of known size in a cloud.
 
-Faces are planes found one after the other and measured each by itself; the box whose faces are at right angles is
-refined jointly from all of them.
+Planes are found one after the other. Those at right angles are the faces, each measured by itself; the box is then
+refined on all of them together.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from recon.validation.sampling import subsample, thinned
 
 Size = tuple[float, float, float]
 
-MOST_POINTS = 200_000  # that faces and ends are measured on
+MOST_POINTS = 200_000  # on which faces and ends are measured
 SEARCH_POINTS = 30_000
 CELL_SHARE = 1 / 25  # of the shortest edge: one point a cell in the search for planes
 REACH_SHARE = 1 / 2  # of the shortest edge, between the points of a trial
 MOST_PLANES = 8
 LEAST_SHARE = 0.04  # of the points, on a plane
-RIGHT_ANGLE_TOLERANCE = float(np.sin(np.deg2rad(12.0)))  # of planes that may be faces of one box
-MAX_LENGTH_ERROR = 0.1  # share of an edge; beyond it is another box
+RIGHT_ANGLE_TOLERANCE = float(np.sin(np.deg2rad(12.0)))  # between planes that may be faces of the same box
+MAX_LENGTH_ERROR = 0.1  # share of an edge; with more it is another box
 MIN_FILLED = 0.35  # share of a face's rectangle that has points
 MIN_ON_BOX = 0.3  # share of the points around the box that lie on it
-AROUND = 1.5  # times half the size: what lies around a box
+AROUND = 1.5  # times half the size; points within lie around the box
 FILL_CELLS = 12  # along each side of a face
 ROUNDS = 4
 
@@ -43,6 +43,7 @@ def fit_cuboid(points: NDArray[np.floating], size: Size, seed: int = 1) -> Cuboi
     ----------
     points : floating (N, 3), mm
     size : mm; the result's axes are in the same order
+    seed : of samples and trials
 
     Raises
     ------
@@ -86,7 +87,7 @@ def _fit(points: NDArray[np.float32], size: Size, seed: int) -> CuboidFit:
 
 
 def _at_right_angles(planes: Sequence[Plane]) -> list[Plane]:
-    """The first plane, and those that are parallel or at right angles to all before them."""
+    """Return the first plane, and those that are parallel or at right angles to all before them."""
     chosen = list(planes[:1])
     for plane in planes[1:]:
         cosines = np.array([abs(float(plane.normal @ other.normal)) for other in chosen])
@@ -109,11 +110,11 @@ def _from_planes(
 
 
 def _first_box(even: NDArray[np.float64], planes: Sequence[Plane], size: Size) -> CuboidFit:
-    """A box from planes at right angles: which edge lies along which axis, on which side the faces, and where."""
+    """Make a box from planes at right angles: decide which edge lies along which axis, and where the faces are."""
     axes = _frame(planes)
     lying = [np.abs(plane.errors(even)) < band_of(size) for plane in planes]
-    of_axis = [int(np.argmax(np.abs(axes @ plane.normal))) for plane in planes]
-    extents = np.array([_extent(even @ axes[k], lying, of_axis, k) for k in range(3)])  # (3, 2)
+    axis_of = [int(np.argmax(np.abs(axes @ plane.normal))) for plane in planes]
+    extents = np.array([_extent(even @ axes[k], lying, axis_of, k) for k in range(3)])  # (3, 2)
     lengths = extents[:, 1] - extents[:, 0]
     order = list(
         min(
@@ -124,7 +125,7 @@ def _first_box(even: NDArray[np.float64], planes: Sequence[Plane], size: Size) -
     signs = _signs(axes[order])
     axes, extents = axes[order] * signs[:, None], np.sort(extents[order] * signs[:, None], axis=1)
     faces = []
-    for plane, axis_before in zip(planes, of_axis, strict=True):
+    for plane, axis_before in zip(planes, axis_of, strict=True):
         axis = order.index(axis_before)
         normal = plane.normal * np.sign(plane.normal @ axes[axis])
         offset = plane.offset * float(np.sign(plane.normal @ axes[axis]))
@@ -134,7 +135,7 @@ def _first_box(even: NDArray[np.float64], planes: Sequence[Plane], size: Size) -
 
 
 def _frame(planes: Sequence[Plane]) -> NDArray[np.float64]:
-    """Orthonormal rows near the planes' normals."""
+    """Return orthonormal rows near the planes' normals."""
     first = planes[0].normal
     across = [plane.normal for plane in planes if abs(plane.normal @ first) < 0.5]
     if not across:
@@ -145,17 +146,17 @@ def _frame(planes: Sequence[Plane]) -> NDArray[np.float64]:
 
 
 def _signs(axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signs (3,) that make rows a right-handed frame, the first two along the world's axes rather than against them."""
+    """Return signs (3,) that make the rows a right-handed frame, the first two along the world's axes."""
     signs = np.array([np.sign(axis[np.argmax(np.abs(axis))]) for axis in axes])
     signs[2] = np.sign(np.linalg.det(axes) * signs[0] * signs[1])
     return signs
 
 
 def _extent(
-    along: NDArray[np.float64], lying: Sequence[NDArray[np.bool_]], of_axis: Sequence[int], axis: int
+    along: NDArray[np.float64], lying: Sequence[NDArray[np.bool_]], axis_of: Sequence[int], axis: int
 ) -> tuple[float, float]:
-    """Between which places along an axis the points of the planes across it lie, but for the outermost."""
-    others = [along[on] for on, own in zip(lying, of_axis, strict=True) if own != axis and on.any()]
+    """Return the lowest and highest place along an axis of the points on other axes' planes, without the outermost."""
+    others = [along[on] for on, other in zip(lying, axis_of, strict=True) if other != axis and on.any()]
     low, high = np.percentile(np.concatenate(others), (1.5, 98.5))
     if not high > low:
         raise FitError("the points of its planes have no extent")
@@ -165,12 +166,12 @@ def _extent(
 def _centre(
     axes: NDArray[np.float64], ends: NDArray[np.float64], faces: Sequence[Face], size: Size
 ) -> NDArray[np.float64]:
-    """The middle of the box of known size: from its faces, and along an axis that has none from its ends (3, 2)."""
+    """Return the middle of the box of known size: from its faces, or its ends (3, 2) along an axis without a face."""
     middles = ends.mean(axis=1)
     for axis in range(3):
-        own = [face.side * face.plane.offset - face.side * size[axis] / 2 for face in faces if face.axis == axis]
-        if own:
-            middles[axis] = float(np.mean(own))
+        by_face = [face.side * face.plane.offset - face.side * size[axis] / 2 for face in faces if face.axis == axis]
+        if by_face:
+            middles[axis] = float(np.mean(by_face))
     return np.asarray(middles @ axes)
 
 
@@ -193,16 +194,16 @@ def _check(points: NDArray[np.float64], fit: CuboidFit) -> None:
 
 
 def _filled(points: NDArray[np.float64], fit: CuboidFit, face: Face) -> float:
-    """Share of a face's rectangle that has points."""
+    """Return the share of a face's rectangle that has points."""
     across = [axis for axis in range(3) if axis != face.axis]
-    own = fit.in_box(points[fit.on_face(face, points, band_of(fit.size))])[:, across]
+    places = fit.in_box(points[fit.on_face(face, points, band_of(fit.size))])[:, across]
     halves = [fit.size[axis] / 2 for axis in across]
-    cells = np.floor((own / halves + 1) / 2 * FILL_CELLS).astype(np.int64).clip(0, FILL_CELLS - 1)
+    cells = np.floor((places / halves + 1) / 2 * FILL_CELLS).astype(np.int64).clip(0, FILL_CELLS - 1)
     return len(np.unique(cells, axis=0)) / FILL_CELLS**2
 
 
 def _fitting_unit(points: NDArray[np.float32], size: Size, seed: int) -> str | None:
-    """The unit in which the cloud would hold the cuboid, or None."""
+    """Return the unit in which the cloud would hold the cuboid, if there is one."""
     if np.ptp(points, axis=0).max() > min(size):  # large enough already
         return None
     for unit, length in UNITS_MM.items():

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 MAX_STEPS = 30
 STEP_RAD = 1e-6
-CUTOFF = 3.0  # Tukey's constant in standard deviations; tighter than 4.685, as for spheres: there are points enough
+CUTOFF = 3.0  # Tukey's constant in standard deviations; tighter than 4.685, as for spheres: points abound
 MIN_SCALE_SHARE = 1e-4  # of the band: a perfect plane still gets a cutoff
-CHUNK = 64  # planes whose scores are computed together
+CHUNK = 64  # planes that are scored together
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,39 +34,47 @@ class Plane:
     scale: float
 
     def errors(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Signed distance (N,) of points (N, 3), mm, positive on the normal's side."""
+        """Return the signed distances (N,) of points (N, 3), mm, positive on the normal's side."""
         return np.asarray(points @ self.normal - self.offset)
 
 
 def plane_sequence(
     points: NDArray[np.float64], *, band: float, reach: float, least: int, most: int, rng: np.random.Generator
 ) -> list[Plane]:
-    """The planes on which most points lie, best first; each takes its points away from those after it.
+    """Return the planes on which most points lie, best first; a point counts for the first plane that it lies on.
 
     Parameters
     ----------
     points : float64 (N, 3), mm, evenly spread over the surfaces
-    band : mm from a plane within which a point speaks for it
+    band : mm, within which a point counts for a plane
     reach : mm, how far apart the three points of a trial may be
     least : points that a plane needs
     most : planes
+    rng : of the trials
     """
-    found: list[Plane] = []
+    planes: list[Plane] = []
     left = points
-    while len(found) < most and len(left) >= least:
+    while len(planes) < most and len(left) >= least:
         plane = _consensus(left, band, reach, rng)
         if plane is None:
             break
         on_it = np.abs(plane.errors(left)) < band
         if np.count_nonzero(on_it) < least:
             break
-        found.append(refined_plane(left[on_it], plane, band))
-        left = left[np.abs(found[-1].errors(left)) >= max(band, CUTOFF * found[-1].scale)]
-    return found
+        planes.append(refined_plane(left[on_it], plane, band))
+        left = left[np.abs(planes[-1].errors(left)) >= max(band, CUTOFF * planes[-1].scale)]
+    return planes
 
 
 def refined_plane(points: NDArray[np.float64], plane: Plane, band: float) -> Plane:
-    """The plane near `plane` that suits the points (N, 3) best; points beyond the band never count."""
+    """Return the plane near another that suits the points best.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm
+    plane : to start from
+    band : mm; points beyond it never count
+    """
     normal, offset, scale = plane.normal, plane.offset, plane.scale
     for _ in range(MAX_STEPS):
         errors = points @ normal - offset
@@ -87,7 +95,7 @@ def refined_plane(points: NDArray[np.float64], plane: Plane, band: float) -> Pla
 
 
 def _consensus(points: NDArray[np.float64], band: float, reach: float, rng: np.random.Generator) -> Plane | None:
-    """The best of the planes through three points that are near each other."""
+    """Return the best of the planes through three points that are near each other."""
     normals, offsets = _trials(points, reach, rng)
     if not len(normals):
         return None
@@ -104,7 +112,7 @@ def _consensus(points: NDArray[np.float64], band: float, reach: float, rng: np.r
 def _trials(
     points: NDArray[np.float64], reach: float, rng: np.random.Generator, n_trials: int = 400
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Normals (T, 3) and offsets (T,) of planes through a random point and two in its reach, but not too near it."""
+    """Return normals (T, 3) and offsets (T,) of planes through a random point and two within reach of it."""
     from scipy.spatial import cKDTree
 
     seeds = points[rng.integers(0, len(points), n_trials)]

@@ -1,7 +1,6 @@
-"""A cuboid refined: each face on its own points, the box on all of them, the edges on what ends where.
+"""The refinement of a cuboid: each face on its points, the box on all of them, then the lengths of its edges.
 
-An end of the box where no face is seen is where the points of the other faces end: the density of points falls there
-from full to none, blurred by their noise.
+Where no face is seen at an end of the box, the end is where the points of the other faces end.
 """
 
 from __future__ import annotations
@@ -17,33 +16,33 @@ from recon.validation.cuboid.edges import end_of_points
 from recon.validation.cuboid.model import CuboidFit, Edge, Face, band_of
 from recon.validation.cuboid.planes import refined_plane
 
-END_WINDOW_SHARE = 0.15  # of an edge's length, on either side of where its end should be
+END_WINDOW_SHARE = 0.15  # of an edge's length, searched on either side of where its end should be
 JOINT_CUTOFF = 3.0  # Tukey's constant in standard deviations
 LEAST_POINTS = 12  # of a face
 
 
 def refined(points: NDArray[np.float64], fit: CuboidFit) -> CuboidFit:
-    """Each face measured on its own points anew, then the box on all of them together."""
+    """Measure each face anew on its points, float64 (N, 3), mm, then the box on all of them together."""
     band = band_of(fit.size)
-    faces, own_points = [], []
+    faces, points_on = [], []
     for face in fit.faces:
-        own = points[fit.on_face(face, points, band)]
-        if len(own) < LEAST_POINTS:
-            raise FitError(f"only {len(own)} points lie on its face {face.name}")
-        faces.append(replace(face, plane=refined_plane(own, face.plane, band)))
-        own_points.append(own)
-    turn, places = _joint(fit, faces, own_points)
+        on_face = points[fit.on_face(face, points, band)]
+        if len(on_face) < LEAST_POINTS:
+            raise FitError(f"only {len(on_face)} points lie on its face {face.name}")
+        faces.append(replace(face, plane=refined_plane(on_face, face.plane, band)))
+        points_on.append(on_face)
+    turn, places = _joint(fit, faces, points_on)
     turned = replace(fit, axes=turn @ fit.axes, faces=tuple(faces))
     middles = np.zeros(3)  # of the box, from the centre so far
     for axis in range(3):
         placed = [(face, place) for face, place in zip(faces, places, strict=True) if face.axis == axis]
-        own_ends = [place - face.side * fit.size[axis] / 2 for face, place in placed]
-        middles[axis] = np.mean(own_ends) if own_ends else _middle_by_outline(points, turned, axis)
+        by_face = [place - face.side * fit.size[axis] / 2 for face, place in placed]
+        middles[axis] = np.mean(by_face) if by_face else _middle_by_outline(points, turned, axis)
     return replace(turned, centre=turned.centre + middles @ turned.axes)
 
 
 def measured_edges(points: NDArray[np.float64], fit: CuboidFit) -> tuple[Edge, ...]:
-    """The lengths of the axes both of whose ends are seen."""
+    """Measure with points (N, 3), mm, the lengths along the axes of which both ends are seen."""
     edges = []
     for axis in range(3):
         places, ends = [], []
@@ -53,9 +52,9 @@ def measured_edges(points: NDArray[np.float64], fit: CuboidFit) -> tuple[Edge, .
                 places.append(_outline_end(points, fit, axis, side))
                 ends.append("outline")
             else:
-                own = fit.in_box(points[fit.on_face(face, points, band_of(fit.size))])
-                middle = fit.centre + (own.mean(axis=0) @ fit.axes)
-                places.append(float(own[:, axis].mean() - face.side * face.plane.errors(middle[None])[0]))
+                on_face = fit.in_box(points[fit.on_face(face, points, band_of(fit.size))])
+                middle = fit.centre + (on_face.mean(axis=0) @ fit.axes)
+                places.append(float(on_face[:, axis].mean() - face.side * face.plane.errors(middle[None])[0]))
                 ends.append("face")
         if not np.isnan(places).any():
             edges.append(Edge(axis, places[1] - places[0], (ends[0], ends[1])))
@@ -63,20 +62,21 @@ def measured_edges(points: NDArray[np.float64], fit: CuboidFit) -> tuple[Edge, .
 
 
 def _joint(
-    fit: CuboidFit, faces: Sequence[Face], own_points: Sequence[NDArray[np.float64]]
+    fit: CuboidFit, faces: Sequence[Face], points_on: Sequence[NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The rotation (3, 3) of the box's frame, and the places (F,) of the faces along their axes, that suit all points.
+    """Return the box's rotation (3, 3), and the places (F,) of the faces along their axes, that suit all points.
 
-    One Gauss-Newton step of Tukey-weighted least squares: a small turn w moves a point u of the box's frame by w x u.
+    It is one Gauss-Newton step of Tukey-weighted least squares: a small turn w moves a point u of the box's frame by
+    w x u.
     """
     system, right = np.zeros((3 + len(faces), 3 + len(faces))), np.zeros(3 + len(faces))
     places = np.zeros(len(faces))
-    for index, (face, own) in enumerate(zip(faces, own_points, strict=True)):
-        u = fit.in_box(own)
+    for index, (face, points) in enumerate(zip(faces, points_on, strict=True)):
+        u = fit.in_box(points)
         place = float(np.median(u[:, face.axis]))
         errors = u[:, face.axis] - place
-        weights = np.clip(1 - (face.plane.errors(own) / (JOINT_CUTOFF * face.plane.scale)) ** 2, 0, None) ** 2
-        rows = np.zeros((len(own), len(right)))
+        weights = np.clip(1 - (face.plane.errors(points) / (JOINT_CUTOFF * face.plane.scale)) ** 2, 0, None) ** 2
+        rows = np.zeros((len(points), len(right)))
         second, third = (face.axis + 1) % 3, (face.axis + 2) % 3
         rows[:, second], rows[:, third], rows[:, 3 + index] = u[:, third], -u[:, second], -1.0
         weighted = rows * weights[:, None]
@@ -95,7 +95,7 @@ def _middle_by_outline(points: NDArray[np.float64], fit: CuboidFit, axis: int) -
 
 
 def _outline_end(points: NDArray[np.float64], fit: CuboidFit, axis: int, side: float) -> float:
-    """Where the points of the faces along an axis end on one side of the centre, mm; NaN where that is not seen."""
+    """Return where the faces' points end along an axis on one side of the centre, mm; NaN where that is not seen."""
     start, window = side * fit.size[axis] / 2, END_WINDOW_SHARE * fit.size[axis]
     u = fit.in_box(points)
     ends = []

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, face_errors
+from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
 from recon.validation.page import (
     Section,
     curve_chart,
@@ -21,13 +22,18 @@ from recon.validation.page import (
 )
 from recon.validation.pictures import error_picture, face_map, in_a_row, png
 
-MOST_PICTURES = 12
 COLOUR_SHARE = 98  # percentile of the errors at which the colours end, if that is within the table's threshold
 TABLES = ("reconstructions", "faces", "angles", "edges", "table", "curve", "measures")
 
 
-def write_cuboid_report(report: Mapping[str, Any], measured: Sequence[MeasuredCuboid], out: Path) -> Path:
-    """Write report.json, tables, figures and report.html; returns the HTML's path."""
+def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out: Path) -> Path:
+    """Write report.json, tables, figures and report.html, and return the HTML's path.
+
+    Parameters
+    ----------
+    report, pictured : from `measure_cuboids`
+    out : the report's folder
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     for name in TABLES:
@@ -42,7 +48,9 @@ def write_cuboid_report(report: Mapping[str, Any], measured: Sequence[MeasuredCu
     sections = [
         Section("What was measured", what, _overview(report)),
         Section("Edges", _edges_text(), report["edges"]),
-        Section("Angles", "Inside the box, between the faces' own planes, against 90 degrees.", report["angles"]),
+        Section(
+            "Angles", "Inside the box, between the planes fitted to each face, against 90 degrees.", report["angles"]
+        ),
         Section("Flatness", _flatness_text(), report["faces"]),
         Section(
             "Inliers against the threshold",
@@ -50,7 +58,7 @@ def write_cuboid_report(report: Mapping[str, Any], measured: Sequence[MeasuredCu
             curve_columns(report["table"]),
             [("Share of inliers of all reconstructions.", curve)],
         ),
-        _pictures(report, measured, out),
+        _pictures(report, pictured, out),
     ]
     return write_page(out / "report.html", "Reconstruction of a cuboid", sections)
 
@@ -71,33 +79,37 @@ def _overview(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _edges_text() -> str:
     return (
-        "An end is where a visible face lies, or where the points of the other faces end (outline): there what the "
-        "reconstruction loses along silhouettes counts as error."
+        "An end is measured at a visible face, or where the points of the other faces end (outline); at an outline, "
+        "what the reconstruction loses along the silhouette counts as error."
     )
 
 
 def _flatness_text() -> str:
     return (
-        f"Root mean square distance of a face's points from its plane, of those within {FLATNESS_CUT:g} robust "
-        "standard deviations (scale); beyond is the share of the others. Tilt is the angle to the box's own face."
+        "Root mean square distance of a face's points from the plane fitted to them, without points beyond "
+        f"{FLATNESS_CUT:g} robust standard deviations (scale), whose share is given. Tilt is the angle between this "
+        "plane and the box's face."
     )
 
 
-def _pictures(report: Mapping[str, Any], measured: Sequence[MeasuredCuboid], out: Path) -> Section:
+def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out: Path) -> Section:
     most, figures = report["settings"]["table_threshold_mm"], []
-    for one in [one for one in measured if one.fit is not None][:MOST_PICTURES]:
-        assert one.fit is not None, "chosen above"
-        stem = one.name.replace("/", "_")
-        views = [np.roll(one.fit.axes, shift, axis=0) for shift in range(3)]
-        errors = one.fit.errors(one.points)
-        limit = min(most, max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3))
-        picture = png(error_picture(one.points, errors, limit, views))
-        faces = [face_map(*face_errors(one, face), 3 * face.plane.scale, face.name) for face in one.fit.faces]
-        maps = png(in_a_row(faces))
+    for cuboid in pictured:
+        assert cuboid.fit is not None, "only those with a fit are pictured"
+        stem = cuboid.name.replace("/", "_")
+        views = [np.roll(cuboid.fit.axes, shift, axis=0) for shift in range(3)]
+        limit = min(most, max(float(np.percentile(np.abs(cuboid.errors), COLOUR_SHARE)), 1e-3))
+        picture = png(error_picture(cuboid.points, cuboid.errors, limit, views))
+        maps = png(in_a_row([_face_map(measured) for measured in cuboid.faces]))
         write_bytes(out / f"cuboid_{stem}.png", picture)
         write_bytes(out / f"faces_{stem}.png", maps)
         figures += [
-            (f"Reconstruction {one.name} along the box's three edges; colours are signed errors.", picture),
-            (f"Faces of {one.name}: median signed distance to their own planes, place by place.", maps),
+            (f"Reconstruction {cuboid.name} along the box's three edges; colours are signed errors.", picture),
+            (f"Faces of {cuboid.name}: median signed distance to the planes fitted to them, place by place.", maps),
         ]
     return Section("Pictures", figures=figures)
+
+
+def _face_map(measured: MeasuredFace) -> NDArray[np.uint8]:
+    face = measured.face
+    return face_map(measured.places, measured.errors, 3 * face.plane.scale, face.name)

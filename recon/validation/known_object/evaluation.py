@@ -1,4 +1,4 @@
-"""The evaluation on an object of any known shape: where its mesh lies in a cloud, and how far the cloud is off it."""
+"""The evaluation on an object of any known shape: its mesh is registered to a cloud, and distances to it measured."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import UNITS_MM, read_measured
-from recon.validation.curves import COMBINED, TABLE_THRESHOLD, group_rows, inlier_curve, table_measures
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
-from recon.validation.measures import LESS, Subject, joined, measure_rows
+from recon.validation.measures import (
+    COMBINED,
+    LESS,
+    TABLE_THRESHOLD,
+    Subject,
+    inlier_measures,
+    inlier_ratios,
+    inlier_tables,
+    joined,
+    measure_rows,
+)
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import read_shape
 
@@ -28,7 +37,7 @@ class ObjectSettings:
     thresholds : mm, of the inlier curve
     registration : how the model is looked for
     unit, model_unit : of the cloud's and of the model's coordinates
-    subject : what the cloud is of, in a study's words
+    subject : what the cloud shows, in a study's words
     """
 
     thresholds: tuple[float, ...]
@@ -40,14 +49,30 @@ class ObjectSettings:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredObject:
-    """A cloud in the model's frame with its signed errors, for the report's pictures."""
+    """A cloud in the model's frame, for the report's pictures.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm
+    errors : float64 (N,), mm, signed, to the model's surface
+    """
 
     points: NDArray[np.float64]
     errors: NDArray[np.float64]
 
 
 def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[dict[str, Any], MeasuredObject]:
-    """Register a mesh to a cloud and measure it; the content of report.json, and what the pictures show.
+    """Register a mesh to a cloud and measure the cloud's distances to it.
+
+    Parameters
+    ----------
+    model, cloud : files of the mesh and of its reconstruction
+    settings : what is measured
+
+    Returns
+    -------
+    report : content of report.json
+    measured : what the report's pictures show
 
     Raises
     ------
@@ -76,10 +101,8 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
 def _report(
     model: Path, cloud: Path, placement: Placement, errors: NDArray[np.float64], settings: ObjectSettings
 ) -> dict[str, Any]:
-    table, curve = (
-        group_rows("all", COMBINED, [inlier_curve(errors, thresholds)], thresholds, settings.registration.seed)
-        for thresholds in ([TABLE_THRESHOLD], settings.thresholds)
-    )
+    groups = {("all", COMBINED): [inlier_ratios(errors, settings.thresholds)]}
+    table, curve = inlier_tables(groups, settings.thresholds, settings.registration.seed)
     near = np.abs(errors[np.abs(errors) <= TABLE_THRESHOLD])
     rms = float(np.sqrt(np.mean(near**2))) if len(near) else None
     return {
@@ -114,7 +137,7 @@ def _report(
         "curve": curve,
         "measures": joined(
             [
-                table_measures("object", table, settings.subject),
+                inlier_measures("object", table, settings.subject),
                 measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
             ]
         ),

@@ -1,4 +1,4 @@
-"""A known mesh looked for in a cloud: Super4PCS finds where it may be, point-to-plane ICP says where exactly.
+"""Registration of a known mesh to a cloud: Super4PCS finds places where it may be, point-to-plane ICP refines them.
 
 Source: Chen, Medioni, "Object modelling by registration of multiple range images" (1992), for the distance to the
 tangent plane; Chetverikov et al., "The Trimmed Iterative Closest Point algorithm" (2002), for leaving out the worst.
@@ -22,12 +22,12 @@ COARSE_POINTS = 1_500
 FINE_POINTS = 30_000
 MODEL_POINTS = 60_000
 COARSE_STEPS, MAX_STEPS = 12, 60
-STEP_SHARE = 1e-6  # of the model's diagonal; a smaller step ends
-RIVAL = 0.97  # share of the best place's points on the model from which another place is as good
-SAME_START = 0.1  # difference of rotation matrices, and of places as a share of the diagonal
-SAME_SHARE = 0.03  # of the model's diagonal; places whose corners are nearer to each other count as one
+STEP_SHARE = 1e-6  # of the model's diagonal; a smaller step ends the refinement
+RIVAL = 0.97  # of the best place's overlap; places from there on are as good
+SAME_START = 0.1  # between rotation matrices, and between places as a share of the diagonal; nearer starts are the same
+SAME_SHARE = 0.03  # of the model's diagonal; places whose corners are nearer to each other are the same
 SMALLEST_EXTENT = 0.05  # of the model's diagonal; a smaller cloud is in another unit, or shows nothing
-N_SEEDS = 2  # searches with other samples and bases
+N_SEEDS = 2  # searches, with different samples and bases
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class RegistrationParameters:
 
     Parameters
     ----------
-    delta : mm, how far a point may lie from the model and still be of it; None for a fiftieth of the model's diagonal
-    trim : share of the points that each step of the refinement uses, the nearest ones
+    delta : mm, how far from the model its points may lie; None for a fiftieth of the model's diagonal
+    trim : share of the points, the nearest, that each step of the refinement uses
     min_overlap : share of the cloud that must lie on the model
     seed : of the samples and the search
     """
@@ -65,7 +65,7 @@ class Placement:
     overlap : share of the cloud within delta of the model
     rms : mm, of the distances of the points used in the last step
     steps : of the refinement
-    rivals : other places that suit the cloud as well, float64 (4, 4) each: the model looks the same there, or the cloud
+    rivals : float64 (4, 4) each, other places that suit the cloud as well, because the model is symmetric or the cloud
         shows too little of it
     """
 
@@ -87,8 +87,9 @@ def place_model(
 
     Parameters
     ----------
-    vertices, faces : (N, 3) mm and (M, 3)
+    vertices, faces : floating (N, 3), mm, and integer (M, 3)
     points : floating (P, 3), mm
+    parameters : how the model is looked for
 
     Raises
     ------
@@ -147,9 +148,16 @@ def _placed(
 def refine(
     tree: TriangleTree, points: NDArray[np.float64], start: NDArray[np.float64], delta: float, trim: float, most: int
 ) -> Placement:
-    """Trimmed point-to-plane ICP of points (P, 3) to a mesh from `start` = cloud_from_model (4, 4).
+    """Refine a placement by trimmed point-to-plane ICP; overlap and rms are those at the place that it reaches.
 
-    The result's overlap and rms are those at the place that it reached; it ends at `most` steps.
+    Parameters
+    ----------
+    tree : of the model
+    points : float64 (P, 3), mm, of the cloud
+    start : float64 (4, 4), cloud_from_model
+    delta : mm, how far from the model its points may lie
+    trim : share of the points, the nearest, that each step uses
+    most : steps
     """
     model_from_cloud = np.linalg.inv(start)
     n_used = max(6, int(trim * len(points)))
@@ -175,7 +183,14 @@ def refine(
 def surface_points(
     vertices: NDArray[np.floating], faces: NDArray[np.integer], n: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Points (n, 3) spread evenly over a mesh."""
+    """Return n points, float64 (n, 3), mm, spread evenly over a mesh.
+
+    Parameters
+    ----------
+    vertices, faces : floating (N, 3), mm, and integer (M, 3)
+    n : of the points
+    rng : that they are drawn with
+    """
     from recon.validation.truth.evaluation import Shape, sample_evenly
 
     return sample_evenly(Shape(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32)), n, rng)
@@ -184,18 +199,18 @@ def surface_points(
 def _candidates(
     model: NDArray[np.float64], cloud: NDArray[np.float64], delta: float, diagonal: float, seed: int
 ) -> list[NDArray[np.float64]]:
-    """Starting places cloud_from_model (4, 4) of several searches."""
-    found = []
+    """Return starting places cloud_from_model (4, 4) of several searches."""
+    places: list[NDArray[np.float64]] = []
     for trial in range(N_SEEDS):
         parameters = Super4PCSParameters(delta=delta, overlap=0.8, n_samples=600, seed=seed + trial)
         try:
-            found += list(super4pcs(model, cloud, parameters).candidates)
+            places += list(super4pcs(model, cloud, parameters).candidates)
         except ValueError as error:
             reason = error
-    found = [place for k, place in enumerate(found) if not _is_near(place, found[:k], diagonal)]
-    if not found:
+    places = [place for k, place in enumerate(places) if not _is_near(place, places[:k], diagonal)]
+    if not places:
         raise FitError(str(reason)) from reason
-    return found
+    return places
 
 
 def _is_near(place: NDArray[np.float64], others: list[NDArray[np.float64]], diagonal: float) -> bool:
@@ -208,20 +223,20 @@ def _is_near(place: NDArray[np.float64], others: list[NDArray[np.float64]], diag
 
 
 def _distinct(placements: list[Placement], vertices: NDArray[np.floating], diagonal: float) -> list[Placement]:
-    """Those that put the model's corners elsewhere than the ones before them."""
+    """Return the placements that put the model's corners elsewhere than those before them."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corners = np.column_stack([bounds_corners(np.stack([low, high])), np.ones(8)])
     kept: list[Placement] = []
-    for one in placements:
-        places = corners @ one.cloud_from_model[:3].T
+    for placement in placements:
+        places = corners @ placement.cloud_from_model[:3].T
         apart = (np.abs(places - corners @ other.cloud_from_model[:3].T).max() for other in kept)
         if all(gap > SAME_SHARE * diagonal for gap in apart):
-            kept.append(one)
+            kept.append(placement)
     return kept
 
 
 def _motion(solution: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rigid motion (4, 4) of a small turn about `middle` and a shift."""
+    """Return the rigid motion (4, 4) of a small turn about `middle` and a shift."""
     from scipy.spatial.transform import Rotation
 
     motion = np.eye(4)
@@ -231,7 +246,7 @@ def _motion(solution: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArr
 
 
 def _fitting_unit(diagonal: float, points: NDArray[np.float32]) -> str | None:
-    """A unit in which cloud and model would be of like size, or None where they are."""
+    """Return the unit in which the cloud would be about as large as the model; None where none is needed or helps."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if SMALLEST_EXTENT * diagonal < extent:
         return None

@@ -29,7 +29,13 @@ HISTOGRAM_BINS = 80
 
 
 def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out: Path) -> Path:
-    """Write report.json, tables, figures, the cloud coloured by error and report.html; returns the HTML's path."""
+    """Write report.json, tables, figures, the cloud coloured by error and report.html, and return the HTML's path.
+
+    Parameters
+    ----------
+    report, measured : from `measure_object`
+    out : the report's folder
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     for name in ("table", "curve", "measures"):
@@ -64,19 +70,19 @@ def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out
 
 
 def _placement_text(report: Mapping[str, Any]) -> str:
-    found, settings = report["registration"], report["settings"]
+    placement, settings = report["registration"], report["settings"]
     text = (
         f"{Path(settings['model']).name} was registered to {report['n_points']} points of "
         f"{Path(settings['cloud']).name} by Super4PCS and then by point-to-plane ICP on the nearest "
-        f"{settings['trim']:.0%} of the points ({found['steps']} steps). {found['overlap']:.1%} of the cloud lie "
-        f"within {found['delta_mm']:.3g} mm of it; the root mean square of the distances used is "
-        f"{found['rms_mm']:.3g} mm."
+        f"{settings['trim']:.0%} of the points ({placement['steps']} steps). {placement['overlap']:.1%} of the cloud "
+        f"lie within {placement['delta_mm']:.3g} mm of it; the root mean square of the distances used is "
+        f"{placement['rms_mm']:.3g} mm."
     )
-    return text + (f" {ambiguity_text(report)}" if found["is_ambiguous"] else "")
+    return text + (f" {ambiguity_text(report)}" if placement["is_ambiguous"] else "")
 
 
 def ambiguity_text(report: Mapping[str, Any]) -> str:
-    """What it means that the model fits in several places."""
+    """Explain that the model fits in several places."""
     n = len(report["registration"]["rivals"])
     return (
         f"It fits as well in {n} other {'place' if n == 1 else 'places'}: the model is symmetric, or the cloud shows "

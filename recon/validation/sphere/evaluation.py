@@ -1,45 +1,63 @@
-"""The paper's evaluation on spheres: many placed balls, several sensors, what they say together."""
+"""The paper's evaluation on spheres: balls placed one after the other, each seen by several sensors.
+
+Each file is read once and fitted once, then once more together with the others of its sample, and a second time if the
+exclusion rule leaves some of them out. Points are kept only as long as that second fit or a picture may need them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import FitError, MeasuredCloud, read_measured
-from recon.validation.curves import N_REPLICATES, TABLE_THRESHOLD, table_measures
-from recon.validation.sphere.exclusion import Finding, Parts, examine_parts, findings, missing_remark, usual_parts
-from recon.validation.sphere.methods import METHODS, SphereSettings
-from recon.validation.sphere.model import SphereFit, SphereParameters, surface_share
-from recon.validation.sphere.tables import sphere_table
-from recon.validation.sphere.visibility import meets_sphere, missing_share
+from recon.validation.clouds import CloudFile, FitError
+from recon.validation.measures import COMBINED, N_REPLICATES, TABLE_THRESHOLD, inlier_measures, inlier_tables
+from recon.validation.sphere.exclusion import Finding, Parts, findings, missing_remark, usual_parts
+from recon.validation.sphere.methods import METHODS
+from recon.validation.sphere.model import SphereSettings
+from recon.validation.sphere.reconstruction import MeasuredSphere, combined_ratios, fitted, measure_reconstruction
 from recon.workers import Progress, no_progress
+
+MOST_PICTURES = 12
 
 
 @dataclass(frozen=True, eq=False)
-class _Measured:
-    """One reconstruction after its fit; without one, `failure` says why.
+class _Sample:
+    """All reconstructions of one placed ball.
 
-    `missing` is the share of the ball's picture without points, None where nobody says where the sensor stands.
+    Parameters
+    ----------
+    results : in the order of their files
+    ratios : one float64 (1 + T,) of all sensors' points together; none where no sphere was found
     """
 
-    cloud: MeasuredCloud
-    n_points: int
-    fit: SphereFit | None = None
-    parts: Parts | None = None
-    errors: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
-    missing: float | None = None
-    failure: str = ""
+    results: Sequence[MeasuredSphere]
+    ratios: Sequence[NDArray[np.float64]]
+
+    @property
+    def spheres(self) -> list[MeasuredSphere]:
+        return fitted(self.results)
 
 
 def measure_spheres(
-    clouds: Sequence[MeasuredCloud], settings: SphereSettings, progress: Progress = no_progress
-) -> dict[str, Any]:
-    """Fit every reconstruction, apply the exclusion rule, and tabulate errors; the content of report.json.
+    clouds: Sequence[CloudFile], settings: SphereSettings, progress: Progress = no_progress
+) -> tuple[dict[str, Any], list[MeasuredSphere]]:
+    """Fit every reconstruction, apply the exclusion rule, and tabulate errors.
+
+    Parameters
+    ----------
+    clouds : files of any number of samples and sensors
+    settings : what is measured
+    progress : told before each file
+
+    Returns
+    -------
+    report : content of report.json
+    pictured : reconstructions for the report's pictures, with their points; first those that were left out
 
     Raises
     ------
@@ -47,17 +65,16 @@ def measure_spheres(
         If a cloud cannot be read, a setting is wrong, or no sphere is found in any cloud.
     """
     _check(clouds, settings)
-    measured: list[_Measured] = []
-    for cloud in sorted(clouds, key=lambda cloud: cloud.sample):
-        progress("spheres", len(measured), len(clouds))
-        measured.append(_measure(cloud, settings))
-    progress("spheres", len(clouds), len(clouds))
-    errors = {one.cloud.name: one.errors for one in measured if one.fit is not None}
-    if not errors:
-        raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {measured[0].failure}")
-    rows = _rows(measured, settings)
-    table = sphere_table(rows, errors, settings, [TABLE_THRESHOLD])
-    return {
+    samples = _samples(_results(clouds, settings, progress), settings)
+    spheres = [sphere for sample in samples for sphere in sample.spheres]
+    if not spheres:
+        reason = samples[0].results[0].failure
+        raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {reason}")
+    usual = _usual_by_sensor(spheres)
+    rows = [row for sample in samples for row in _rows(sample.results, settings, usual)]
+    left_out = {row["name"] for row in rows if row["is_excluded"]}
+    table, curve = inlier_tables(_groups(samples, left_out, settings), settings.thresholds, settings.seed)
+    report = {
         "schema_version": 1,
         "kind": "sphere",
         "settings": {
@@ -79,12 +96,13 @@ def measure_spheres(
         ],
         "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
-        "curve": sphere_table(rows, errors, settings, settings.thresholds),
-        "measures": table_measures("sphere", table, settings.subject),
+        "curve": curve,
+        "measures": inlier_measures("sphere", table, settings.subject),
     }
+    return report, sorted(spheres, key=lambda sphere: sphere.file.name not in left_out)[:MOST_PICTURES]
 
 
-def _check(clouds: Sequence[MeasuredCloud], settings: SphereSettings) -> None:
+def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
     if settings.method not in METHODS:
         raise ValueError(f"there is no method {settings.method!r}; expected one of {', '.join(METHODS)}")
     if not (np.isfinite(settings.radius) and settings.radius > 0):
@@ -100,76 +118,82 @@ def _check(clouds: Sequence[MeasuredCloud], settings: SphereSettings) -> None:
         raise ValueError(f"there is no reconstruction {', '.join(sorted(unknown))}; there are {known}")
 
 
-def _measure(cloud: MeasuredCloud, settings: SphereSettings) -> _Measured:
-    try:
-        points = read_measured(cloud.path, settings.unit)
-        fit = METHODS[settings.method](points, settings.radius, settings.seed)
-        viewpoint = settings.viewpoints.get(cloud.sensor)
-        missing = None
-        if viewpoint is not None:
-            points = points[meets_sphere(points, np.asarray(viewpoint), fit.centre, fit.radius)]
-            fit = replace(fit, surface_share=surface_share(points, fit))
-            missing = missing_share(points, np.asarray(viewpoint), fit.centre, fit.radius)
-        parts = examine_parts(points, fit, SphereParameters(seed=settings.seed))
-        return _Measured(cloud, len(points), fit, parts, fit.errors(points), missing)
-    except FitError as error:
-        return _Measured(cloud, len(points), failure=str(error))
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(str(cloud.path)) else f"{cloud.path}: {text}") from error
+def _results(clouds: Sequence[CloudFile], settings: SphereSettings, progress: Progress) -> Iterator[MeasuredSphere]:
+    """Measure reconstruction after reconstruction, in the order of the samples."""
+    for n_done, file in enumerate(sorted(clouds, key=lambda cloud: cloud.sample)):
+        progress("spheres", n_done, len(clouds))
+        yield measure_reconstruction(file, settings)
+    progress("spheres", len(clouds), len(clouds))
 
 
-def _rows(measured: Sequence[_Measured], settings: SphereSettings) -> list[dict[str, Any]]:
-    """One row per reconstruction, in the order of the samples."""
-    by_sensor: dict[str, list[Parts]] = {}
-    for one in measured:
-        if one.parts is not None:
-            by_sensor.setdefault(one.cloud.sensor, []).append(one.parts)
-    usual = {sensor: own for sensor, samples in by_sensor.items() if (own := usual_parts(samples)) is not None}
-    rows = []
-    for _, group in groupby(measured, key=lambda one: one.cloud.sample):
+def _samples(results: Iterable[MeasuredSphere], settings: SphereSettings) -> list[_Sample]:
+    """Combine each sample's sensors, and let go of points that neither a second fit nor a picture can need."""
+    samples, n_spheres = [], 0
+    for _, group in groupby(results, key=lambda result: result.file.sample):
         sample = list(group)
-        fits = {one.cloud.sensor: one.fit for one in sample if one.fit is not None}
-        parts = {one.cloud.sensor: one.parts for one in sample if one.parts is not None}
-        found = findings(fits, parts, usual)
-        rows += [
-            _row(one, [*found.get(one.cloud.sensor, []), *missing_remark(one.missing)], settings) for one in sample
-        ]
-    return rows
+        ratios = combined_ratios(fitted(sample), settings)
+        if n_spheres >= MOST_PICTURES and not _may_lose(sample, settings):
+            sample = [result.without_points() for result in sample]
+        samples.append(_Sample(sample, ratios))
+        n_spheres += len(fitted(sample))
+    return samples
 
 
-def _row(one: _Measured, found: Sequence[Finding], settings: SphereSettings) -> dict[str, Any]:
-    name = one.cloud.name
-    reasons = [finding.sentence for finding in found if not finding.is_remark]
-    row: dict[str, Any] = {
+def _may_lose(results: Sequence[MeasuredSphere], settings: SphereSettings) -> bool:
+    """Whether the rule may leave out a sphere; what is usual for a sensor, known at the end, only makes it milder."""
+    return any(row["is_excluded"] and not row["failure"] for row in _rows(results, settings, {}))
+
+
+def _usual_by_sensor(spheres: Sequence[MeasuredSphere]) -> dict[str, Parts]:
+    samples: dict[str, list[Parts]] = {}
+    for sphere in spheres:
+        if sphere.parts is not None:
+            samples.setdefault(sphere.file.sensor, []).append(sphere.parts)
+    return {sensor: usual for sensor, parts in samples.items() if (usual := usual_parts(parts)) is not None}
+
+
+def _groups(
+    samples: Sequence[_Sample], left_out: set[str], settings: SphereSettings
+) -> dict[tuple[str, str], list[NDArray[np.float64]]]:
+    """Return the inlier ratios of each sample by subset and sensor, without those left out and with them."""
+    used = []
+    for sample in samples:
+        kept = [result for result in sample.results if result.file.name not in left_out]
+        is_whole = len(kept) == len(sample.spheres)
+        used.append(_Sample(kept, sample.ratios if is_whole else combined_ratios(kept, settings)))
+    sensors = dict.fromkeys(result.file.sensor for sample in samples for result in sample.results)
+    groups = {}
+    for subset, members in (("used", used), ("all", samples)):
+        spheres = [sphere for sample in members for sphere in sample.spheres]
+        for sensor in sensors:
+            groups[subset, sensor] = [sphere.ratios for sphere in spheres if sphere.file.sensor == sensor]
+        groups[subset, COMBINED] = [ratios for sample in members for ratios in sample.ratios]
+    return groups
+
+
+def _rows(
+    results: Sequence[MeasuredSphere], settings: SphereSettings, usual: Mapping[str, Parts]
+) -> list[dict[str, Any]]:
+    """Return the rows of one sample, judged by what is usual for each sensor."""
+    fits = {result.file.sensor: result.fit for result in results if result.fit is not None}
+    parts = {result.file.sensor: result.parts for result in results if result.parts is not None}
+    by_sensor = findings(fits, parts, usual)
+    return [_row(result, by_sensor.get(result.file.sensor, []), settings) for result in results]
+
+
+def _row(result: MeasuredSphere, judged: Sequence[Finding], settings: SphereSettings) -> dict[str, Any]:
+    name = result.file.name
+    judged = [*judged, *missing_remark(result.columns.get("missing_share"))]
+    reasons = [finding.sentence for finding in judged if not finding.is_remark]
+    return {
         "name": name,
-        "sample": one.cloud.sample,
-        "sensor": one.cloud.sensor,
-        "file": str(one.cloud.path),
-        "n_points": one.n_points,
-        "failure": one.failure,
-        "is_excluded": bool(one.failure) or name in settings.drop or (bool(reasons) and name not in settings.keep),
+        "sample": result.file.sample,
+        "sensor": result.file.sensor,
+        "file": str(result.file.path),
+        "n_points": result.n_points,
+        "failure": result.failure,
+        "is_excluded": bool(result.failure) or name in settings.drop or (bool(reasons) and name not in settings.keep),
         "reasons": [*reasons, *(["left out on request"] if name in settings.drop else [])],
-        "remarks": [finding.sentence for finding in found if finding.is_remark],
+        "remarks": [finding.sentence for finding in judged if finding.is_remark],
+        **result.columns,
     }
-    if one.fit is None or one.parts is None:
-        return row
-    parts, errors = one.parts, one.errors
-    return row | {
-        "centre_mm": [round(float(value), 4) for value in one.fit.centre],
-        "free_radius_mm": one.fit.free_radius,
-        "scale_mm": one.fit.scale,
-        "coverage": one.fit.coverage,
-        "surface_share": one.fit.surface_share,
-        "missing_share": one.missing,
-        "sector_shift_mm": parts.sector_shift,
-        "ring_shift_mm": parts.ring_shift,
-        "coherent_error_mm": parts.coherent_error,
-        "median_error_mm": float(np.median(errors)),
-        "rms_inliers_mm": _rms(errors[np.abs(errors) <= TABLE_THRESHOLD]),
-        "inliers": float(np.mean(np.abs(errors) <= TABLE_THRESHOLD)),
-    }
-
-
-def _rms(errors: NDArray[np.float32]) -> float | None:
-    return float(np.sqrt(np.mean(errors.astype(np.float64) ** 2))) if len(errors) else None

@@ -1,11 +1,10 @@
-"""Which reconstructions of a ball are spoilt by clusters of wrong depth, by a rule with numbers behind it.
+"""The exclusion rule: which reconstructions of a ball are spoilt by clusters of wrong depth.
 
-A cluster that pulls a fit betrays itself when the part of the surface that it lies on is left out: the centre moves.
-One that is too far off to pull it still leaves a part of the surface off together, where noise would average out. A cap
-whose depth is wrong as a whole does not, only the other sensors' centres can tell. The limits were set on simulated
-caps with seeds other than those that `bench/validation.py` reports caught and dropped shares of. They are those of a
-sound sensor: where most samples of a sensor are beyond one, it is the sensor that is said to be, and only samples that
-are much worse than the others are left out.
+A cluster that pulls a fit shows when its part of the surface is left out: the centre moves. One that is too far off to
+pull the fit shows in the median error of its part, where noise would average out. A cap whose depth is wrong as a whole
+shows neither; only the other sensors' centres can tell. The limits were set on simulated caps, with other seeds than
+those of the shares that `bench/validation.py` reports. They are limits of a sound sensor: where most samples of a
+sensor exceed one, the report says so of the sensor, and only samples that are much worse than its others are left out.
 """
 
 from __future__ import annotations
@@ -22,34 +21,32 @@ from recon.validation.sphere.refinement import moved_centre
 
 N_SECTORS = 8
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out
-MAX_RING_SHIFT = 2.5  # likewise for the inner or outer half of the cap; slices of whole disparities reach 2.4
-MAX_SENSOR_SHIFT = 2.5  # likewise from the middle of the sensors' centres
+MAX_RING_SHIFT = 2.5  # mm likewise, for the inner or outer half of the cap; slices of whole disparities reach 2.4
+MAX_SENSOR_SHIFT = 2.5  # mm likewise, from the other sensors' centres
 REFERENCE_RADIUS = 150.0
 N_RINGS = 3  # with the sectors, cells of equal numbers of points
 COHERENT_CELLS = 4  # a sixth of the cells
-MAX_COHERENT_ERROR = 2.2  # likewise of that many cells' median errors; of 95 % of good caps it is below 1.8
-COHERENT_SCALE = 0.4  # of the points' scatter, beyond which that error must lie as well
-MIN_SAMPLES = 4  # of one sensor, from which what is usual for it is known
-USUAL_PERCENTILE = (
-    25.0  # over a sensor's samples: what even the better ones show; a third of spoilt ones hardly moves it
-)
-LEAST_USUAL = 0.5  # of a limit; what is usual for a sound sensor lies below, and the limit stands
-UNUSUAL = 5.0  # times what is usual, beyond which a sample is worse than its sensor
-REMARKED = 0.6  # of a limit, from which on a value is remarked on
-MAX_MISSING = 0.05  # of a ball's picture; of the studio's matt ball nothing is missing
-MIN_SURFACE_SHARE = 0.55  # of the points around a ball; less and clusters of wrong depth outweigh its surface
+MAX_COHERENT_ERROR = 2.2  # mm likewise, median error of that many cells; below 1.8 for 95 % of good caps
+COHERENT_SCALE = 0.4  # of the points' scatter; the median error must exceed this as well
+MIN_SAMPLES = 4  # of a sensor, to know what is usual for it
+USUAL_PERCENTILE = 25.0  # of a sensor's samples; spoilt ones hardly move it, even if they are a third
+LEAST_USUAL = 0.5  # of a limit; a sensor whose usual value is lower is sound, and the limit holds
+UNUSUAL = 5.0  # times the usual value; a sample beyond is worse than its sensor
+REMARKED = 0.6  # of a limit; values beyond get a remark
+MAX_MISSING = 0.05  # of a ball's picture; nothing is missing of the studio's matt ball
+MIN_SURFACE_SHARE = 0.55  # of the points around a ball; with less, clusters of wrong depth outweigh its surface
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What the parts of a cap say about its fit, mm.
+    """What the parts of a cap say about its fit.
 
     Parameters
     ----------
-    sector_shift, ring_shift : how far the centre moves when the worst of eight sectors, or the worse of the inner and
-        the outer half, is left out
-    coherent_error : by how much the worst sixth of its surface is off together: the fourth largest of the median errors
-        of 24 cells
+    sector_shift : mm, how far the centre moves without the worst of eight sectors
+    ring_shift : mm, how far it moves without the inner or the outer half, whichever is worse
+    coherent_error : mm, by how much the worst sixth of the surface is off together: the fourth largest of the median
+        errors of 24 cells
     """
 
     sector_shift: float
@@ -59,13 +56,13 @@ class Parts:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is beyond its limit, or near it.
+    """A value beyond its limit, or near it.
 
     Parameters
     ----------
-    sentence : what was found, and the limit
-    is_remark : whether it is only near the limit, or most samples of the same sensor are like that; it is then no
-        reason to leave this one out
+    sentence : with the value and the limit
+    is_remark : whether it is no reason to leave the reconstruction out, because it is only near the limit, or usual
+        for the sensor
     """
 
     sentence: str
@@ -73,7 +70,14 @@ class Finding:
 
 
 def examine_parts(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters | None = None) -> Parts:
-    """Leave out parts of a cap (N, 3) in turn, and look at the errors of each."""
+    """Leave out the parts of a cap in turn, and compare their errors.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    fit : their sphere
+    parameters : of that fit
+    """
     parameters = parameters or SphereParameters()
     sample = subsample(points, parameters.seed)
     near = sample[np.abs(fit.errors(sample)) < 0.25 * fit.radius]
@@ -104,36 +108,37 @@ def _coherent_error(errors: NDArray[np.float32], sector: NDArray[np.int64], pola
 def findings(
     fits: Mapping[str, SphereFit], parts: Mapping[str, Parts], usual: Mapping[str, Parts] | None = None
 ) -> dict[str, list[Finding]]:
-    """What is beyond its limit, or near it, in each sensor's reconstruction of one placed ball; nothing for good ones.
+    """Return what exceeds its limit, or nearly so, in each sensor's reconstruction of one placed ball.
 
     Parameters
     ----------
-    fits, parts : per sensor; `parts` from `examine_parts`
-    usual : per sensor, from `usual_parts`; without it whatever is beyond a limit is a reason to leave out
+    fits : by sensor
+    parts : by sensor, from `examine_parts`
+    usual : by sensor, from `usual_parts`; without it every value beyond a limit is a reason to leave out
     """
-    found: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
-    for sensor, own in parts.items():
+    by_sensor: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
+    for sensor, shifts in parts.items():
         fit = fits[sensor]
         unit = fit.radius / REFERENCE_RADIUS
         if fit.surface_share < MIN_SURFACE_SHARE:
             share = f"only {fit.surface_share:.0%} of the points around the ball lie on it"
-            found[sensor].append(Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}"))
+            by_sensor[sensor].append(Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}"))
         coherent_limit = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fit.scale)
         for name, limit, words in (
             ("sector_shift", MAX_SECTOR_SHIFT * unit, "without its worst sector the centre moves by {:.2f} mm"),
             ("ring_shift", MAX_RING_SHIFT * unit, "without its inner or outer half the centre moves by {:.2f} mm"),
             ("coherent_error", coherent_limit, "a sixth of its surface is off together by {:.2f} mm or more"),
         ):
-            value = getattr(own, name)
+            value = getattr(shifts, name)
             if value > REMARKED * limit:
                 typical = getattr(usual[sensor], name) if usual and sensor in usual else None
-                found[sensor].append(_beyond(words.format(value), value, limit, typical))
+                by_sensor[sensor].append(_beyond(words.format(value), value, limit, typical))
     for sensor, apart in sensor_shifts(fits).items():
         limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
         if apart > limit:
             sentence = f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm"
-            found[sensor].append(Finding(sentence))
-    return found
+            by_sensor[sensor].append(Finding(sentence))
+    return by_sensor
 
 
 def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:
@@ -146,10 +151,10 @@ def _beyond(words: str, value: float, limit: float, typical: float | None) -> Fi
 
 
 def missing_remark(missing: float | None) -> list[Finding]:
-    """What is said of a reconstruction that has no points in a share of the ball's picture, None where it is unknown.
+    """Return a remark on a reconstruction without points in a share of the ball's picture, None where that is unknown.
 
-    Points that are not there pull no fit, so that it is no reason to leave the others out; but nobody should believe
-    that the ratios hold where a highlight was left out.
+    Missing points pull no fit, so they are no reason to leave the others out; but the ratios say nothing about, for
+    example, a highlight that was left out.
     """
     if missing is None or missing <= MAX_MISSING:
         return []
@@ -158,10 +163,10 @@ def missing_remark(missing: float | None) -> list[Finding]:
 
 
 def usual_parts(samples: Sequence[Parts]) -> Parts | None:
-    """What three in four of one sensor's reconstructions reach, None where there are too few to say what is usual.
+    """Return what three in four of one sensor's reconstructions reach, None where there are too few.
 
-    What a sensor does in most of its samples is its calibration or its resolution, no cluster of wrong depth that
-    spoils single ones. To leave all of them out would leave nothing to tabulate; it is said instead.
+    What most samples of a sensor show comes from its calibration or its resolution, not from clusters of wrong depth,
+    which spoil single ones. To leave all of them out would leave nothing to tabulate: they get a remark instead.
     """
     if len(samples) < MIN_SAMPLES:
         return None
@@ -172,7 +177,7 @@ def usual_parts(samples: Sequence[Parts]) -> Parts | None:
 
 
 def sensor_shifts(fits: Mapping[str, SphereFit]) -> dict[str, float]:
-    """Distance of each sensor's centre from the sensors' middle, mm: the one that is nearest to most of them.
+    """Return how far each sensor's centre is from those of the others, mm: the mean distance to the nearer half.
 
     With two sensors nobody can say which is wrong: both get the distance between them. With one there is none.
     """

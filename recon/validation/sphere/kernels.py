@@ -22,11 +22,19 @@ def local_consensus(
     n_trials: int,
     seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The best sphere through each seed point: centres (S, 3) and scores (S,).
+    """Find the best sphere through each seed point: centres (S, 3), mm, and scores (S,).
 
     A sphere's points lie within its diameter of each other, so every seed looks only there. A trial takes the seed
     and two such points; the two spheres of the known radius through them score one for a point on the surface,
     falling to zero at the band's end, and lose one for a point inside.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm, evenly spread
+    seeds : int64 (S,), their rows that spheres are tried through
+    radius, band : mm
+    n_trials : of each seed point
+    seed : of the random numbers
     """
     centres = np.zeros((len(seeds), 3))
     scores = np.full(len(seeds), -np.inf)
@@ -57,7 +65,7 @@ def local_consensus(
 
 @njit(cache=True)
 def _gather(points: NDArray[np.float64], place: NDArray[np.float64], reach: float, near: NDArray[np.float64]) -> int:
-    """Fill `near` (3, N) with the offsets from a place of the points within reach of it; returns how many they are."""
+    """Fill `near` (3, N) with the offsets from a place of the points within reach of it, and return their number."""
     n_near = 0
     for i in range(len(points)):
         x, y, z = points[i, 0] - place[0], points[i, 1] - place[1], points[i, 2] - place[2]
@@ -69,10 +77,10 @@ def _gather(points: NDArray[np.float64], place: NDArray[np.float64], reach: floa
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _spheres_through(a, b, radius):  # type: ignore[no-untyped-def]  # numba
-    """The two spheres of a radius through the origin and points a and b, if these lie far enough apart.
+    """Return the two spheres of a radius through the origin and points a and b, if these lie far enough apart.
 
-    Whether there are any, the centre of the circle through the three points, and the step from it to one sphere's
-    centre; that of the other lies opposite.
+    They are given by whether they exist, the centre of the circle through the three points, and the step from there to
+    one sphere's centre; the other centre lies opposite.
     """
     nowhere = (0.0, 0.0, 0.0)
     (ax, ay, az), (bx, by, bz) = a, b
@@ -97,7 +105,7 @@ def _spheres_through(a, b, radius):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _score(near, n_near, x0, y0, z0, radius, band):  # type: ignore[no-untyped-def]  # numba
-    """How well the points near a seed suit a sphere with its centre there."""
+    """Score the points near a seed against the sphere around (x0, y0, z0)."""
     per_band, inside, score = 1.0 / band, radius - 2 * band, 0.0
     for k in range(n_near):
         x, y, z = near[0, k] - x0, near[1, k] - y0, near[2, k] - z0
@@ -111,15 +119,21 @@ def _score(near, n_near, x0, y0, z0, radius, band):  # type: ignore[no-untyped-d
 def tukey_sums(
     points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
 ) -> NDArray[np.float64]:
-    """float64 (15,): the sums of a Gauss-Newton step for centre and radius with Tukey's weights.
+    """Return the sums float64 (15,) of a Gauss-Newton step for centre and radius with Tukey's weights.
 
-    The upper triangle of the normal matrix (10) of (x, y, z, radius), the right side (4), and the number of points
-    within the cutoff. Differences to the centre are taken in double precision, the rest of a block of points in single
-    precision, without branches and in any order: as vector instructions, in a quarter of the time.
+    They are the upper triangle of the normal matrix (10) of (x, y, z, radius), the right side (4), and the number of
+    points within the cutoff. Differences to the centre are taken in double precision, the rest of a block of points in
+    single precision, without branches and in any order: as vector instructions, in a quarter of the time.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    centre : float64 (3,), mm
+    radius, cutoff : mm
     """
     cx, cy, cz = centre[0], centre[1], centre[2]
     r, per_cutoff = np.float32(radius), np.float32(1.0 / cutoff)
-    one, zero, tiny = np.float32(1.0), np.float32(0.0), np.float32(1e-30)  # the centre itself has no direction
+    unit, zero, tiny = np.float32(1.0), np.float32(0.0), np.float32(1e-30)  # the centre itself has no direction
     s = np.zeros(15)
     for start in range(0, len(points), 1024):
         xx = xy = xz = yy = yz = zz = zero
@@ -128,10 +142,10 @@ def tukey_sums(
         for i in range(start, min(start + 1024, len(points))):
             x, y, z = np.float32(points[i, 0] - cx), np.float32(points[i, 1] - cy), np.float32(points[i, 2] - cz)
             d = np.sqrt(max(x * x + y * y + z * z, tiny))
-            error, near = d - r, one / d
+            error, near = d - r, unit / d
             u = error * per_cutoff
-            left = one - u * u
-            inside = one if left > zero else zero
+            left = unit - u * u
+            inside = unit if left > zero else zero
             w = inside * left * left
             x, y, z = x * near, y * near, z * near
             wx, wy, wz = w * x, w * y, w * z
@@ -157,21 +171,15 @@ def tukey_sums(
 
 
 @njit(cache=True, nogil=True)
-def extent(points: NDArray[np.floating]) -> tuple[float, float, int]:
-    """Lowest and highest coordinate of points (N, 3), and the row of the first that is not finite, else -1."""
-    low, high = np.inf, -np.inf
-    for i in range(len(points)):
-        for axis in range(3):
-            value = points[i, axis]
-            if not np.isfinite(value):
-                return low, high, i
-            low, high = min(low, value), max(high, value)
-    return low, high, -1
-
-
-@njit(cache=True, nogil=True)
 def signed_errors(points: NDArray[np.float32], centre: NDArray[np.float64], radius: float) -> NDArray[np.float32]:
-    """float32 (N,), mm: distance of each point to the centre, minus the radius."""
+    """Return the distance of each point to the centre minus the radius, float32 (N,), mm.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    centre : float64 (3,), mm
+    radius : mm
+    """
     errors = np.empty(len(points), np.float32)
     cx, cy, cz = centre[0], centre[1], centre[2]
     for i in range(len(points)):

@@ -1,15 +1,13 @@
-"""The two ways in which a sphere is found in a cloud, and what is asked of an evaluation."""
+"""The two ways to find a sphere in a cloud."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError, checked_points
-from recon.validation.measures import Subject
 from recon.validation.sampling import fibonacci_sphere
 from recon.validation.sphere.consensus import check_alone, fit_sphere, with_fitting_unit
 from recon.validation.sphere.model import SphereFit, SphereParameters
@@ -20,12 +18,30 @@ MODEL_POINTS = 3000
 
 
 def fit_robust(points: NDArray[np.float32], radius: float, seed: int) -> SphereFit:
-    """Consensus of spheres through three points, then robust refinement."""
+    """Take the consensus of spheres through three points, then refine it robustly.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    radius : mm
+    seed : of samples and trials
+
+    Raises
+    ------
+    ValueError
+        As `fit_sphere`.
+    """
     return fit_sphere(points, radius, SphereParameters(seed=seed))
 
 
 def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> SphereFit:
-    """The ideal sphere's points registered by Super4PCS as in the paper, then the same refinement.
+    """Register the ideal sphere's points by Super4PCS as in the paper, then refine as `fit_robust` does.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    radius : mm
+    seed : of samples and trials
 
     Raises
     ------
@@ -42,7 +58,7 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
 
 
 def _registered(points: NDArray[np.float32], radius: float, seed: int) -> NDArray[np.float64]:
-    """Where Super4PCS puts the middle of the ideal sphere."""
+    """Return where Super4PCS puts the middle of the ideal sphere, float64 (3,), mm."""
     model, parameters = radius * fibonacci_sphere(MODEL_POINTS), Super4PCSParameters(delta=radius / 12, seed=seed)
     try:
         return super4pcs(model, points, parameters).cloud_from_model[:3, 3]
@@ -54,31 +70,3 @@ METHODS: dict[str, Callable[[NDArray[np.float32], float, int], SphereFit]] = {
     "robust": fit_robust,
     "super4pcs": fit_super4pcs,
 }
-
-
-@dataclass(frozen=True)
-class SphereSettings:
-    """What is measured, and how.
-
-    Parameters
-    ----------
-    radius : mm
-    thresholds : mm, of the inlier curve
-    method : a key of METHODS
-    unit : of the clouds' coordinates
-    viewpoints : by sensor, where it stands, mm; then only points on lines of sight that meet the ball are counted
-    keep : names of reconstructions that stay in whatever the rule says
-    drop : names of reconstructions that are left out whatever it says
-    subject : what the clouds are of, in a study's words
-    seed : of the fit and the bootstrap
-    """
-
-    radius: float
-    thresholds: tuple[float, ...]
-    method: str = "robust"
-    unit: str = "mm"
-    viewpoints: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    keep: tuple[str, ...] = ()
-    drop: tuple[str, ...] = ()
-    subject: Subject = field(default_factory=Subject)
-    seed: int = 1

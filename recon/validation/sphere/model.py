@@ -1,15 +1,45 @@
-"""What is asked of the fit of a sphere of known radius, and the sphere that it found."""
+"""Settings of an evaluation and of a fit, and a fitted sphere."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.validation.measures import Subject
 from recon.validation.sphere.kernels import signed_errors
 
 BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's table 4, for its 150 mm
+
+
+@dataclass(frozen=True)
+class SphereSettings:
+    """What is measured, and how.
+
+    Parameters
+    ----------
+    radius : mm
+    thresholds : mm, of the inlier curve
+    method : a key of METHODS
+    unit : of the clouds' coordinates
+    viewpoints : where each sensor stands, mm; then only points on lines of sight that meet the ball are counted
+    keep : names of reconstructions that are used whatever the exclusion rule says
+    drop : names of reconstructions that are left out whatever it says
+    subject : what the clouds show, in a study's words
+    seed : of the fit and the bootstrap
+    """
+
+    radius: float
+    thresholds: tuple[float, ...]
+    method: str = "robust"
+    unit: str = "mm"
+    viewpoints: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    keep: tuple[str, ...] = ()
+    drop: tuple[str, ...] = ()
+    subject: Subject = field(default_factory=Subject)
+    seed: int = 1
 
 
 @dataclass(frozen=True)
@@ -18,7 +48,7 @@ class SphereParameters:
 
     Parameters
     ----------
-    band : mm, distance from the surface within which a point speaks for a sphere; None for a twelfth of the radius
+    band : mm, within which of the surface a point counts for a sphere; None for a twelfth of the radius
     cutoff : Tukey's constant in standard deviations of the inliers; a million points need no efficiency, so it is
         tighter than the usual 4.685 and clusters near the surface pull less
     n_trials : spheres tried through every seed point
@@ -33,12 +63,12 @@ class SphereParameters:
 
 @dataclass(frozen=True, eq=False)
 class SphereFit:
-    """A sphere that was found.
+    """A sphere in a cloud.
 
     Parameters
     ----------
     centre : float64 (3,), mm
-    radius : mm, the known one
+    radius : mm, known
     free_radius : mm, the radius that suits the points best, a check of scale and curvature
     scale : mm, standard deviation of the points on the surface, robust
     coverage : share of the sphere's directions in which it has points
@@ -57,7 +87,7 @@ class SphereFit:
     steps: int
 
     def errors(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Signed errors (N,) of points (N, 3) to the known radius, mm; positive outside."""
+        """Return the signed errors (N,) of points (N, 3) to the known radius, mm; positive outside."""
         errors: NDArray[np.float32] = signed_errors(
             np.ascontiguousarray(points, dtype=np.float32), self.centre, self.radius
         )
@@ -65,12 +95,19 @@ class SphereFit:
 
 
 def surface_share(points: NDArray[np.floating], fit: SphereFit, parameters: SphereParameters | None = None) -> float:
-    """Share of points (N, 3) that lie on a sphere that was found, where all of them ought to."""
+    """Return the share of points that lie on a sphere, where all of them ought to.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm
+    fit : the sphere
+    parameters : of its fit
+    """
     parameters = parameters or SphereParameters()
     on_surface = np.abs(fit.errors(points)) < max(band_of(fit.radius, parameters), parameters.cutoff * fit.scale)
     return float(np.mean(on_surface)) if len(points) else 0.0
 
 
 def band_of(radius: float, parameters: SphereParameters) -> float:
-    """How far from a sphere's surface a point may lie and still speak for it, mm."""
+    """Return how far from a sphere's surface a point may lie and still count for it, mm."""
     return parameters.band or BAND_SHARE * radius

@@ -1,4 +1,4 @@
-"""When what a fit reached is no sphere of the known radius: a wrong one is never a result."""
+"""Checks that a fit is a sphere of the known radius: a wrong one is never a result."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from recon.validation.clouds import FitError
 from recon.validation.sampling import fibonacci_sphere
 from recon.validation.sphere.model import SphereFit
 
-MIN_SHARE = 0.3  # of the points around a sphere that lie on it; of evenly filled space 0.15 would
+MIN_SHARE = 0.3  # of the points around a sphere; in evenly filled space 0.15 of them would lie on it
 MIN_COVERAGE = 0.04  # of the whole sphere's directions: a cap of 46 degrees
-MIN_DEPTH = 6.0  # depth of the cap in standard deviations of its points; walls and clutter reach 3.5, balls 10
+MIN_DEPTH = 6.0  # of the cap, in standard deviations of its points; walls and clutter reach 3.5, balls 10
 MAX_RADIUS_ERROR = 0.12  # share by which the radius that suits the points best may differ
-MAX_STRETCH = 0.12  # of the radius, by which the surface may bend more along one direction; a cylinder's is 0.25 to 0.5
-# Length of the mean direction; a hemisphere's is 0.5. Below, bending is looked for along all three axes.
-ONE_SIDED = 0.4
-MAX_SCALE = 0.07  # of the radius, scatter of the points; of points that know nothing of the surface it is 0.12
+MAX_STRETCH = 0.12  # of the radius, for bending more along one direction than another; cylinders reach 0.25 to 0.5
+ONE_SIDED = 0.4  # length of the mean direction, 0.5 for a hemisphere; below, bending is tested along all three axes
+MAX_SCALE = 0.07  # of the radius, for the points' scatter; points that follow no surface reach 0.12
 N_DIRECTIONS = 400
 
 
 def check_fit(fit: SphereFit) -> None:
-    """Refuse a fit whose figures are not those of a ball.
+    """Refuse a fit whose numbers are not those of a ball.
 
     Raises
     ------
     FitError
-        If they are not; the message says which and how far off.
+        With the number that is off, and by how much.
     """
     at = f"at {np.round(fit.centre, 1).tolist()} mm"
     if fit.surface_share < MIN_SHARE:
@@ -59,7 +58,7 @@ def check_bending(offsets: NDArray[np.floating], fit: SphereFit) -> None:
 
 
 def coverage(offsets: NDArray[np.floating]) -> float:
-    """Share of the directions from a sphere's centre in which offsets (N, 3) lie."""
+    """Return the share of the directions from a sphere's centre in which offsets (N, 3) lie."""
     from scipy.spatial import cKDTree
 
     offsets = offsets[:: max(1, len(offsets) // 8000)]
@@ -70,10 +69,10 @@ def coverage(offsets: NDArray[np.floating]) -> float:
 
 
 def _stretch(offsets: NDArray[np.floating], radius: float) -> float:
-    """How much more the surface at offsets (N, 3) from the centre is bent along one direction than another, mm.
+    """Return how much more the surface at offsets (N, 3) from the centre bends along one direction than another, mm.
 
-    The largest coefficient of the quadratic forms of the direction that explain the errors beside a moved centre and
-    another radius. On a cap only the two forms across it can be told from these.
+    The errors are explained by another radius, a moved centre and quadratic forms of the direction; the result is the
+    largest coefficient of these forms. On a cap only the two forms across it can be told from radius and centre.
     """
     offsets = offsets[:: max(1, len(offsets) // 4000)].astype(np.float64)
     distances = np.linalg.norm(offsets, axis=1)
@@ -93,7 +92,7 @@ def _stretch(offsets: NDArray[np.floating], radius: float) -> float:
 
 
 def _moments(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Scatter (3, 3) about the mean direction, which comes out as its least axis for a cap."""
+    """Return minus the scatter (3, 3) across the mean direction, whose last eigenvector is a cap's axis."""
     mean = directions.mean(axis=0)
     across = directions - np.outer(directions @ mean, mean) / max(float(mean @ mean), 1e-12)
     return np.asarray(-across.T @ across)

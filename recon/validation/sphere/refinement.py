@@ -25,9 +25,15 @@ def refine_sphere(
     parameters: SphereParameters,
     sample: NDArray[np.float32] | None = None,
 ) -> SphereFit:
-    """The sphere near `centre` that suits the points best, checked.
+    """Return the sphere near `centre` that suits the points best, checked for plausibility.
 
-    Most steps are taken with a sample of the points, drawn unless it is given.
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    centre : float64 (3,), mm, to start from
+    radius : mm
+    parameters : of the fit
+    sample : float32 (M, 3), mm, of the points; most steps use it, and it is drawn where it is not given
 
     Raises
     ------
@@ -61,7 +67,13 @@ def refine_sphere(
 
 
 def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
-    """The centre to which other points (N, 3) move a fit that keeps its cutoff.
+    """Return the centre (3,), mm, to which other points move a fit that keeps its cutoff.
+
+    Parameters
+    ----------
+    points : float32 (N, 3), mm
+    fit : to start from
+    parameters : of that fit
 
     Raises
     ------
@@ -80,7 +92,7 @@ def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: Sphere
 def _converged(
     sample: NDArray[np.float32], centre: NDArray[np.float64], radius: float, parameters: SphereParameters
 ) -> tuple[NDArray[np.float64], float, int]:
-    """Centre, scale of the inliers and number of steps, with the scale estimated anew at every step."""
+    """Return the centre, the inliers' scale and the number of steps; each step estimates the scale anew."""
     band = band_of(radius, parameters)
     for step in range(1, MAX_STEPS + 1):
         errors = np.abs(signed_errors(sample, centre, radius))
@@ -100,7 +112,7 @@ def _converged(
 def _step(
     points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
 ) -> NDArray[np.float64]:
-    """One Gauss-Newton step of the centre."""
+    """Take one Gauss-Newton step of the centre."""
     matrix, right, n = _system(points, centre, radius, cutoff)
     return centre + _solved(matrix[:3, :3], right[:3], n)
 
@@ -112,7 +124,7 @@ def _free_radius(
     scale: float,
     parameters: SphereParameters,
 ) -> float:
-    """The radius at which centre and radius together suit the points best; NaN where there is none."""
+    """Return the radius that, with its centre, suits the points best; NaN where there is none."""
     free, cutoff = radius, max(parameters.cutoff * scale, 0.25 * band_of(radius, parameters))
     for _ in range(MAX_STEPS):
         matrix, right, n = _system(points, centre, free, cutoff)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from recon.validation.clouds import read_measured
 from recon.validation.page import (
     Section,
     curve_chart,
@@ -21,8 +20,8 @@ from recon.validation.page import (
     write_table,
 )
 from recon.validation.pictures import png, sphere_picture
+from recon.validation.sphere.reconstruction import MeasuredSphere
 
-MOST_PICTURES = 12
 METHOD_TEXT = {
     "robust": "A consensus of spheres of the known radius through three points, then robust refinement (Tukey).",
     "super4pcs": "The ideal sphere's points registered by Super4PCS, then robust refinement (Tukey).",
@@ -33,8 +32,14 @@ CAPTION = (
 )
 
 
-def write_sphere_report(report: Mapping[str, Any], out: Path) -> Path:
-    """Write report.json, tables, figures and report.html; returns the HTML's path."""
+def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out: Path) -> Path:
+    """Write report.json, tables, figures and report.html, and return the HTML's path.
+
+    Parameters
+    ----------
+    report, pictured : from `measure_spheres`
+    out : the report's folder
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     write_table(out / "reconstructions.csv", report["reconstructions"])
@@ -44,7 +49,7 @@ def write_sphere_report(report: Mapping[str, Any], out: Path) -> Path:
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report)]
-    sections += [_reasons(report), _pictures(report, out)]
+    sections += [_reasons(report), _pictures(report, pictured, out)]
     return write_page(out / "report.html", "Reconstruction of a sphere", sections)
 
 
@@ -91,10 +96,10 @@ def _fits(report: Mapping[str, Any]) -> Section:
         for row in report["reconstructions"]
     ]
     text = (
-        f"Inliers are of {report['settings']['table_threshold_mm']:g} mm; free radius is the one that suits the points "
-        "best. Shifts are those of the centre when the worst of eight sectors, or the inner or outer half, is left "
-        "out; coherent is by how much the worst sixth of the surface is off together; missing is the share of the "
-        "ball's picture without points, where the sensor's place is given."
+        f"Inliers are within {report['settings']['table_threshold_mm']:g} mm; the free radius is the one that suits "
+        "the points best. Shifts are how far the centre moves without the worst of eight sectors, or without the inner "
+        "or outer half. Coherent is by how much the worst sixth of the surface is off together. Missing is the share "
+        "of the ball's picture without points, known where the sensor's place is given."
     )
     return Section("Reconstructions", text, rows)
 
@@ -111,26 +116,18 @@ def _reasons(report: Mapping[str, Any]) -> Section:
         for why in reasons
     ]
     text = (
-        "The rule can be overruled by name with --keep and --drop. What is flagged is near a limit, or beyond it but "
-        "usual for its sensor, which is then less good than the limits suppose, or parts of the ball have no points; "
-        "that leaves nothing out."
+        "--keep and --drop overrule the exclusion rule by name. A reconstruction is flagged, but not left out, where a "
+        "value is near its limit, or beyond it but usual for its sensor, or where parts of the ball have no points."
     )
     return Section("What was left out or flagged", text if rows else "Nothing.", rows)
 
 
-def _pictures(report: Mapping[str, Any], out: Path) -> Section:
+def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out: Path) -> Section:
     figures = []
-    settings = report["settings"]
-    for row in _shown(report["reconstructions"]):
-        points, centre = read_measured(Path(row["file"]), settings["unit"]), np.asarray(row["centre_mm"])
-        threshold = settings["table_threshold_mm"]
-        picture = png(sphere_picture(points, centre, settings["radius_mm"], threshold))
-        write_bytes(out / f"sphere_{row['name'].replace('/', '_')}.png", picture)
-        figures.append((CAPTION.format(name=row["name"], threshold=threshold), picture))
+    radius, threshold = report["settings"]["radius_mm"], report["settings"]["table_threshold_mm"]
+    for sphere in pictured:
+        name, centre = sphere.file.name, np.asarray(sphere.columns["centre_mm"])
+        picture = png(sphere_picture(sphere.points, centre, radius, threshold))
+        write_bytes(out / f"sphere_{name.replace('/', '_')}.png", picture)
+        figures.append((CAPTION.format(name=name, threshold=threshold), picture))
     return Section("Pictures", figures=figures)
-
-
-def _shown(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Which reconstructions are pictured: those that were left out first, then the others."""
-    fitted = [row for row in rows if "centre_mm" in row]
-    return sorted(fitted, key=lambda row: not row["is_excluded"])[:MOST_PICTURES]

@@ -1,4 +1,4 @@
-"""What a sensor sees of a ball from where it stands: its lines of sight, and those on which it found nothing."""
+"""A sensor's lines of sight to a ball: which points lie on them, and where points are missing."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 INSIDE = 0.9  # of the outline's radius; nearer to it surfaces are too oblique to ask for points
-POINTS_A_CELL = 16  # of an even cloud on average: an empty cell is then no accident
+POINTS_A_CELL = 16  # of an even cloud on average, so that no cell is empty by chance
 MOST_CELLS = 16  # across the ball
-EMPTY = 0.25  # of the median cell's points
+EMPTY = 0.25  # of the median cell's points; cells with fewer count as empty
 
 
 def meets_sphere(
     points: NDArray[np.floating], viewpoint: NDArray[np.floating], centre: NDArray[np.float64], radius: float
 ) -> NDArray[np.bool_]:
-    """Whether the line of sight through each of points (N, 3) meets a sphere.
+    """Return whether the line of sight through each point meets a sphere, bool (N,).
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm
+    viewpoint : floating (3,), mm, where the sensor stands
+    centre : float64 (3,), mm
+    radius : mm
 
     Raises
     ------
@@ -30,10 +37,17 @@ def meets_sphere(
 def missing_share(
     points: NDArray[np.floating], viewpoint: NDArray[np.floating], centre: NDArray[np.float64], radius: float
 ) -> float:
-    """Share of a ball's picture, but for its rim, in which a cloud (N, 3) has no points at whatever depth.
+    """Return the share of a ball's picture, without its rim, in which a cloud has no points at any depth.
 
-    The picture is divided into square cells; one that holds less than a quarter of what is usual is empty. Inlier
-    ratios do not know of them: a sensor that leaves out what is difficult looks better by it.
+    The picture is divided into square cells; those with less than a quarter of the usual number of points are empty.
+    Inlier ratios do not show them: a sensor that leaves out what is difficult looks better for it.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm
+    viewpoint : floating (3,), mm, where the sensor stands
+    centre : float64 (3,), mm
+    radius : mm
     """
     towards, sine = _sight(viewpoint, centre, radius)
     rays = points[meets_sphere(points, viewpoint, centre, radius)] - viewpoint
@@ -51,7 +65,7 @@ def missing_share(
 def _sight(
     viewpoint: NDArray[np.floating], centre: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], float]:
-    """The direction (3,) of a sphere's centre, and the sine of the angle at which its outline is seen."""
+    """Return the direction (3,) of a sphere's centre, and the sine of the angle at which its outline is seen."""
     towards = centre - viewpoint
     distance = float(np.linalg.norm(towards))
     if distance <= radius:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from recon.validation.clouds import FitError
 from recon.validation.congruent import congruent_bases, pairs_at_distance
 from recon.validation.sphere.methods import METHODS, fit_super4pcs
-from recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 from recon.validation.super4pcs import Super4PCSParameters, rigid_motions, super4pcs
+from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 
 
 def shape(n: int, seed: int = 0) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,12 @@ from recon.geometry.mesh import read_mesh
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.studio.truth import MESH, read_depth
-from recon.validation.clouds import FitError, named_clouds
+from recon.validation.clouds import FitError, named_clouds, read_measured
+from recon.validation.cuboid import evaluation
 from recon.validation.cuboid.edges import end_of_points
 from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
 from recon.validation.cuboid.fit import fit_cuboid
+from recon.validation.cuboid.model import CuboidFit
 from recon.validation.views.between_sensors import depth_points
 from recon.validation.views.novel_view import true_disparity
 
@@ -131,6 +134,33 @@ def test_sensors_are_measured_alone_and_together(tmp_path: Path) -> None:
     assert "1/S2" in broken["failed"]
     with pytest.raises(FitError, match="no cuboid was found in any of 1 clouds"):
         measure_cuboids(named_clouds(paths[2:], ()), settings)
+
+
+def test_the_command_reads_each_cloud_once_and_fits_each_choice_of_sensors_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = corner_cloud(4, n=20_000)[0]
+    paths = [tmp_path / "1.xyz", tmp_path / "2.xyz"]
+    np.savetxt(paths[0], points[::2])
+    np.savetxt(paths[1], points[1::2])
+    clouds = [read_measured(path) for path in paths]
+    reads, fits = Counter[Path](), Counter[bytes]()
+
+    def fit(points: NDArray[np.float32], size: tuple[float, float, float], seed: int) -> CuboidFit:
+        fits[points.tobytes()] += 1
+        return fit_cuboid(points, size, seed)
+
+    def read(path: Path, unit: str) -> NDArray[np.float32]:
+        reads[path] += 1
+        return read_measured(path, unit)
+
+    monkeypatch.setattr(evaluation, "read_measured", read)
+    monkeypatch.setattr(evaluation, "fit_cuboid", fit)
+    words = ["validate", "cuboid", *map(str, paths), "--size", "300x200x400", "--sensor", "S1", "--sensor", "S2"]
+    result = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert reads == Counter(paths)
+    assert fits == Counter([cloud.tobytes() for cloud in (*clouds, np.concatenate(clouds))])
 
 
 @pytest.mark.slow

@@ -13,11 +13,11 @@ from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import read_depth
 from recon.validation.clouds import FitError
-from recon.validation.curves import inlier_curve
+from recon.validation.measures import inlier_ratios
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.kernels import tukey_sums
 from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
+from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 
 RADIUS = 150.0
 
@@ -73,9 +73,9 @@ def test_errors_are_distances_to_the_centre_minus_the_radius() -> None:
     assert np.allclose(fit.errors(points), expected, atol=1e-3)
 
 
-def test_the_curve_counts_both_sides_and_the_threshold_itself() -> None:
-    curve = inlier_curve(np.array([-5.0, 5.0, 6.0, -20.0]), [5, 12.5, 100])
-    assert curve.tolist() == [0.5, 0.75, 1.0]
+def test_ratios_count_both_sides_and_the_threshold_itself_at_that_of_the_table_and_on_the_curve() -> None:
+    ratios = inlier_ratios(np.array([-5.0, 5.0, 6.0, -20.0]), [5, 12.5, 100])
+    assert ratios.tolist() == [0.75, 0.5, 0.75, 1.0]
 
 
 def test_a_sphere_among_walls_is_found() -> None:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import csv
 import html
 import json
+import weakref
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from recon.capture.format import Capture, read_frame
@@ -25,13 +30,15 @@ from recon.pipeline.stages import ReconstructOptions
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import FitError, named_clouds, read_measured
 from recon.validation.page import curve_chart, write_figure
+from recon.validation.sphere import reconstruction
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
-from recon.validation.sphere.methods import SphereSettings
+from recon.validation.sphere.methods import METHODS
+from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
-from recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 from recon.validation.sphere.visibility import missing_share
+from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 
 SETTINGS = SphereSettings(150.0, (5.0, 12.5, 50.0))
 SENSORS = ("S1", "S2", "S3")
@@ -67,7 +74,7 @@ def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
 @pytest.mark.slow
 def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
     paths = write_caps(tmp_path)
-    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
+    report, _ = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
     for row in report["reconstructions"]:
         place = np.random.default_rng(row["sample"] - 1).uniform(-300, 300, 3)
         errors = np.linalg.norm(read_measured(Path(row["file"])) - place, axis=1) - 150
@@ -79,7 +86,7 @@ def test_ratios_are_those_of_the_known_centre(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None:
-    report = measure_spheres(named_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
+    report, _ = measure_spheres(named_clouds(write_caps(tmp_path), SENSORS), SETTINGS)
     for sensor in (*SENSORS, "combined"):
         rows = [row for row in report["curve"] if row["sensor"] == sensor and row["subset"] == "used"]
         assert [row["inliers"] for row in rows] == sorted(row["inliers"] for row in rows)
@@ -90,13 +97,13 @@ def test_the_curve_never_falls_and_the_interval_holds_it(tmp_path: Path) -> None
 @pytest.mark.parametrize("spoil", ["wedge", "patch", "pushed"])
 def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Path, spoil: str) -> None:
     clouds = named_clouds(write_caps(tmp_path, 1, (0, 1), spoil), SENSORS)
-    report = measure_spheres(clouds, SETTINGS)
+    report, _ = measure_spheres(clouds, SETTINGS)
     assert [row["name"] for row in report["excluded"]] == ["1/S2"]
     assert report["excluded"][0]["reasons"]
     used = {row["sensor"] for row in report["table"] if row["subset"] == "used"}
     assert "S2" not in used
     assert "S2" in {row["sensor"] for row in report["table"] if row["subset"] == "all"}
-    kept = measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2",)))
+    kept, _ = measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2",)))
     assert kept["excluded"] == []
     assert next(row for row in kept["reconstructions"] if row["name"] == "1/S2")["reasons"]
 
@@ -161,7 +168,7 @@ def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out
     bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
     capture = import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
     clouds = named_clouds(semi_global_clouds(capture, tmp_path), ("S1",))
-    report = measure_spheres(clouds, SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    report, _ = measure_spheres(clouds, SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
     assert report["failed"] == []
     assert [row["name"] for row in report["excluded"]] == ["3/S1"]
     assert all(row["remarks"] for row in report["reconstructions"][:2])
@@ -178,8 +185,8 @@ def test_of_real_shots_of_a_ball_by_our_matchers_the_bad_one_is_flagged_with_num
     reconstruct(tmp_path / "capture", tmp_path / "run", options)
     clouds = named_clouds([tmp_path / "run" / View(method, "S1", shot).cloud for shot in range(4)], ("S1",))
     settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
-    report = measure_spheres(clouds, settings)
-    page = write_sphere_report(report, tmp_path / "report").read_text(encoding="utf-8")
+    report, pictured = measure_spheres(clouds, settings)
+    page = write_sphere_report(report, pictured, tmp_path / "report").read_text(encoding="utf-8")
     flagged = {row["name"]: row["remarks"] for row in report["flagged"]}
     assert any(remark.startswith("without its inner or outer half") for remark in flagged["3/S1"])
     assert any("of the ball's picture there are no points" in remark for remark in flagged["3/S1"])
@@ -204,7 +211,7 @@ def test_what_a_sensor_leaves_out_of_the_balls_picture_is_told() -> None:
 
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
     clouds = named_clouds(write_caps(tmp_path, 1), SENSORS)
-    report = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))
+    report, _ = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))
     assert report["excluded"] == [{"name": "1/S3", "reasons": ["left out on request"]}]
     with pytest.raises(ValueError, match="no reconstruction 9/S1"):
         measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("9/S1",)))
@@ -214,7 +221,7 @@ def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
 def test_a_cloud_without_a_sphere_is_a_failure_beside_the_others(tmp_path: Path) -> None:
     paths = write_caps(tmp_path, 1)
     np.savetxt(paths[1], np.random.default_rng(0).uniform(-300, 300, (5000, 3)))
-    report = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
+    report, _ = measure_spheres(named_clouds(paths, SENSORS), SETTINGS)
     assert report["failed"] == ["1/S2"]
     with pytest.raises(FitError, match="no sphere was found in any of 1 clouds"):
         measure_spheres(named_clouds(paths[1:2], ()), SETTINGS)
@@ -231,8 +238,8 @@ def test_an_unreadable_cloud_is_named(tmp_path: Path, content: str, suffix: str)
 
 @pytest.mark.slow
 def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
-    report = measure_spheres(named_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
-    page = write_sphere_report(report, tmp_path / "out").read_text(encoding="utf-8")
+    report, pictured = measure_spheres(named_clouds(write_caps(tmp_path, 1), SENSORS), SETTINGS)
+    page = write_sphere_report(report, pictured, tmp_path / "out").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "out/report.json").read_text())["table"] == report["table"]
     with (tmp_path / "out/sensors.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(report["table"])
@@ -252,6 +259,61 @@ def test_the_curves_legend_names_each_sensor_once(tmp_path: Path) -> None:
     ]
     svg = write_figure(tmp_path / "curve", curve_chart(rows))
     assert (svg.count(">S1<"), svg.count(">combined<")) == (1, 1)
+
+
+def test_the_command_reads_each_cloud_once_and_fits_each_choice_of_sensors_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = write_caps(tmp_path, 2, (0, 1), "pushed")
+    clouds = [read_measured(path) for path in paths]
+    together = [clouds[:3], clouds[3:], [clouds[0], clouds[2]]]  # the last without the one that is left out
+    reads, fits = Counter[Path](), Counter[bytes]()
+
+    def counted(fit: Callable[..., Any]) -> Callable[..., Any]:
+        def count_and_fit(points: NDArray[np.float32], *others: object) -> object:
+            fits[points.tobytes()] += 1
+            return fit(points, *others)
+
+        return count_and_fit
+
+    def read_text(path: Path, encoding: str | None = None, errors: str | None = None) -> str:
+        reads[path] += 1
+        return path.read_bytes().decode(encoding or "utf-8", errors or "strict")
+
+    monkeypatch.setattr(Path, "read_text", read_text)
+    monkeypatch.setattr(reconstruction, "refine_sphere", counted(reconstruction.refine_sphere))
+    monkeypatch.setitem(METHODS, "robust", counted(METHODS["robust"]))
+    sensors = [word for sensor in SENSORS for word in ("--sensor", sensor)]
+    arguments = ["validate", "sphere", *map(str, paths), "--radius", "150", *sensors, "-o", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "left out: 1/S2" in result.output
+    assert [reads[path] for path in paths] == [1] * len(paths)
+    assert fits == Counter([cloud.tobytes() for cloud in (*clouds, *map(np.concatenate, together))])
+
+
+def test_points_that_neither_a_fit_nor_a_picture_needs_are_let_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held: list[weakref.ref[NDArray[np.float32]]] = []
+
+    def read(path: Path, unit: str) -> NDArray[np.float32]:
+        points = read_measured(path, unit)
+        held.append(weakref.ref(points))
+        return points
+
+    def count(_what: str, _done: int, _total: int) -> None:
+        n_held.append(sum(points() is not None for points in held))
+
+    n_held: list[int] = []
+    monkeypatch.setattr(reconstruction, "read_measured", read)
+    clouds = named_clouds(write_caps(tmp_path, 8, (1, 0), "pushed"), SENSORS)
+    report, pictured = measure_spheres(clouds, SETTINGS, count)
+    assert [row["name"] for row in report["excluded"]] == ["2/S1"]
+    assert len(held) == 24
+    assert max(n_held) == 15  # those of twelve pictures, and the sample in hand
+    assert [sphere.file.name for sphere in pictured[:2]] == ["2/S1", "1/S1"]
+    assert all(len(sphere.points) for sphere in pictured)
 
 
 @pytest.mark.slow
@@ -278,7 +340,7 @@ def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path:
     path = tmp_path / "scene.xyz"
     np.savetxt(path, np.concatenate([points - centre, wall]))
     settings = SphereSettings(150.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 2500.0)})
-    (row,) = measure_spheres(named_clouds([path], ()), settings)["reconstructions"]
+    (row,) = measure_spheres(named_clouds([path], ()), settings)[0]["reconstructions"]
     behind = np.hypot(wall[:, 0], wall[:, 1]) < 4000 * np.tan(np.arcsin(150 / 2500))
     assert row["n_points"] == pytest.approx(6000 + behind.sum(), abs=3)
     with pytest.raises(ValueError, match="inside the fitted sphere"):

@@ -1,0 +1,136 @@
+"""Reconstructions of a placed ball: each read and fitted once, then all of them against one sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.clouds import CloudFile, FitError, read_measured
+from recon.validation.measures import TABLE_THRESHOLD, inlier_ratios
+from recon.validation.sampling import subsample
+from recon.validation.sphere.exclusion import Parts, examine_parts
+from recon.validation.sphere.methods import METHODS
+from recon.validation.sphere.model import SphereFit, SphereParameters, SphereSettings, surface_share
+from recon.validation.sphere.refinement import refine_sphere
+from recon.validation.sphere.visibility import meets_sphere, missing_share
+
+
+def _no_points() -> NDArray[np.float32]:
+    return np.zeros((0, 3), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSphere:
+    """One reconstruction of a placed ball, and what its fit says of it.
+
+    Parameters
+    ----------
+    file : where it comes from
+    n_points : how many of its points count
+    fit : the sphere; None where there is none, and `failure` says why
+    parts : what the parts of its surface say about the fit
+    ratios : float64 (1 + T,), from `inlier_ratios`
+    columns : numbers of the fit in the report
+    points : float32 (N, 3), mm, all that the file holds; empty once nothing needs them
+    counted : float32 (M, 3), mm, those whose errors count; empty once nothing needs them
+    """
+
+    file: CloudFile
+    n_points: int
+    fit: SphereFit | None = None
+    parts: Parts | None = None
+    ratios: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    columns: Mapping[str, Any] = field(default_factory=dict)
+    points: NDArray[np.float32] = field(default_factory=_no_points)
+    counted: NDArray[np.float32] = field(default_factory=_no_points)
+    failure: str = ""
+
+    def without_points(self) -> MeasuredSphere:
+        return replace(self, points=_no_points(), counted=_no_points())
+
+
+def fitted(results: Iterable[MeasuredSphere]) -> list[MeasuredSphere]:
+    """Return the reconstructions in which a sphere was found."""
+    return [result for result in results if result.fit is not None]
+
+
+def measure_reconstruction(file: CloudFile, settings: SphereSettings) -> MeasuredSphere:
+    """Read a cloud, fit its sphere, and examine the parts of its surface.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read or measured; that it holds no sphere is a result.
+    """
+    try:
+        points = counted = read_measured(file.path, settings.unit)
+        fit, missing = METHODS[settings.method](points, settings.radius, settings.seed), None
+        if file.sensor in settings.viewpoints:
+            viewpoint = np.asarray(settings.viewpoints[file.sensor])
+            counted = points[meets_sphere(points, viewpoint, fit.centre, fit.radius)]
+            fit = replace(fit, surface_share=surface_share(counted, fit))
+            missing = missing_share(counted, viewpoint, fit.centre, fit.radius)
+        parts = examine_parts(counted, fit, SphereParameters(seed=settings.seed))
+    except FitError as error:
+        return MeasuredSphere(file, len(counted), failure=str(error))
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(file.path)) else f"{file.path}: {text}") from error
+    errors = fit.errors(counted)
+    ratios = inlier_ratios(errors, settings.thresholds)
+    return MeasuredSphere(
+        file, len(counted), fit, parts, ratios, _columns(fit, parts, errors, missing), points, counted
+    )
+
+
+def combined_ratios(spheres: Sequence[MeasuredSphere], settings: SphereSettings) -> list[NDArray[np.float64]]:
+    """Return the inlier ratios (1 + T,) of all points of one placed ball against one sphere; none without a sphere.
+
+    Sensors that do not agree on the ball's place count as errors.
+    """
+    if len(spheres) < 2:
+        return [sphere.ratios for sphere in spheres]
+    return [inlier_ratios(_combined_errors(spheres, settings), settings.thresholds)]
+
+
+def _combined_errors(spheres: Sequence[MeasuredSphere], settings: SphereSettings) -> NDArray[np.float32]:
+    """Return the errors (N,) of all points to the sphere that suits them together; each sensor weighs about as much.
+
+    Where no sphere suits them, the errors are to the one in the middle of the sensors' centres.
+    """
+    clouds = [sphere.counted for sphere in spheres]
+    middle = np.median([sphere.columns["centre_mm"] for sphere in spheres], axis=0)
+    even = np.concatenate([subsample(cloud, settings.seed) for cloud in clouds])
+    try:
+        fit = refine_sphere(even, middle, settings.radius, SphereParameters(seed=settings.seed))
+    except FitError:
+        offsets = [cloud - middle.astype(np.float32) for cloud in clouds]
+        return np.concatenate([np.linalg.norm(offset, axis=1) - np.float32(settings.radius) for offset in offsets])
+    return np.concatenate([fit.errors(cloud) for cloud in clouds])
+
+
+def _columns(fit: SphereFit, parts: Parts, errors: NDArray[np.float32], missing: float | None) -> dict[str, Any]:
+    """Return the numbers of a fit in the report's words."""
+    is_inlier = np.abs(errors) <= TABLE_THRESHOLD
+    return {
+        "centre_mm": [round(float(value), 4) for value in fit.centre],
+        "free_radius_mm": fit.free_radius,
+        "scale_mm": fit.scale,
+        "coverage": fit.coverage,
+        "surface_share": fit.surface_share,
+        "missing_share": missing,
+        "sector_shift_mm": parts.sector_shift,
+        "ring_shift_mm": parts.ring_shift,
+        "coherent_error_mm": parts.coherent_error,
+        "median_error_mm": float(np.median(errors)),
+        "rms_inliers_mm": _rms(errors[is_inlier]),
+        "inliers": float(np.mean(is_inlier)),
+    }
+
+
+def _rms(errors: NDArray[np.float32]) -> float | None:
+    return float(np.sqrt(np.mean(errors.astype(np.float64) ** 2))) if len(errors) else None
