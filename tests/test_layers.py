@@ -43,7 +43,7 @@ FLOORS = {
 RANKS = {
     package: {room: rank for rank, floor in enumerate(floors) for room in floor} for package, floors in FLOORS.items()
 }
-WITHOUT_CIRCLES = ["app", "app/store", "app/web", "recon", "recon/capture"]
+WITHOUT_CIRCLES = ["app", "app/store", "app/web", "recon", "recon/capture", "recon/validation"]
 EASY_TO_WALK = ["app", "app/web", "recon/capture", "recon/validation"]
 MOST_ROOMS = 15
 
