@@ -8,8 +8,19 @@ import os
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
+
+
+def packaged(name: str) -> Path:
+    """Find a file or folder of the program: inside the package, where a wheel has it, or beside it in a checkout.
+
+    `templates`, `static` and `migrations` are the folders that a wheel has inside (setup.py puts them there).
+    """
+    package = Path(str(files("app")))
+    inside = package / name
+    return inside if inside.exists() else package.parent / name
 
 
 @contextmanager

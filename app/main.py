@@ -22,6 +22,7 @@ from sse_starlette.sse import AppStatus
 from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
+from app.files import packaged
 from app.films.object_store import MediaStore
 from app.operations.leftovers import remove_leftovers
 from app.operations.manage import open_store
@@ -59,7 +60,6 @@ from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
 
-ROOT = Path(__file__).parent.parent
 START_TIMEOUT_S = 30
 GARBAGE_AFTER = 20_000  # objects more than before; after 700 of them, as Python does, it is a sixteenth of an answer
 UVICORN_OPTIONS: dict[str, Any] = {
@@ -141,7 +141,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         pages.router,
     ):
         app.include_router(router)
-    app.mount("/static", StaticFiles(directory=ROOT / "static"), name="static")
+    app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app)
     describe(app)
     is_https = settings.secure_cookies
@@ -268,11 +268,11 @@ def _address(bound: Any) -> str:
 
 def _environment() -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(ROOT / "templates"),
+        loader=FileSystemLoader(packaged("templates")),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["has_browser_packages"] = (ROOT / "static" / "vendor" / "htmx.min.js").is_file()
+    environment.globals["has_browser_packages"] = (packaged("static") / "vendor" / "htmx.min.js").is_file()
     return environment

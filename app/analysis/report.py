@@ -32,9 +32,8 @@ from app.analysis.charts import (
 from app.analysis.reading import read_votes
 from app.analysis.report_sections import sections
 from app.analysis.settings import AnalysisSettings
-from app.files import write_bytes, write_json, write_text
+from app.files import packaged, write_bytes, write_json, write_text
 
-TEMPLATES = Path(__file__).parents[2] / "templates" / "analysis"
 ITEMS_IN_A_TABLE = 60
 
 ROUNDING = 1e-12  # smaller numbers are rounding errors of zero
@@ -190,7 +189,7 @@ def _write_figure(name: str, caption: str, chart: Any, out: Path) -> dict[str, s
 
 def _environment(name: str) -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
+        loader=FileSystemLoader(packaged("templates/analysis")),
         autoescape=name.endswith(".html"),
         undefined=StrictUndefined,
         keep_trailing_newline=True,

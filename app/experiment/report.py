@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.correlation import spearman
 from app.experiment.sections import Results, experiment_sections, order_text, screened_out
 from app.experiment.study import OBJECTIVE_FILE, StudyPart
-from app.files import read_json, write_json, write_text
+from app.files import packaged, read_json, write_json, write_text
 
-TEMPLATES = Path(__file__).parents[2] / "templates"
-PUBLISHED = Path(__file__).parent / "paper.toml"
+PUBLISHED = "experiment/paper.toml"
 QUESTIONS = {
     "all": "Approaches, best first",
     "depth": "Depth methods, best first",
@@ -38,7 +36,7 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
     ----------
     name : of the scale, "small" or "full"
     """
-    published = tomllib.loads(PUBLISHED.read_text(encoding="utf-8"))
+    published = tomllib.loads(packaged(PUBLISHED).read_text(encoding="utf-8"))
     checks = conclusions(results)
     parts = list(experiment_sections(results, published))
     content = {
@@ -50,7 +48,7 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
         "lead": _lead(results, name),
     }
     environment = Environment(
-        loader=FileSystemLoader([TEMPLATES / "experiment", TEMPLATES / "analysis"]),
+        loader=FileSystemLoader([packaged("templates/experiment"), packaged("templates/analysis")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
@@ -11,9 +9,8 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection
 
 from app.errors import UnavailableError
+from app.files import packaged
 from app.store.engine import Database
-
-ROOT = Path(__file__).parent.parent.parent
 
 
 def upgrade(database: Database) -> str:
@@ -60,4 +57,8 @@ def newest_version() -> str:
 
 
 def _config() -> Config:
-    return Config(ROOT / "alembic.ini")
+    """Make the settings of Alembic; alembic.ini is for its own command line, which only developers use."""
+    config = Config()
+    config.set_main_option("script_location", str(packaged("migrations")).replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    return config

@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import logging
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
+from app.files import packaged
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
 from app.web.form_token import entry_token, is_own_form, remember_entry
@@ -23,7 +23,7 @@ from app.web.participant.bodies import FILM_TYPES
 from app.web.participant.session import remember
 from app.web.throttle import WRONG_CODES
 
-TEXTS = Path(__file__).parents[3] / "templates" / "participant" / "texts"
+TEXTS = "templates/participant/texts"
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
 STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "paused": 403, "closed": 403}
@@ -131,10 +131,10 @@ def _weighted(entry: str) -> tuple[float, str]:
 @cache
 def languages() -> dict[str, str]:
     """What each language calls itself, by its tag: one file each."""
-    return {file.stem: texts_in(file.stem)["language"] for file in sorted(TEXTS.glob("*.json"))}
+    return {file.stem: texts_in(file.stem)["language"] for file in sorted(packaged(TEXTS).glob("*.json"))}
 
 
 @cache
 def texts_in(language: str) -> dict[str, Any]:
-    texts: dict[str, Any] = json.loads((TEXTS / f"{language}.json").read_text(encoding="utf-8"))
+    texts: dict[str, Any] = json.loads((packaged(TEXTS) / f"{language}.json").read_text(encoding="utf-8"))
     return texts

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
@@ -29,13 +28,14 @@ from sqlalchemy import (
 )
 
 from app.store.engine import Database, open_database
-from app.store.migrate import ROOT, newest_version, upgrade, upgrade_within, version_of, why_not_ready
+from app.store.migrate import newest_version, revisions, upgrade, upgrade_within, version_of, why_not_ready
 from app.store.participants import exclusion_records
 from app.store.studies import study_by_slug
 from app.store.tables import metadata
 from app.study.options import StudyOptions, parse_options
 
-REVISIONS = [script.revision for script in ScriptDirectory(ROOT / "migrations").walk_revisions()][::-1]
+ROOT = Path(__file__).parents[3]
+REVISIONS = revisions()[::-1]
 CHECKED = {
     "study.state": "open",
     "assignment.a_half": "top",
@@ -93,10 +93,8 @@ def test_a_new_database_is_not_ready(tmp_path: Path) -> None:
 @pytest.mark.parametrize("revision", REVISIONS[:-1])
 def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str], revision: str) -> None:
     database = open_database(new_database_url())
-    config = Config(ROOT / "alembic.ini")
     with database.writing() as connection:
-        config.attributes["connection"] = connection
-        command.upgrade(config, revision)
+        upgrade_within(connection, revision)
         before = {table.name: insert_some_row(connection, table) for table in tables_of(connection)}
     upgrade(database)
     with database.reading() as connection:
@@ -154,6 +152,11 @@ def some_value(column: Column[Any]) -> Any:
         return name[: column.type.length]
     kinds = {Boolean: True, Integer: 1, Float: 1.5, DateTime: datetime(2026, 1, 1, tzinfo=UTC), JSON: {}}
     return next(value for kind, value in kinds.items() if isinstance(column.type, kind))
+
+
+def test_developers_and_the_server_mean_the_same_migrations() -> None:
+    scripts = ScriptDirectory.from_config(Config(ROOT / "alembic.ini"))
+    assert [script.revision for script in scripts.walk_revisions()] == revisions()
 
 
 def test_migrations_go_forward_only() -> None:
