@@ -172,7 +172,7 @@ def _connected(address: str) -> Iterator[Client]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise ValueError("a cluster needs the extra 'cluster': pip install 'reconstudy[cluster]'") from error
+        raise ValueError(f"{address}: a cluster needs an extra package: {error}") from error
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -7,40 +7,47 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
 from app.cli import analysis, experiments, server, studies
+from app.cli.extras import missing_extra
 from app.errors import StudyError
 from recon.cli.main import app as recon_app
 
-BACKEND_PACKAGES = ("cv2", "numba", "pyrender", "skimage", "trimesh")
-
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Objective and subjective evaluation of multi-stereo 3D reconstruction.",
-)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 for part in (recon_app, experiments.app, studies.app, server.app, analysis.app):
     app.add_typer(part)
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        print(f"reconstudy {version('reconstudy')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Objective and subjective evaluation of multi-stereo 3D reconstruction."""
 
 
 def main() -> None:
     """Run the command line; exits with 0 when done, 1 with a sentence that says what failed, 2 after wrong use."""
     try:
         app()
-    except ModuleNotFoundError as error:
-        if error.name not in BACKEND_PACKAGES:
-            raise
-        _fail(
-            f"this command needs the reconstruction backend ({error.name} is missing): pip install 'reconstudy[recon]'"
-        )
     except KeyboardInterrupt:
         _fail("interrupted", code=130)
-    except (ValueError, OSError, RuntimeError) as error:
-        if "RECONSTUDY_DEBUG" in os.environ:
+    except (ImportError, ValueError, OSError, RuntimeError) as error:
+        advice = missing_extra(error)
+        if "RECONSTUDY_DEBUG" in os.environ or (advice is None and isinstance(error, ModuleNotFoundError)):
             raise
-        _fail(str(error))
+        _fail(f"{error}; {advice}" if advice else str(error))
     except StudyError as error:
         _fail(error.detail)
 

@@ -36,7 +36,7 @@ class MediaStore:
         try:
             self._files, self._folder = fsspec.core.url_to_fs(self.url)
         except (ImportError, ValueError) as error:
-            raise ValueError(f"RECONSTUDY_MEDIA_URL={url}: {error}; for s3:// pip install 'reconstudy[s3]'") from error
+            raise ValueError(f"RECONSTUDY_MEDIA_URL={url}: {error}") from error
         try:
             self.address("probe")
         except NotImplementedError as error:

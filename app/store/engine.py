@@ -193,7 +193,7 @@ def _postgresql(address: URL, **pool: int) -> Engine:
             **pool,
         )
     except ModuleNotFoundError as error:
-        raise ValueError(f"{address}: PostgreSQL needs an extra package: pip install 'reconstudy[postgres]'") from error
+        raise ValueError(f"{address}: PostgreSQL needs an extra package: {error}") from error
 
 
 def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:

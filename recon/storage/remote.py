@@ -142,8 +142,8 @@ def _files(url: str) -> tuple[Any, str]:
 
     try:
         files, name = fsspec.core.url_to_fs(url, use_listings_cache=False)
-    except (ImportError, ValueError) as error:
-        raise ValueError(f"{url}: {error}; for s3:// pip install 'reconstudy[s3]'") from error
+    except ValueError as error:
+        raise ValueError(f"{url}: {error}") from error
     return files, name
 
 
@@ -165,7 +165,7 @@ def _naming(url: str) -> Iterator[None]:
         yield
     except FileNotFoundError as error:
         raise ValueError(f"{url}: there is no such file") from error
-    except ValueError:
+    except (ValueError, ImportError):  # the latter: a package for this kind of address is missing
         raise
     except Exception as error:
         raise OSError(f"{url}: {error}; look at the address, the keys, and whether the store answers") from error

@@ -183,9 +183,9 @@ def test_another_kind_of_database_is_refused() -> None:
         open_database("mysql://somewhere/study")
 
 
-def test_who_lacks_the_driver_of_postgresql_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_lacks_the_driver_of_postgresql_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
-    with pytest.raises(ValueError, match=r"reader:\*\*\*@host.*pip install 'reconstudy\[postgres\]'"):
+    with pytest.raises(ValueError, match=r"reader:\*\*\*@host.*an extra package.*psycopg"):
         open_database("postgresql://reader:secret@host/study")
 
 
