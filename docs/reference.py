@@ -1,4 +1,4 @@
-"""Pages that are made from the code when the documentation is built: the front page, every command, every setting."""
+"""Pages that the documentation takes from elsewhere: the repository's own, every command and every setting."""
 
 from __future__ import annotations
 
@@ -13,20 +13,28 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parent.parent
+REPOSITORY_PAGES = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "security.md": "SECURITY.md",
+    "changelog.md": "CHANGELOG.md",
+}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
-    for name, content in (("index.md", front_page()), ("commands.md", commands()), ("settings.md", settings())):
+    pages = {name: repository_page(source) for name, source in REPOSITORY_PAGES.items()}
+    for name, content in {**pages, "commands.md": commands(), "settings.md": settings()}.items():
         files.append(File.generated(config, name, content=content))
     return files
 
 
-def front_page() -> str:
-    """README, with its links to other pages as seen from here."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    text = re.sub(r"\]\(docs/", "](", text)
-    return text.replace("](LICENSE)", "](https://opensource.org/license/mit)")
+def repository_page(name: str) -> str:
+    """A page of the repository's top folder, with its links as seen from here."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for page, source in REPOSITORY_PAGES.items():
+        text = text.replace(f"]({source})", f"]({page})")
+    return re.sub(r"\]\(docs/", "](", text).replace("](LICENSE)", "](https://opensource.org/license/mit)")
 
 
 def commands() -> str:

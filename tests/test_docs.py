@@ -17,7 +17,7 @@ from app.cli import app
 from app.settings import Settings
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
 
 
@@ -97,4 +97,5 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_set
 
 def test_every_page_stands_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    assert [page.name for page in PAGES if page.name != "README.md" and f": {page.name}" not in navigation] == []
+    names = {page.name.lower() for page in PAGES} - {"readme.md"}
+    assert {name for name in names if f": {name}" not in navigation} == set()

@@ -133,6 +133,13 @@ def test_the_program_runs_from_the_wheel_and_has_no_packages_but_its_own(server:
     assert server.run("python", "-c", others).strip() == "[]"
 
 
+def test_the_documentation_names_the_wheel_that_is_built(wheels: Path) -> None:
+    (wheel,) = wheels.iterdir()
+    for page in ("README.md", "docs/operations.md"):
+        named = set(re.findall(r"reconstudy-[\w.-]+\.whl", (ROOT / page).read_text(encoding="utf-8")))
+        assert named == {wheel.name}
+
+
 def test_it_tells_its_version(server: Installed) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert server.run("reconstudy", "--version") == f"reconstudy {project['version']}\n"

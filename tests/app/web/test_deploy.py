@@ -30,6 +30,15 @@ def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
     assert verified(tmp_path, UNIT.read_text(encoding="utf-8")) == []
 
 
+def test_the_unit_starts_what_the_documentation_installs() -> None:
+    """By commands that make the program's environment and fill it."""
+    installs = (UNIT.parents[1] / "docs" / "operations.md").read_text(encoding="utf-8")
+    environment = PROGRAM.removesuffix("/bin/reconstudy")
+    assert f"python3 -m venv {environment}\n" in installs
+    assert f"{environment}/bin/pip install --no-deps reconstudy-" in installs
+    assert UNIT.read_text(encoding="utf-8").count(f"={PROGRAM} ") == 2
+
+
 def test_systemd_would_find_a_wrong_key(tmp_path: Path) -> None:
     (complaint,) = verified(tmp_path, UNIT.read_text(encoding="utf-8").replace("Restart=", "Restrat="))
     assert "Restrat" in complaint
