@@ -31,9 +31,10 @@ CMD ["serve", "--host", "0.0.0.0"]
 
 FROM server AS recon
 USER 0
-# Offscreen OpenGL for the videos, and what Open3D is linked to.
+# Offscreen OpenGL for the videos, what Open3D is linked to (libgl1, libidn2, libusb), and numba's threads (libgomp1).
 # hadolint ignore=DL3008
-RUN apt-get update && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libgomp1 libusb-1.0-0 \
+RUN apt-get update \
+  && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libgomp1 libidn2-0 libusb-1.0-0 \
   && rm -rf /var/lib/apt/lists/*
 COPY requirements-recon.lock /locks/
 RUN pip install --no-cache-dir --require-hashes -r /locks/requirements-server.lock -r /locks/requirements-recon.lock

@@ -57,6 +57,14 @@ def test_every_package_is_installed_by_its_hash_or_is_our_wheel(stage: str) -> N
             assert words[-1] == "/wheels/*.whl"
 
 
+def test_the_reconstruction_has_the_system_packages_of_a_developers_machine() -> None:
+    (command,) = arguments_of("recon", "RUN", "apt-get install")
+    packages = re.findall(r"\blib[\w.-]+", command.split("&&")[1])
+    (developers,) = re.findall(r"^packages=\((.*)\)$", (ROOT / "setup.sh").read_text(encoding="utf-8"), re.MULTILINE)
+    assert packages
+    assert set(packages) <= set(developers.split())
+
+
 @pytest.mark.parametrize("stage", IMAGES)
 def test_an_image_does_not_run_as_root(stage: str) -> None:
     assert arguments_of(stage, "USER")[-1] not in ("0", "root")
