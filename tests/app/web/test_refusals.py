@@ -134,7 +134,7 @@ def test_forged_ids_and_used_invitations_leave_an_entry(
     forged = participant.put("/api/v1/session/trials/no-such-trial/vote", json=body, headers=ELSEWHERE)
     assert forged.status_code == 404
     with signed_in(server, settings, "Auditor", "experimenter") as dashboard:
-        dashboard.headers |= ELSEWHERE
+        dashboard.headers.update(ELSEWHERE)
         assert dashboard.get(f"/admin/studies/{study['slug']}/participants/P999").status_code == 404
         log = dashboard.get("/admin/audit?search=not+found").text
     assert "P999" in log
