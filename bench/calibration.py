@@ -33,7 +33,7 @@ from recon.studio.rigs import Field, arc_rig
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.recon.capture.calibration.board_pictures import board_picture, board_pose, project, relative_error
-from tests.recon.capture.masks.strokes import SIDES, intersection_over_union, write_strokes
+from tests.recon.capture.masks.drawn_scribbles import SIDES, intersection_over_union, write_strokes
 
 Seen = dict[str, Corners]
 BOARDS = {"ChArUco": "charuco:14x10:50:37", "chessboard": "chessboard:14x9:50"}

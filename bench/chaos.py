@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
-from tests.seeding import seed_voters
+from tests.browser.crashing_tabs import compare, vote_in_chaos
+from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer
-from tests.tab_chaos import compare, vote_in_chaos
 
 N_VOTERS = 10
 

@@ -24,6 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from random import Random
@@ -37,14 +38,16 @@ from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import trial, vote
 from tests import sqlite_disk
+from tests.app.web.vote_senders import Letter, Tally, letters_of, send_all
 from tests.postgresql import PostgresServer
-from tests.seeding import seed_voters
+from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer
-from tests.voters import Letter, Tally, letters_of, send_all
 
 N_VOTERS = 20
 LONGEST_S = 900
 AWAY_S = 1.0
+RETRY_S = 0.02
+JUMPING_CLOCK = ("--first", "bench.server_changes:jumping_clock")
 FULL_BYTES = 60_000  # less than the log of a few votes
 
 Rows = Iterator[tuple[str, Callable[[], dict[str, Any]]]]
@@ -76,7 +79,8 @@ def run_under(
     with ThreadPoolExecutor() as pool:
         disturbance = pool.submit(disturb)
         try:
-            sending = send_all(port, bundles, repeat=repeat, rng=rng, timeout_s=LONGEST_S, tally=tally)
+            again = partial(asyncio.sleep, RETRY_S)
+            sending = send_all(port, bundles, again, repeat=repeat, rng=rng, timeout_s=LONGEST_S, tally=tally)
             asyncio.run(sending)
         finally:
             has_ended.set()
@@ -117,11 +121,6 @@ def under(
         again = asyncio.run(send_all(server.port, bundles, timeout_s=LONGEST_S))
     assert again.statuses.keys() == {200}, f"votes were taken twice: {again.statuses}"
     return {"faults": n_faults, **compare(url, acknowledged), "seconds": round(time.perf_counter() - started, 1)}
-
-
-def kill_server(server: StudyServer) -> None:
-    server.kill()
-    server.wait_until_it_answers()
 
 
 def fill_disk(server: StudyServer) -> None:
@@ -172,10 +171,13 @@ def sqlite_rows(folder: Path, arguments: argparse.Namespace, rng: Random) -> Row
         path = next(paths)
         return under(fault(path), n_faults, f"sqlite:///{path}", n_votes, rng, *options, **kept)
 
-    yield "SQLite, server killed", lambda: row(lambda _: kill_server, arguments.kills)
+    yield "SQLite, server killed", lambda: row(lambda _: StudyServer.kill, arguments.kills)
     yield "SQLite, disk full", lambda: row(lambda _: fill_disk, n_few)
     yield "SQLite, database held", lambda: row(lambda path: lambda _: hold_database(path), n_few)
-    yield "SQLite, clock jumps a day", lambda: row(lambda _: nothing, 0, "--clock-jumps-s", "86400")
+    yield (
+        "SQLite, clock jumps a day",
+        lambda: row(lambda _: nothing, 0, *JUMPING_CLOCK),
+    )
     yield "SQLite, all sent twice", lambda: row(lambda _: nothing, 0, repeat=1.0)
     if sqlite_disk.is_possible():
         yield "SQLite FULL, power cut", lambda: power_cuts(arguments.power_cuts, 500, "FULL", rng)
@@ -195,10 +197,10 @@ def _rows_on(postgres: PostgresServer, arguments: argparse.Namespace, rng: Rando
         url = postgres.new_database(f"faults_{next(numbers)}")
         return under(fault, n_faults, url, n_votes, rng, *options, **kept)
 
-    yield "PostgreSQL, server killed", lambda: row(kill_server, arguments.kills)
+    yield "PostgreSQL, server killed", lambda: row(StudyServer.kill, arguments.kills)
     yield "PostgreSQL killed", lambda: row(lambda _: restart(postgres, 0.0), arguments.kills)
     yield "PostgreSQL away for 1 s", lambda: row(lambda _: restart(postgres, AWAY_S), n_few)
-    yield "PostgreSQL, clock jumps", lambda: row(nothing, 0, "--clock-jumps-s", "86400")
+    yield "PostgreSQL, clock jumps", lambda: row(nothing, 0, *JUMPING_CLOCK)
     yield "PostgreSQL, all sent twice", lambda: row(nothing, 0, repeat=1.0)
 
 

@@ -25,6 +25,7 @@ import importlib.util
 import itertools
 import json
 import math
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -32,7 +33,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection
 from multiprocessing import get_context
 from multiprocessing.sharedctypes import Synchronized
@@ -50,16 +51,18 @@ from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import pair
 from tests import sqlite_disk
+from tests.app.web.vote_senders import Letter, Line, Tally, letters_of, send_all
 from tests.postgresql import PostgresServer
-from tests.seeding import seed_voters
-from tests.study_server import StudyServer, free_port, wait_for_port
-from tests.voters import Letter, Tally, letters_of, send_all, send_at_rate
+from tests.seeded_studies import seed_voters
+from tests.study_server import START_TIMEOUT_S, StudyServer, free_port
 
 AVRATENG_SERVER = Path(__file__).parent / "avrateng.py"
 HTTP, OURS, AVRATENG = "HTTP only, 16", "SQLite, our writer, 16", "as avrateNG, 16"
+A_COMMIT_EACH, NO_DATABASE, SLOW_DISK = (
+    f"bench.server_changes:{name}" for name in ("a_commit_each", "no_database", "slow_disk")
+)
 SLOW_EACH, SLOW_OURS = "slow disk, a commit each, 32", "slow disk, our writer, 32"
 BESIDE, BARE = "300/s beside video", "SQLite, bare commits, 300/s"
-SLOW_MS = 5.0
 VIDEO_BYTES = 15_000_000
 RATE_PER_S = 300.0
 N_WATCHERS, WATCHED_MB_S = 8, 14.1  # a little over the bar
@@ -129,7 +132,7 @@ def load(n_connections: int, n_votes: int, *options: str, url: str | None = None
 def side_by_side(n_votes: int, rng: Random) -> Rows:
     """Our writer and the same server without it, as many votes to each, in turn; half-way avrateNG's way."""
     rows: Rows = {}
-    with running_server(16, n_votes, "--no-database") as http, running_server(16, n_votes) as ours:
+    with running_server(16, n_votes, "--first", NO_DATABASE) as http, running_server(16, n_votes) as ours:
         tallies: dict[str, list[Tally]] = {HTTP: [], OURS: []}
         for number in range(N_BURSTS):
             if number == N_BURSTS // 2 and importlib.util.find_spec("bottle"):
@@ -153,6 +156,18 @@ def as_avrateng(n_votes: int) -> dict[str, Any]:
         finally:
             process.kill()
             process.wait()
+
+
+def wait_for_port(port: int, process: subprocess.Popen[bytes]) -> None:
+    """Wait until a process answers on its port."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while True:
+        with suppress(OSError):
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise RuntimeError(f"the server on port {port} did not start: exit {process.returncode}")
+        time.sleep(0.02)
 
 
 def bare_sqlite(n_rows: int, per_s: float = math.inf) -> dict[str, Any]:
@@ -200,6 +215,27 @@ def _watch_over_a_line(port: int, video: str, n_received: Synchronized[int], fir
             time.sleep(max(0.0, n_read / (1e6 * WATCHED_MB_S) - (time.perf_counter() - started)))
 
 
+async def send_at_rate(port: int, bundles: Sequence[Sequence[Letter]], per_s: float) -> Tally:
+    """Send votes at a rate, each bundle over a connection of its own."""
+    tally, rng = Tally(), Random(1)
+    started = time.perf_counter()
+    pause_s = len(bundles) / per_s
+    async with asyncio.TaskGroup() as group:
+        for number, bundle in enumerate(bundles):
+            group.create_task(_send_slowly(port, bundle, tally, pause_s, rng.uniform(0, pause_s) + 0.001 * number))
+    tally.seconds = time.perf_counter() - started
+    return tally
+
+
+async def _send_slowly(port: int, bundle: Sequence[Letter], tally: Tally, pause_s: float, first_s: float) -> None:
+    line, due = Line(port, tally), time.perf_counter() + first_s
+    for letter in bundle:
+        await asyncio.sleep(max(0.0, due - time.perf_counter()))
+        await line.deliver(letter)
+        due += pause_s
+    await line.close()
+
+
 def beside_video(n_votes: int) -> dict[str, Any]:
     """300 votes a second while browsers fetch films from the same process."""
     with tempfile.TemporaryDirectory() as name:
@@ -231,9 +267,8 @@ def one_round(n_votes: int, rng: Random) -> Rows:
     """What the bars are about."""
     rows = in_calm(lambda: side_by_side(n_votes, rng))
     if sqlite_disk.is_possible():
-        slow = ("--sync-ms", str(SLOW_MS))
-        rows |= one_in_calm(SLOW_EACH, lambda: load(32, max(n_votes // 8, 32), "--batch", "1", *slow))
-        rows |= one_in_calm(SLOW_OURS, lambda: load(32, n_votes, *slow))
+        rows |= one_in_calm(SLOW_EACH, lambda: load(32, max(n_votes // 8, 32), "--first", A_COMMIT_EACH, SLOW_DISK))
+        rows |= one_in_calm(SLOW_OURS, lambda: load(32, n_votes, "--first", SLOW_DISK))
     rows |= one_in_calm(BESIDE, lambda: beside_video(n_votes))
     return rows | one_in_calm(BARE, lambda: bare_sqlite(n_votes, RATE_PER_S))
 
@@ -267,7 +302,7 @@ def once(n_votes: int) -> Rows:
     """What the rest is to be read by."""
     cases: dict[str, Callable[[], dict[str, Any]]] = {
         "SQLite, bare commits": lambda: bare_sqlite(n_votes),
-        "SQLite, a commit each, 16": lambda: load(16, n_votes, "--batch", "1"),
+        "SQLite, a commit each, 16": lambda: load(16, n_votes, "--first", A_COMMIT_EACH),
     }
     with PostgresServer() as postgres:
         names = (f"study{number}" for number in itertools.count())
@@ -276,7 +311,7 @@ def once(n_votes: int) -> Rows:
             return postgres.new_database(next(names))
 
         cases["PostgreSQL, bare commits"] = lambda: bare_postgresql(new(), n_votes)
-        cases["PostgreSQL, a commit each, 16"] = lambda: load(16, n_votes, "--batch", "1", url=new())
+        cases["PostgreSQL, a commit each, 16"] = lambda: load(16, n_votes, "--first", A_COMMIT_EACH, url=new())
         cases["PostgreSQL, our writer, 16"] = lambda: load(16, n_votes, url=new())
         rows: Rows = {}
         for name, case in cases.items():

@@ -10,18 +10,20 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, expect, sync_playwright
+from sqlalchemy import make_url
 
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
 from tests.command_line import Command, command_line
 from tests.postgresql import PostgresServer
 
-settings.register_profile("patient", deadline=None)  # how long an example takes is the machine's business
-settings.load_profile("patient")
+settings.register_profile("no deadline", deadline=None)  # how long an example takes is the machine's business
+settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent
 NUMBERS = count(1)
+BROWSER_TIMEOUT_MS = 60_000
 
 
 @pytest.fixture(scope="session")
@@ -31,6 +33,15 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}; set RECONSTUDY_REAL_DATA to a folder that has them")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Spare every HTTP client the 20 ms of reading certificates: no test speaks TLS."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("SSL_CERT_FILE", raising=False)
+        patch.setenv("SSL_CERT_DIR", str(tmp_path_factory.mktemp("no_certificates")))
+        yield
 
 
 @pytest.fixture
@@ -46,6 +57,7 @@ def browser() -> Iterator[Browser]:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("no Chromium found; `make setup` installs it")
+    expect.set_options(timeout=BROWSER_TIMEOUT_MS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
         yield browser
@@ -68,10 +80,22 @@ def new_database_url(request: pytest.FixtureRequest, tmp_path_factory: pytest.Te
     return lambda: server.new_database(f"test_{next(NUMBERS)}")
 
 
-@pytest.fixture
-def database(new_database_url: Callable[[], str]) -> Iterator[Database]:
-    """A database with all tables and no rows."""
-    database = open_database(new_database_url())
+@pytest.fixture(scope="session")
+def new_migrated_url(request: pytest.FixtureRequest, new_database_url: Callable[[], str]) -> Callable[[], str]:
+    """Gives URLs of databases with all tables and no rows: copies of one, as migrating each takes longer."""
+    template = make_url(new_database_url())
+    database = open_database(template.render_as_string(hide_password=False))
     upgrade(database)
+    database.dispose()
+    if template.get_backend_name() == "sqlite":
+        return lambda: f"sqlite:///{shutil.copy(str(template.database), f'{template.database}-{next(NUMBERS)}')}"
+    server: PostgresServer = request.getfixturevalue("postgres")
+    return lambda: server.new_database(f"test_{next(NUMBERS)}", template=str(template.database))
+
+
+@pytest.fixture
+def database(new_migrated_url: Callable[[], str]) -> Iterator[Database]:
+    """A database with all tables and no rows."""
+    database = open_database(new_migrated_url())
     yield database
     database.dispose()

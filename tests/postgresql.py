@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import signal
 import tempfile
-import time
 import warnings
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import psycopg
 
-DEATH_TIMEOUT_S = 20
+from tests.processes import kill
 
 
 class PostgresServer:
@@ -37,41 +33,19 @@ class PostgresServer:
         self.kill()
         shutil.rmtree(self._folder)
 
-    def new_database(self, name: str) -> str:
-        """Create an empty database; its SQLAlchemy URL."""
+    def new_database(self, name: str, template: str = "template1") -> str:
+        """Create a database, empty or as one that nobody is connected to; its SQLAlchemy URL."""
         with psycopg.connect(self._server.get_uri(), autocommit=True) as connection:
-            connection.execute(f'CREATE DATABASE "{name}"')
+            connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
         return str(self._server.get_uri(database=name, driver="psycopg"))
 
     def kill(self) -> None:
         """Kill every process of the server at once, as a crash of the machine would."""
-        pids = [self._server.get_pid(), *_children(self._server.get_pid())]
-        for pid in pids:
-            _kill(pid)
-        deadline = time.monotonic() + DEATH_TIMEOUT_S
-        while any(_is_alive(pid) for pid in pids):
-            if time.monotonic() > deadline:
-                raise RuntimeError(f"PostgreSQL's processes {pids} did not die within {DEATH_TIMEOUT_S} s")
-            time.sleep(0.01)
+        pid = self._server.get_pid()
+        kill(pid, *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split()))
 
     def start_again(self) -> None:
         """Start the killed server, which recovers from its log; returns when it takes connections."""
         for lock in ("postmaster.pid", ".s.PGSQL.5432", ".s.PGSQL.5432.lock"):
             (self._folder / "data" / lock).unlink(missing_ok=True)  # the dead one's number may still be taken
         self._server.start()
-
-
-def _children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def _kill(pid: int) -> None:
-    with suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False

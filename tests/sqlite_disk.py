@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import mmap
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -60,13 +59,13 @@ class Log:
         self.note(self.end)
 
 
-def install(state: Path | None, delay_s: float = 0.0) -> None:
+def install(state: Path | None, pause: Callable[[], object] = lambda: None) -> None:
     """Watch the write-ahead log of every database that this process opens from now on.
 
     Parameters
     ----------
     state : file that holds how many bytes of the log are safe; it outlives the process
-    delay_s : how much longer each sync takes
+    pause : called in each sync; what is slow here is a slow disk
     """
     log = Log(_noting(state) if state else lambda _end: None)
     library = ctypes.CDLL(ctypes.util.find_library("sqlite3"))
@@ -84,7 +83,7 @@ def install(state: Path | None, delay_s: float = 0.0) -> None:
             pointer = ctypes.cast(file, ctypes.POINTER(ctypes.c_void_p))
             own = pointer[0]
             if own not in methods:
-                methods[own] = _watched(own, log, delay_s)
+                methods[own] = _watched(own, log, pause)
             pointer[0] = ctypes.addressof(methods[own])
         return result
 
@@ -131,7 +130,7 @@ def _noting(state: Path) -> Callable[[int], None]:
     return note
 
 
-def _watched(methods: int, log: Log, delay_s: float) -> Any:
+def _watched(methods: int, log: Log, pause: Callable[[], object]) -> Any:
     """A copy of a table of file functions that tells the log what is written and synced."""
     table = (ctypes.c_void_p * (N_METHODS + 1)).from_buffer_copy(
         (ctypes.c_void_p * (N_METHODS + 1)).from_address(methods)
@@ -144,8 +143,7 @@ def _watched(methods: int, log: Log, delay_s: float) -> Any:
 
     def sync(file: Any, flags: int) -> int:
         result = int(sync_original(file, flags))
-        if delay_s:
-            time.sleep(delay_s)
+        pause()
         log.sync()
         return result
 

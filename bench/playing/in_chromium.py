@@ -21,7 +21,7 @@ from playing.study import Study, dropped, last_viewing, summary
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tests.browser.techniques import MISSING
+from tests.browser.playback_techniques import MISSING
 
 USED, TALL = (1920, 1080), (1920, 2300)  # windows; in the tall one most of the strip that is not shown is seen too
 PAUSES_S = (0.06, 0.10)  # between presses

@@ -16,15 +16,15 @@ from app.main import running_server
 from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from tests.app.intake import clips
-from tests.app.web.admin.dashboard import Dashboard, signed_in
+from tests.app import tiny_stimuli
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
 
 
 @pytest.fixture(scope="session")
 def stimulus_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return clips.write_set(tmp_path_factory.mktemp("set"), ("ball", "box"), clips.APPROACHES)
+    return tiny_stimuli.write_set(tmp_path_factory.mktemp("set"), ("ball", "box"), tiny_stimuli.APPROACHES)
 
 
 @pytest.fixture(scope="session")

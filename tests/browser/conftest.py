@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
+from threading import Condition
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page
 
+from app.errors import StudyError
 from app.main import running_server
 from app.operations.create import create_study
 from app.operations.manage import add_token
 from app.settings import Settings
+from app.store import vote_writer
+from app.store.engine import Database
+from app.store.vote_records import Ballot, KeptVote, keep_votes
 from app.study.options import StudyOptions
-from tests.browser.films import squares, write_films
-from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
+from tests.browser.numbered_films import squares, write_films
+from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
+from tests.conftest import BROWSER_TIMEOUT_MS
 
 VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
 
@@ -31,6 +37,22 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 
 @pytest.fixture(scope="session")
+def votes_kept() -> Iterator[Condition]:
+    """Notified whenever a server of this process has kept votes."""
+    kept = Condition()
+
+    def keep_and_tell(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote | StudyError]:
+        outcomes = keep_votes(database, ballots)
+        with kept:
+            kept.notify_all()
+        return outcomes
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vote_writer, "keep_votes", keep_and_tell)
+        yield kept
+
+
+@pytest.fixture(scope="session")
 def server(settings: Settings) -> Iterator[str]:
     with running_server(settings) as url:
         yield url
@@ -42,7 +64,7 @@ def short_films(films: MakeFilms) -> Path:
 
 
 @pytest.fixture(scope="session")
-def new_study(settings: Settings, server: str) -> NewStudy:
+def new_study(settings: Settings, server: str, votes_kept: Condition) -> NewStudy:
     """Creates studies of three trials."""
     numbers = count(1)
     token = add_token(settings, "browser tests")["token"]
@@ -50,7 +72,7 @@ def new_study(settings: Settings, server: str) -> NewStudy:
     def create(folder: Path, exposure_s: float, options: StudyOptions | None = None) -> Study:
         name = f"Study {next(numbers)}"
         made = create_study(settings, folder, name, exposure_s=exposure_s, seed=1, options=options)
-        return Study(server, made["slug"], made["invitation"], token)
+        return Study(server, made["slug"], made["invitation"], token, votes_kept)
 
     return create
 
@@ -64,7 +86,7 @@ def study(new_study: NewStudy, short_films: Path) -> Study:
 @pytest.fixture
 def context(browser: Browser) -> Iterator[BrowserContext]:
     context = browser.new_context(viewport=VIEWPORT)
-    context.set_default_timeout(15_000)
+    context.set_default_timeout(BROWSER_TIMEOUT_MS)
     yield context
     context.close()
 

@@ -11,7 +11,7 @@ from app.operations.manage import add_invitation
 from app.settings import Settings
 from app.study.options import parse_options
 from tests.browser.accessibility import check_accessibility
-from tests.browser.visitor import NewStudy, Study, Visitor
+from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

@@ -12,8 +12,8 @@ from playwright.sync_api import Page, expect
 from app.study.options import parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
 from tests.browser.accessibility import check_accessibility
-from tests.browser.films import squares
-from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
+from tests.browser.numbered_films import squares
+from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -284,7 +284,7 @@ def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
         lambda: page.keyboard.press("Enter"),
     ):
         visitor.is_in("exposure")
-        page.wait_for_timeout(1000)  # longer than the film
+        visitor.watches(60)  # longer than the film
         visitor.is_in("exposure")
         check_accessibility(page)
         end()

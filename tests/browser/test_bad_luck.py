@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from app.study.options import parse_options
-from tests.browser.visitor import NewStudy, Study, Visitor
+from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -41,7 +41,7 @@ def test_a_browser_without_the_codec_is_told_before_the_study_and_uses_no_invita
     expect(page.get_by_text("cannot play the study")).to_be_visible()
     expect(page.locator("#begin")).to_be_hidden()
     page.keyboard.press("Enter")
-    page.wait_for_timeout(200)
+    visitor.watches(12)
     visitor.sees("welcome")
     assert study.read("trials") == []
 

@@ -11,9 +11,9 @@ import pytest
 
 from app.store.engine import open_database
 from app.store.migrate import upgrade
-from tests.seeding import seed_voters
+from tests.browser.crashing_tabs import Seen, compare, vote_in_chaos
+from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer
-from tests.tab_chaos import Seen, compare, vote_in_chaos
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

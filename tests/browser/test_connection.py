@@ -9,7 +9,7 @@ from playwright.sync_api import Page, Route, expect
 
 from app.operations.manage import add_invitation
 from app.settings import Settings
-from tests.browser.visitor import Study, Visitor
+from tests.browser.study_visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

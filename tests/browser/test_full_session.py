@@ -13,9 +13,9 @@ from app.operations.manage import study_balance
 from app.settings import Settings
 from app.simulation.participants import Preference
 from app.study.options import parse_options
-from tests.browser.eyes import passes_screening
-from tests.browser.films import squares, write_films
-from tests.browser.visitor import NewStudy, Study, Visitor
+from tests.browser.numbered_films import squares, write_films
+from tests.browser.screening_answers import passes_screening
+from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

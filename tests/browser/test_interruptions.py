@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import APIResponse, Page, Route, expect
 
-from tests.browser.techniques import leave_only
-from tests.browser.visitor import Study, Visitor
+from tests.browser.playback_techniques import leave_only
+from tests.browser.study_visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

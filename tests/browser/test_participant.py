@@ -11,8 +11,8 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.studies import Standing, set_standing, study_by_slug
-from tests.browser.films import CONDITIONS, DATASET
-from tests.browser.visitor import Study, Visitor
+from tests.browser.numbered_films import CONDITIONS, DATASET
+from tests.browser.study_visitor import Study, Visitor
 
 pytestmark = pytest.mark.browser
 

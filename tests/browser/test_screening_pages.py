@@ -13,8 +13,8 @@ from playwright.sync_api import Browser, Page, Route, expect
 from app.study.options import parse_options
 from app.study.pictures import read_png
 from tests.browser.accessibility import check_accessibility
-from tests.browser.eyes import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
-from tests.browser.visitor import NewStudy, Study, Visitor
+from tests.browser.screening_answers import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
+from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 

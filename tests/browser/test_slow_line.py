@@ -11,31 +11,32 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from app.study.options import parse_options
-from tests.browser.eyes import fits_card, types_distance
-from tests.browser.visitor import NewStudy, Study, Visitor
+from tests.browser.screening_answers import fits_card, types_distance
+from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
 
-LONG_ENOUGH_MS = 150  # for what a press sets off to be seen
+N_PICTURES = 9  # until what a press sets off is seen
 
 
 @contextmanager
-def held(page: Page, address: str) -> Iterator[None]:
-    """The requests to an address stay on their way; in the end they go on, which takes that there is one."""
+def held(visitor: Visitor, address: str) -> Iterator[None]:
+    """Hold the requests to an address on their way; at the end of the block the only one goes on."""
     waiting: list[Route] = []
+    page = visitor.page
     page.route(address, lambda route: waiting.append(route))
     with page.expect_request(address):
         yield
-    page.wait_for_timeout(LONG_ENOUGH_MS)
+    visitor.watches(N_PICTURES)
     (only,) = waiting
     only.continue_()
     page.unroute(address)
 
 
-def presses_twice(page: Page, address: str, press: Callable[[], None]) -> None:
-    with held(page, address):
+def presses_twice(visitor: Visitor, address: str, press: Callable[[], None]) -> None:
+    with held(visitor, address):
         press()
-        page.wait_for_timeout(LONG_ENOUGH_MS)
+        visitor.watches(N_PICTURES)
         press()
 
 
@@ -49,15 +50,15 @@ def test_a_second_press_begins_no_part_of_the_way_again(
     visitor.begin(study)
     visitor.sees("comprehension")
     page.get_by_label("I switch between").check()
-    presses_twice(page, "**/comprehension", lambda: page.keyboard.press("Enter"))
+    presses_twice(visitor, "**/comprehension", lambda: page.keyboard.press("Enter"))
     visitor.sees("practice")
-    presses_twice(page, "**/session/practice", page.get_by_role("button", name="Practise").click)
+    presses_twice(visitor, "**/session/practice", page.get_by_role("button", name="Practise").click)
     visitor.practises()
-    presses_twice(page, "**/stages/practice", lambda: page.keyboard.press("Enter"))
+    presses_twice(visitor, "**/stages/practice", lambda: page.keyboard.press("Enter"))
     for number in (1, 2, 3):
         visitor.votes(str(number))
         visitor.is_in("exposure") if number < 3 else visitor.sees("interview")
-    presses_twice(page, "**/stages/interview", page.get_by_role("button", name="Finish").click)
+    presses_twice(visitor, "**/stages/interview", page.get_by_role("button", name="Finish").click)
     visitor.sees("thanks")
     once = ("comprehension", "stages/introduction", "practice", "stages/practice", "stages/interview")
     assert [asked[one] for one in once] == [1] * len(once)
@@ -75,7 +76,7 @@ def test_a_second_press_on_the_last_instruction_begins_the_trials_once(
         visitor.sees(view)
         page.keyboard.press("Enter")
     visitor.sees("instructions-3")
-    presses_twice(page, "**/stages/introduction", lambda: page.keyboard.press("Enter"))
+    presses_twice(visitor, "**/stages/introduction", lambda: page.keyboard.press("Enter"))
     visitor.is_in("exposure")
     assert len([address for address in asked if address.endswith("/trials/next")]) == 1
 
@@ -94,9 +95,9 @@ def test_a_second_enter_in_the_field_of_a_distance_stays_on_the_page(
 ) -> None:
     enters_screening(visitor, new_study, short_films)
     for view, distance_cm in (("distance", 60), ("step-back", 250)):
-        with held(page, "**/screening/distance"):
+        with held(visitor, "**/screening/distance"):
             types_distance(visitor, view, distance_cm)
-            page.wait_for_timeout(LONG_ENOUGH_MS)
+            visitor.watches(N_PICTURES)
             page.keyboard.press("Enter")
     visitor.sees("rings-intro")
 
@@ -106,7 +107,7 @@ def test_a_new_distance_that_was_entered_counts_though_somebody_then_says_that_t
 ) -> None:
     enters_screening(visitor, new_study, short_films)
     types_distance(visitor, "distance", 60)
-    with held(page, "**/screening/distance"):
+    with held(visitor, "**/screening/distance"):
         types_distance(visitor, "step-back", 250)
         page.get_by_role("button", name="I cannot move back").click()
     visitor.sees("rings-intro")
@@ -118,7 +119,7 @@ def test_who_withdraws_sees_at_once_that_it_is_taken(study: Study, page: Page, v
     visitor.is_in("voting")
     page.keyboard.press("1")
     page.get_by_role("button", name="Withdraw").click()
-    with held(page, "**/session/withdrawal"):
+    with held(visitor, "**/session/withdrawal"):
         page.get_by_role("button", name="Yes, withdraw").click()
         visitor.sees("leaving")
         page.keyboard.press("Enter")
@@ -132,11 +133,11 @@ def test_what_was_on_its_way_when_somebody_withdrew_leads_nowhere(study: Study, 
         visitor.sees(view)
         page.keyboard.press("Enter")
     visitor.sees("instructions-3")
-    with held(page, "**/session/withdrawal"):
-        with held(page, "**/stages/introduction"):
+    with held(visitor, "**/session/withdrawal"):
+        with held(visitor, "**/stages/introduction"):
             page.keyboard.press("Enter")
             page.get_by_role("button", name="Withdraw").click()
             page.get_by_role("button", name="Yes, withdraw").click()
-        page.wait_for_timeout(LONG_ENOUGH_MS)
+        visitor.watches(N_PICTURES)
         visitor.sees("leaving")
     visitor.sees("withdrawn")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
 from app.study.options import parse_options
-from tests.browser.films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
-from tests.browser.techniques import leave_only
-from tests.browser.visitor import MakeFilms, NewStudy, Study, Visitor
+from tests.browser.numbered_films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
+from tests.browser.playback_techniques import leave_only
+from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -63,7 +63,7 @@ def test_a_stimulus_is_on_the_screen_as_soon_as_it_is_switched_to(
     study = new_study(films(5.0, 60, squares), 12.0, parse_options({"fallback": "two videos"}))
     visitor.begin(study)
     visitor.is_in("exposure")
-    page.wait_for_timeout(500)  # long enough for a browser to rest from painting what is not shown
+    visitor.watches(30)  # long enough for a browser to rest from painting what is not shown
     visitor.looks()
     (one, _), (other, _) = visitor.reads_both()
     assert one != other
@@ -83,7 +83,7 @@ def test_two_videos_that_are_apart_are_told_before_and_flagged_after(
     visitor.is_in("exposure")
     page.evaluate("document.querySelectorAll('video.twin')[1].currentTime += 4")
     page.wait_for_function(SOUGHT)
-    page.wait_for_timeout(500)  # and the page has noticed for a while
+    visitor.watches(30)  # and the page has noticed for a while
     (one_condition, one_frame), (other_condition, other_frame) = visitor.reads_both()
     assert one_condition != other_condition
     assert abs(one_frame - other_frame) > 10

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import threading
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ import pytest
 from distributed import LocalCluster
 from s3fs import S3FileSystem
 
+from recon.cli.console import ProgressLine
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import LOG_FILE
@@ -77,31 +76,37 @@ def wrong(mark: Path) -> None:
     raise ValueError("the mask is upside down")
 
 
-def kill_a_worker_during(run: Path, cluster: LocalCluster, killed: list[int]) -> None:
-    """Once something was made, and while more is."""
-    while not list(run.rglob("*.npy")):
-        time.sleep(0.01)
-    killed.append(int(next(iter(cluster.workers.values())).pid))
-    os.kill(killed[0], signal.SIGKILL)
+def kill_a_worker_at_progress(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Kill a worker once a first task on the cluster is done and others are on their way; its process, then."""
+    killed: list[int] = []
+    tell = ProgressLine.__call__
+
+    def tell_and_kill(line: ProgressLine, what: str, done: int, total: int) -> None:
+        tell(line, what, done, total)
+        if done == 1 and not killed:
+            killed.append(int(next(iter(cluster.workers.values())).pid))
+            os.kill(killed[0], signal.SIGKILL)
+
+    monkeypatch.setattr(ProgressLine, "__call__", tell_and_kill)
+    return killed
+
+
+def make_films(command: Command, capture: Path, folder: Path, *where: str) -> None:
+    told = command("reconstruct", capture, "-o", folder, "--depth", "id", *where)
+    assert told.code == 0, told.err
+    film = ("--size", "96x64", "--seconds", 2, "--renderer", "software")
+    told = command("render", folder, "-o", folder / "set", *film, *where)
+    assert told.code == 0, told.err
+    assert "video frames: 100/100" in told.err
 
 
 def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed(
-    command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path
+    command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    film = ("--size", "96x64", "--seconds", 2, "--renderer", "software")
-    for where, at in (("here", ()), ("there", ("--cluster", cluster.scheduler_address))):
-        killed: list[int] = []
-        watcher = threading.Thread(target=kill_a_worker_during, args=(tmp_path / where, cluster, killed))
-        if at:
-            watcher.start()
-        told = command("reconstruct", capture, "-o", tmp_path / where, "--depth", "id", *at)
-        assert told.code == 0, told.err
-        if at:
-            watcher.join()
-            assert killed
-        told = command("render", tmp_path / where, "-o", tmp_path / where / "set", *film, *at)
-        assert told.code == 0, told.err
-        assert "video frames: 100/100" in told.err
+    make_films(command, capture, tmp_path / "here")
+    killed = kill_a_worker_at_progress(cluster, monkeypatch)
+    make_films(command, capture, tmp_path / "there", "--cluster", cluster.scheduler_address)
+    assert killed
     here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
     assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 3 + 1  # maps and clouds, meshes, videos, preview
     assert there == here

@@ -250,7 +250,7 @@ def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path)
 
 @pytest.mark.slow
 def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
-    from tests.app.analysis.frames import frame_from_votes
+    from tests.app.analysis.votes_data_frame import frame_from_votes
 
     frame_from_votes(study(n_participants=4)).to_csv(tmp_path / "votes.csv", index=False)
     items = [

@@ -16,7 +16,7 @@ from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.votes_table import VotesTable
-from tests.app.analysis.frames import frame_from_votes
+from tests.app.analysis.votes_data_frame import frame_from_votes
 
 ABILITIES = np.array([-0.6, -0.2, 0.2, 0.6])
 TWENTY = {str(who): "old" if who < 10 else "young" for who in range(20)}

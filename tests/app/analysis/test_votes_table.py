@@ -11,7 +11,7 @@ import pytest
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.votes_table import VotesError
-from tests.app.analysis.frames import frame_from_votes
+from tests.app.analysis.votes_data_frame import frame_from_votes
 
 HEADER = "participant,dataset,item_a,item_b,choice"
 

@@ -6,7 +6,6 @@ import hashlib
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +25,7 @@ from tests.study_server import free_port
 
 DEPLOY = Path(__file__).parents[3] / "deploy"
 START_TIMEOUT_S = 20
+CONNECT_RETRIES = 7  # with growing pauses of 0.5 s, 1 s, ..., so about half a minute in all
 ALL_FILMS_ARE_THERE = "() => [...document.querySelectorAll('video')].every((film) => film.readyState === 4)"
 
 
@@ -62,13 +62,8 @@ def nginx(folder: Path, settings: Settings, server: str) -> Iterator[str]:
     subprocess.run([*command, "-t"], check=True)
     process = subprocess.Popen(command)
     try:
-        deadline = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < deadline:
-            try:
-                httpx.get(f"http://127.0.0.1:{port}/healthz")
-                break
-            except httpx.TransportError:
-                time.sleep(0.05)
+        with httpx.Client(transport=httpx.HTTPTransport(retries=CONNECT_RETRIES)) as client:
+            client.get(f"http://127.0.0.1:{port}/healthz")
         yield f"http://127.0.0.1:{port}"
     finally:
         process.terminate()

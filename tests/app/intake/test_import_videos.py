@@ -13,7 +13,7 @@ from app.cli import app
 from app.errors import StimuliError
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_stimulus_set
-from tests.app.intake import clips
+from tests.app import tiny_stimuli
 
 LEVELS = "condition,codec,bitrate\nlow,av1,1\nhigh,av1,4\n"
 
@@ -24,7 +24,9 @@ def videos(tmp_path: Path) -> Path:
     folder = tmp_path / "my videos"
     for dataset in ("street", "forest", "warm-up"):
         for level, condition in ((0x30, "high"), (0x60, "low")):
-            clips.encode(folder / dataset / f"{condition}.mp4", clips.flat(f"0x{level:02x}{level:02x}{level:02x}"))
+            tiny_stimuli.encode(
+                folder / dataset / f"{condition}.mp4", tiny_stimuli.flat(f"0x{level:02x}{level:02x}{level:02x}")
+            )
     (folder / "conditions.csv").write_text(LEVELS, encoding="utf-8")
     return folder
 
@@ -54,7 +56,7 @@ def spoil(videos: Path, fault: str) -> None:
     if fault == "missing":
         (videos / "street" / "low.mp4").unlink()
     if fault == "long":
-        clips.encode(videos / "street" / "low.mp4", clips.flat("black"), "-frames:v", "12")
+        tiny_stimuli.encode(videos / "street" / "low.mp4", tiny_stimuli.flat("black"), "-frames:v", "12")
     if fault == "text":
         (videos / "street" / "low.mp4").write_text("<html>no video</html>", encoding="utf-8")
     if fault == "twice":

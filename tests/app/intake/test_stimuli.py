@@ -18,8 +18,8 @@ from app.errors import StimuliError
 from app.films.pairs import FilmMaker, prepare_pairs
 from app.films.strips import GUARD_ROWS, check_strip
 from app.intake.stimuli import StimulusSet, read_stimulus_set
-from tests.app.intake import clips
-from tests.app.intake.clips import frames
+from tests.app import tiny_stimuli
+from tests.app.tiny_stimuli import frames
 
 Spoil = Callable[[Path, list[dict[str, Any]]], None]
 
@@ -30,7 +30,9 @@ def folder(stimulus_set: Path, tmp_path: Path) -> Path:
 
 
 def entries(folder: Path) -> list[dict[str, Any]]:
-    return [clips.stimulus(folder, dataset, a) for dataset in ("ball", "box") for a in ("id_fa", "id_fb", "pm_fb")]
+    return [
+        tiny_stimuli.stimulus(folder, dataset, a) for dataset in ("ball", "box") for a in ("id_fa", "id_fb", "pm_fb")
+    ]
 
 
 def test_a_set_is_read_from_its_folder_or_its_manifest(folder: Path) -> None:
@@ -61,13 +63,13 @@ def changed(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
 
 def undecodable(folder: Path, stimuli: list[dict[str, Any]]) -> None:
     (folder / stimuli[0]["video"]).write_bytes(b"this is no video at all" * 100)
-    stimuli[0] |= clips.stimulus(folder, "ball", "id_fa")
+    stimuli[0] |= tiny_stimuli.stimulus(folder, "ball", "id_fa")
 
 
 def cut_short(folder: Path, stimuli: list[dict[str, Any]]) -> None:
     path = folder / stimuli[0]["video"]
     path.write_bytes(path.read_bytes()[:-200])
-    stimuli[0] |= clips.stimulus(folder, "ball", "id_fa")
+    stimuli[0] |= tiny_stimuli.stimulus(folder, "ball", "id_fa")
 
 
 def not_as_long_as_it_says(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
@@ -138,7 +140,7 @@ def odd(_folder: Path, stimuli: list[dict[str, Any]]) -> None:
 def test_a_set_that_is_not_right_is_refused_with_file_and_value(folder: Path, spoil: Spoil, complaint: str) -> None:
     stimuli = entries(folder)
     spoil(folder, stimuli)
-    clips.write_manifest(folder, stimuli)
+    tiny_stimuli.write_manifest(folder, stimuli)
     with pytest.raises(StimuliError, match=complaint):
         read_stimulus_set(folder)
 
@@ -178,8 +180,8 @@ def media_dir(checked: StimulusSet, tmp_path_factory: pytest.TempPathFactory) ->
 def test_a_pair_holds_both_stimuli_and_the_guard_band(checked: StimulusSet, media_dir: Path) -> None:
     for pair in prepare_pairs(checked, FilmMaker(media_dir)):
         found = frames(media_dir / pair.file)
-        assert found.shape == (clips.N_FRAMES, 2 * clips.HEIGHT + GUARD_ROWS, clips.WIDTH)
-        seam = clips.HEIGHT + GUARD_ROWS // 2
+        assert found.shape == (tiny_stimuli.N_FRAMES, 2 * tiny_stimuli.HEIGHT + GUARD_ROWS, tiny_stimuli.WIDTH)
+        seam = tiny_stimuli.HEIGHT + GUARD_ROWS // 2
         for half, one in ((found[:, :seam], pair.top), (found[:, seam:], pair.bottom)):
             expected = frames(checked.folder / one.video)
             assert np.abs(half.astype(int) - int(expected[0, 0, 0])).max() <= 3  # lossy, but one flat grey
@@ -189,8 +191,8 @@ def test_the_guard_band_repeats_the_outermost_rows(tmp_path: Path) -> None:
     """A gradient's last row differs from its first: smearing the wrong one would show."""
     gradient = "gradients=size=64x48:rate=25:c0=black:c1=white:x0=0:y0=0:x1=0:y1=47:nb_colors=2:speed=0.00001"
     for approach in ("id_fa", "id_fb"):
-        clips.encode(tmp_path / "ball" / f"{approach}.mp4", gradient)
-    clips.write_manifest(tmp_path, [clips.stimulus(tmp_path, "ball", one) for one in ("id_fa", "id_fb")])
+        tiny_stimuli.encode(tmp_path / "ball" / f"{approach}.mp4", gradient)
+    tiny_stimuli.write_manifest(tmp_path, [tiny_stimuli.stimulus(tmp_path, "ball", one) for one in ("id_fa", "id_fb")])
     (pair,) = prepare_pairs(read_stimulus_set(tmp_path), FilmMaker(tmp_path / "pairs"))
     rows = frames(tmp_path / "pairs" / pair.file)[0].mean(axis=1)
     half = GUARD_ROWS // 2
@@ -208,7 +210,7 @@ def test_a_pair_is_h264_that_every_browser_plays_and_tells_nothing(checked: Stim
         assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", facts)
         content = path.read_bytes()
         assert content.index(b"moov") < content.index(b"mdat")  # it can play before it is whole
-        for secret in (clips.TITLE, *checked.datasets, *checked.conditions):
+        for secret in (tiny_stimuli.TITLE, *checked.datasets, *checked.conditions):
             assert secret.encode() not in content
 
 
@@ -232,9 +234,11 @@ def test_a_set_that_breaks_while_pairs_are_made_leaves_nothing_half_written(fold
 
 def test_a_master_is_what_pairs_are_made_from(folder: Path, tmp_path: Path) -> None:
     for approach in ("id_fa", "id_fb"):
-        clips.encode(folder / "ball" / f"{approach}.mkv", clips.flat("white"), "-c:v", "ffv1", "-pix_fmt", "bgr0")
-    stimuli = [clips.stimulus(folder, "ball", a) | {"master": f"ball/{a}.mkv"} for a in ("id_fa", "id_fb")]
-    clips.write_manifest(folder, stimuli)
+        tiny_stimuli.encode(
+            folder / "ball" / f"{approach}.mkv", tiny_stimuli.flat("white"), "-c:v", "ffv1", "-pix_fmt", "bgr0"
+        )
+    stimuli = [tiny_stimuli.stimulus(folder, "ball", a) | {"master": f"ball/{a}.mkv"} for a in ("id_fa", "id_fb")]
+    tiny_stimuli.write_manifest(folder, stimuli)
     (pair,) = prepare_pairs(read_stimulus_set(folder), FilmMaker(tmp_path / "pairs"))
     assert frames(tmp_path / "pairs" / pair.file).min() >= 252  # white, while the videos are grey
 

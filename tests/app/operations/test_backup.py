@@ -18,9 +18,9 @@ from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.migrate import newest_version, upgrade, version_of
 from app.store.tables import metadata, pair, session, trial, vote
-from tests.app.web.admin import shapes
+from tests.app.web.admin import small_models
 from tests.postgresql import PostgresServer
-from tests.seeding import NOW, seed_voters
+from tests.seeded_studies import NOW, seed_voters
 
 
 @pytest.fixture
@@ -275,7 +275,7 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     report.mkdir()
     (report / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
     (report / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
-    manage.attach_results(here, [report, shapes.write_folder(tmp_path / "models")])
+    manage.attach_results(here, [report, small_models.write_folder(tmp_path / "models")])
     saved = back_up(here, tmp_path / "backup.zip", with_media=True)
     assert (saved["videos"], saved["attached"]) == (12, 5)
     restore(there, tmp_path / "backup.zip")
@@ -292,7 +292,7 @@ def test_attached_models_and_reports_are_checked(here: Settings, tmp_path: Path)
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
     (tmp_path / "report" / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
-    models = shapes.write_folder(tmp_path / "models")
+    models = small_models.write_folder(tmp_path / "models")
     for old, new in (("id_fa", "a_0"), ("pm_fb", "a_1")):
         for path in models.rglob(f"{old}.ply"):
             path.rename(path.with_stem(new))

@@ -14,7 +14,7 @@ from app.errors import StimuliError
 from app.operations import create, manage
 from app.settings import Settings
 from app.store.migrate import newest_version
-from tests.app.intake import clips
+from tests.app import tiny_stimuli
 
 
 @pytest.mark.slow
@@ -22,7 +22,7 @@ def test_a_study_is_as_long_as_its_shortest_video_unless_told(
     study: dict[str, Any], stimulus_set: Path, tmp_path: Path
 ) -> None:
     made = create.create_study(Settings(data_dir=tmp_path), stimulus_set, "By itself")
-    assert made["exposure_s"] == clips.N_FRAMES / clips.FPS
+    assert made["exposure_s"] == tiny_stimuli.N_FRAMES / tiny_stimuli.FPS
     assert (made["n_datasets"], made["n_conditions"], made["n_pairs"]) == (2, 3, 6)
     assert made["path"] == f"/s/{made['invitation']}"
     assert study["seed"] == 1

@@ -9,7 +9,7 @@ import pytest
 
 from app.store.engine import Database
 from app.store.invitations import Invitation, insert_invitation, invitation_by_code
-from tests.seeding import NOW, seed_study
+from tests.seeded_studies import NOW, seed_study
 
 MakeInvitation = Callable[[int | None], Invitation]
 

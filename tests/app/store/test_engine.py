@@ -19,7 +19,7 @@ from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
 from app.store.tables import api_token, trial, vote
 from tests.postgresql import PostgresServer
-from tests.seeding import seed_voters
+from tests.seeded_studies import seed_voters
 
 
 def token_row(name: str) -> dict[str, object]:

@@ -16,7 +16,7 @@ from app.store.invitations import Invitation
 from app.store.tables import assignment, participant
 
 ROOT = Path(__file__).parents[3]
-N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 8, 200, 10, 1550
+N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 4, 100, 10, 380
 
 
 @pytest.mark.slow
@@ -25,7 +25,7 @@ def test_every_place_is_given_once_and_nobody_is_refused_while_one_is_free(
 ) -> None:
     code = invite(N_PLACES).code
     url = database.engine.url.render_as_string(hide_password=False)
-    command = [sys.executable, "-m", "tests.app.store.enrol", url, code, str(N_EACH), str(N_THREADS)]
+    command = [sys.executable, "-m", "tests.app.store.enrol_participants", url, code, str(N_EACH), str(N_THREADS)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     processes = [
         subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

@@ -12,7 +12,7 @@ from sqlalchemy import Connection
 from app.errors import ConflictError
 from app.store.engine import Database
 from app.store.experimenters import all_experimenters, disable, renew_link, set_role
-from tests.seeding import NOW
+from tests.seeded_studies import NOW
 
 Act = Callable[[Connection, str], None]
 

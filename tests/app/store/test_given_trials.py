@@ -15,8 +15,8 @@ from app.store.participants import erase, exclude, participant_labelled, withdra
 from app.store.sessions import begin_preview
 from app.store.studies import study_by_id
 from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_records, void_trial
-from tests.app.store.ballots import keep_vote, let_in, rows_read, serve_next, vote_on
-from tests.seeding import NOW
+from tests.app.store.voting import keep_vote, let_in, rows_read, serve_next, vote_on
+from tests.seeded_studies import NOW
 
 N_VOTES = 4  # of six
 

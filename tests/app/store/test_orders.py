@@ -18,7 +18,7 @@ from app.store.tables import assignment, participant, study
 from app.store.trials import mark_served, next_trials
 from app.study.balance import TakenOrder, balance_report
 from app.study.valid_vote import Vote
-from tests.app.store.ballots import Participant, keep_vote
+from tests.app.store.voting import Participant, keep_vote
 
 MakeInvitation = Callable[[int | None], Invitation]
 DAY = timedelta(hours=24)

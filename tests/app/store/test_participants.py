@@ -29,7 +29,7 @@ from app.store.participants import (
 )
 from app.store.sessions import begin_session
 from app.store.tables import session
-from tests.app.store.ballots import keep_vote, let_in, rows_read, serve_next, vote_on
+from tests.app.store.voting import keep_vote, let_in, rows_read, serve_next, vote_on
 
 KINDS: dict[str, Callable[[dict[str, Any]], bool]] = {
     "": lambda _row: True,

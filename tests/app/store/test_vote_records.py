@@ -19,7 +19,7 @@ from app.store.sessions import withdraw
 from app.store.tables import session, vote
 from app.store.trials import NextTrial, next_trials, trial_records, void_trial
 from app.store.vote_records import Ballot, KeptVote, keep_votes, vote_records
-from tests.app.store.ballots import (
+from tests.app.store.voting import (
     Participant,
     ballot_of,
     keep_vote,
@@ -29,7 +29,7 @@ from tests.app.store.ballots import (
     serve_trials,
     vote_on,
 )
-from tests.seeding import NOW
+from tests.seeded_studies import NOW
 
 MakeInvitation = Callable[[int | None], Invitation]
 

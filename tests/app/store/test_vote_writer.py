@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
+from anyio.lowlevel import checkpoint
 from sqlalchemy import event
 
 from app.errors import UnavailableError
@@ -17,7 +18,7 @@ from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.vote_records import Ballot, KeptVote
 from app.store.vote_writer import Answer, VoteWriter
-from tests.app.store.ballots import Participant, ballot_of, let_in, n_votes, serve_trials
+from tests.app.store.voting import Participant, ballot_of, let_in, n_votes, serve_trials
 
 MakeInvitation = Callable[[int | None], Invitation]
 TIMEOUT_S = 10
@@ -147,7 +148,7 @@ def test_votes_that_arrive_at_once_share_a_commit_also_while_the_writer_is_idle(
         answers = []
         for ballot in ballots:
             answers.append(writer.submit(ballot))
-            await asyncio.sleep(0)  # the next one is read in the next turn of the loop
+            await checkpoint()  # the next one is read in the next turn of the loop
         return await outcomes(answers)
 
     with VoteWriter(database) as writer:

@@ -23,7 +23,7 @@ from app.study.acuity import (
     probability_right,
     smallest_size,
 )
-from tests.app.study.lookers import simulate_test
+from tests.app.study.acuity_observer import simulate_test
 
 N_PEOPLE = 300
 FULL_HD_27_INCH_MM = 597.7 / 1920  # pixel pitch

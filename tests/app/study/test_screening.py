@@ -21,7 +21,7 @@ from app.study.viewing import (
     checked_distance_mm,
     pixel_mm,
 )
-from tests.app.study.lookers import simulate_test
+from tests.app.study.acuity_observer import simulate_test
 
 LIMIT = 0.0
 N_PEOPLE = 300

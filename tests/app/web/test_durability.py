@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import resource
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -17,10 +18,10 @@ from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
 from app.store.tables import trial, vote
 from tests import sqlite_disk
+from tests.app.web.vote_senders import Tally, letters_of, send
 from tests.postgresql import PostgresServer
-from tests.seeding import Voter, seed_voters
+from tests.seeded_studies import Voter, seed_voters
 from tests.study_server import StudyServer
-from tests.voters import Tally, letters_of, send
 
 N_VOTERS, N_APPROACHES = 8, 7  # 21 pairs each
 
@@ -39,27 +40,29 @@ def seeded(url: str) -> list[Voter]:
     return voters
 
 
-def votes_under(fault: Callable[[], None], server: StudyServer, voters: list[Voter], n_faults: int) -> Tally:
-    """All votes, some of them twice, while faults happen in another thread."""
-    rng = Random(1)
+def votes_under(fault: Callable[[Tally], None], server: StudyServer, voters: list[Voter], n_faults: int) -> Tally:
+    """Send all votes, some of them twice, while faults happen in another thread, at equal distances."""
+    rng, tally, calm = Random(1), Tally(), threading.Event()
     bundles = [letters_of(voter, rng) for voter in voters]
-    ended = threading.Event()
+    n_votes = sum(map(len, bundles))
+    calm.set()
 
     def disturb() -> None:
-        for _ in range(n_faults):
-            if ended.wait(0.1):
-                return
-            fault()
-            server.wait_until_it_answers()
+        for n_before in range(n_votes // (n_faults + 1), n_votes, n_votes // (n_faults + 1))[:n_faults]:
+            tally.wait_until(partial(has_acknowledged, tally, n_before))
+            calm.clear()
+            fault(tally)
+            calm.set()
 
     with ThreadPoolExecutor() as pool:
         disturbance = pool.submit(disturb)
-        try:
-            tally = send(server.port, bundles, repeat=0.3, rng=rng)
-        finally:
-            ended.set()
+        send(server.port, bundles, lambda: asyncio.to_thread(calm.wait), repeat=0.3, rng=rng, tally=tally)
         disturbance.result()
     return tally
+
+
+def has_acknowledged(tally: Tally, n_votes: int) -> bool:
+    return len(tally.acknowledged) >= n_votes
 
 
 @pytest.mark.slow
@@ -67,7 +70,7 @@ def test_votes_survive_kills_of_the_server(new_database_url: Callable[[], str], 
     url = new_database_url()
     voters = seeded(url)
     with StudyServer(tmp_path, database_url=url) as server:
-        tally = votes_under(server.kill, server, voters, 3)
+        tally = votes_under(lambda _tally: server.kill(), server, voters, 3)
     database = open_database(url)
     assert sorted(stored(database)) == sorted(tally.acknowledged)
     assert len(tally.acknowledged) == 21 * N_VOTERS
@@ -86,7 +89,7 @@ def test_votes_survive_kills_of_postgresql(own_postgres: PostgresServer, tmp_pat
     url = own_postgres.new_database("killed")
     voters = seeded(url)
 
-    def crash() -> None:
+    def crash(_tally: Tally) -> None:
         own_postgres.kill()
         own_postgres.start_again()
 
@@ -105,10 +108,11 @@ def test_votes_wait_in_the_browser_while_the_disk_is_full(tmp_path: Path) -> Non
     url = f"sqlite:///{tmp_path / 'study.sqlite'}"
     voters = seeded(url)
 
-    def fill_and_clear() -> None:
-        """No file may grow beyond 60 kB: what the log of a few votes holds."""
+    def fill_and_clear(tally: Tally) -> None:
+        """No file may grow beyond 60 kB, what the log of a few votes holds, until that was noticed."""
+        n_before = tally.statuses.get(503, 0)
         resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))
-        time.sleep(0.2)
+        tally.wait_until(lambda: tally.statuses.get(503, 0) > n_before)
         resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 
     with StudyServer(tmp_path) as server:

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -24,16 +23,25 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import vote
-from tests.app.web.admin.dashboard import signed_in
+from tests.app.web.admin.dashboard_client import signed_in
+from tests.app.web.vote_senders import letters_of, send
 from tests.postgresql import PostgresServer
-from tests.seeding import Voter, seed_voters
-from tests.voters import letters_of, send
+from tests.processes import until_ended
+from tests.seeded_studies import Voter, seed_voters
 
 ROOT = Path(__file__).parents[3]
 SERVER = """
-from app.operations import manage
+from uvicorn.supervisors import multiprocess
 from app.main import serve
 from app.settings import Settings
+
+start = multiprocess.Process.start
+
+def start_and_tell(worker):
+    start(worker)
+    print(worker.pid, flush=True)
+
+multiprocess.Process.start = start_and_tell
 serve(Settings(), port=0, workers=2, on_start=lambda base_url: print(base_url, flush=True))
 """
 N_VOTERS, N_APPROACHES = 8, 6
@@ -65,10 +73,10 @@ def two_workers(url: str, folder: Path) -> Iterator[tuple[httpx.Client, subproce
             process.communicate(timeout=START_TIMEOUT_S)
 
 
-def workers_of(supervisor: subprocess.Popen[str]) -> list[int]:
-    """The supervisor's children that serve; another one is multiprocessing's own."""
-    children = Path(f"/proc/{supervisor.pid}/task/{supervisor.pid}/children").read_text().split()
-    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+def started_workers(supervisor: subprocess.Popen[str]) -> list[int]:
+    """Wait until the supervisor has started two workers more; their processes' numbers."""
+    assert supervisor.stdout is not None
+    return [int(supervisor.stdout.readline()) for _ in range(2)]
 
 
 def seeded(url: str) -> list[Voter]:
@@ -87,16 +95,13 @@ def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Pat
         client.get("/readyz").raise_for_status()
         port = client.base_url.port
         assert port is not None
-        first = workers_of(supervisor)
-        with ThreadPoolExecutor() as pool:
+        first = started_workers(supervisor)
+        with until_ended(*first), ThreadPoolExecutor() as pool:
             sending = pool.submit(send, port, bundles, repeat=0.2, rng=rng)
             os.kill(first[0], signal.SIGKILL)
             supervisor.send_signal(signal.SIGHUP)
             tally = sending.result()
-        deadline = time.monotonic() + START_TIMEOUT_S
-        while set(workers_of(supervisor)) & set(first) or len(workers_of(supervisor)) < 2:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+            assert not set(started_workers(supervisor)) & set(first)
     assert tally.statuses.keys() <= {200, 201}
     assert len(tally.acknowledged) == N_VOTES
     database = open_database(url)

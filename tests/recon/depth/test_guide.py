@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recon.depth.guide import CLOSED, guide_image, noise_level, permeabilities
-from tests.recon.depth.cost_volume import open_gates
+from tests.recon.depth.reference_cost_volume import open_gates
 
 
 def test_passages_are_those_of_the_channel_that_changes_most_and_end_with_the_image() -> None:

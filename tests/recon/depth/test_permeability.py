@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.depth.guide import Passages
 from recon.depth.permeability import WORST, aggregate_and_choose
-from tests.recon.depth.cost_volume import (
+from tests.recon.depth.reference_cost_volume import (
     HEIGHT,
     N_DISPARITIES,
     ROOM,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from recon.depth.slanted import CENTRE, REACH, SURFACE_STEP, aggregate_along_surface
-from tests.recon.depth.cost_volume import (
+from tests.recon.depth.reference_cost_volume import (
     HEIGHT,
     N_DISPARITIES,
     ROOM,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
@@ -32,13 +32,25 @@ from recon.surface import SurfaceParameters
 from recon.validation.truth.vertex_errors import signed_errors
 
 WHOLE_WAY = """
+import os
+import signal
 import sys
 from pathlib import Path
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.stages import ReconstructOptions
 
-capture, run, stimuli = map(Path, sys.argv[1:])
+capture, run, stimuli = map(Path, sys.argv[1:4])
+n_left = int(sys.argv[4])
+
+def die_after_some(event, arguments):
+    global n_left
+    if event in ("open", "os.rename") and str(arguments[0]).startswith((str(run), str(stimuli))):
+        n_left -= 1
+        if n_left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+sys.addaudithook(die_after_some)
 reconstruct(capture, run, ReconstructOptions(depths=("id",)))
 render([run], stimuli, RenderOptions(size=(96, 64), seconds=2.4, renderer="software"))
 """
@@ -141,17 +153,12 @@ def test_worker_processes_make_the_same_files(capture: Capture, run: Path, tmp_p
 
 @pytest.mark.slow
 def test_runs_killed_at_random_moments_end_with_the_same_files(capture: Capture, tmp_path: Path, run: Path) -> None:
-    """`kill -9` of the whole command, again and again, then one that is left alone."""
+    """`kill -9` of the whole way before it opens or renames some file, again and again; then it is left alone."""
     again, stimuli = tmp_path / "run", tmp_path / "set"
     command = [sys.executable, "-c", WHOLE_WAY, str(capture.folder), str(again), str(stimuli)]
-    rng = np.random.default_rng(7)
-    for _ in range(6):
-        started = subprocess.Popen(command)
-        with suppress(subprocess.TimeoutExpired):
-            started.wait(timeout=rng.uniform(1.0, 5.0))
-        started.kill()
-        started.wait()
-    assert subprocess.run(command).returncode == 0
+    for n_files in np.random.default_rng(7).integers(10, 90, 6):  # of some 400
+        assert subprocess.run([*command, str(n_files)]).returncode == -signal.SIGKILL
+    assert subprocess.run([*command, "0"]).returncode == 0
     render([run], tmp_path / "alone", LONG)
     assert digests(again, "*.ply") == digests(run, "*.ply")
     assert digests(stimuli, "*.mp4") == digests(tmp_path / "alone", "*.mp4")

@@ -14,7 +14,7 @@ import pytest
 from app.operations import create, manage
 from app.settings import Settings
 from app.web.admin.results_view import decimal, p_value
-from tests.app.web.admin.dashboard import Dashboard, signed_in
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 
 def test_the_link_signs_in_and_leaves_the_address(client: httpx.Client, settings: Settings) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,7 +15,11 @@ from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True),  # pages look the same on the other
+]
 
 TELEPHONE = {"width": 390, "height": 844}
 
@@ -55,7 +58,6 @@ WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEn
     .reduce((sum, entry) => sum + entry.decodedBodySize, 0)"""
 
 
-@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # pages look the same on the other
 def test_every_page_fits_a_telephone_is_accessible_and_light(
     page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
 ) -> None:
@@ -85,13 +87,12 @@ def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callab
     base = f"/admin/studies/{new_study()['slug']}"
     for path in ("/admin", base, f"{base}/results", f"{base}/participants", f"{base}/design"):
         times = []
-        for _ in range(3):  # the best of three: other work on this machine is not the page's
+        for _ in range(5):  # the best of five: other work on this machine is not the page's
             page.goto(path)
             page.locator("h1").wait_for()
             page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
             times.append(float(page.evaluate(FIRST_CONTENT)))
-        waits = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # how long work takes beside other work
-        assert min(times) < SOON_MS * waits, (path, times)
+        assert min(times) < SOON_MS, (path, times)
 
 
 def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
@@ -120,7 +121,6 @@ def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     page.close()
 
 
-@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
 def test_a_figure_whose_numbers_cannot_be_had_stays_the_picture_that_it_was(
     browser: Browser, server: str, settings: Settings, taken: dict[str, Any]
 ) -> None:
@@ -152,7 +152,6 @@ def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dic
     page.wait_for_url("/")
 
 
-@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # the stream itself is tested on both
 def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_out(
     browser: Browser, server: str, settings: Settings, study: dict[str, Any]
 ) -> None:

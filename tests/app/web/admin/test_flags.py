@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.web.admin import flags as of_flags
 from app.web.admin.flags import AT_MOST_EVERY, Flags
-from tests.app.web.admin.dashboard import Dashboard, until
+from tests.app.web.admin.dashboard_client import Dashboard, until
 
 NOW = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)
 SOON = NOW + AT_MOST_EVERY / 2

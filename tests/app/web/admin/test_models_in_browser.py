@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,14 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from app.operations import manage
 from app.settings import Settings
-from tests.app.web.admin import shapes
-from tests.app.web.admin.dashboard import files_of, zipped
+from tests.app.web.admin import small_models
+from tests.app.web.admin.dashboard_client import files_of, zipped
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True),  # pages look the same on the other
+]
 
 VENDOR = Path(__file__).parents[4] / "static" / "vendor"
 GROUND = (241, 239, 233)  # --paper-sunken
@@ -53,8 +57,8 @@ def chromium() -> str:
 @pytest.fixture(scope="module")
 def path(settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> str:
     study = new_study()
-    folder = shapes.write_folder(tmp_path_factory.mktemp("models"))
-    manage.attach_results(settings, [folder, shapes.write_plain(folder, "box")], study["slug"])
+    folder = small_models.write_folder(tmp_path_factory.mktemp("models"))
+    manage.attach_results(settings, [folder, small_models.write_plain(folder, "box")], study["slug"])
     return f"/admin/studies/{study['slug']}/models"
 
 
@@ -99,8 +103,8 @@ def test_two_conditions_are_shown_side_by_side_in_their_own_colours(look: Look) 
     left, right = look("left"), look("right")
     for pixels in (left, right):
         assert 0.05 < drawn(pixels).mean() < 0.8
-    assert np.abs(colour(left) - shapes.RED).max() < 6
-    assert np.abs(colour(right) - shapes.GREEN).max() < 6
+    assert np.abs(colour(left) - small_models.RED).max() < 6
+    assert np.abs(colour(right) - small_models.GREEN).max() < 6
     assert (drawn(left) != drawn(right)).mean() > 0.05
 
 
@@ -166,12 +170,13 @@ def test_a_model_that_cannot_be_loaded_is_told_in_its_place_and_asked_for_again(
     cut_short = b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n"
     page.route("**/*.ply", lambda route: asked.append(route))
     left, right = (page.locator(f"[data-side={side}]") for side in ("left", "right"))
-    page.get_by_label("Show").select_option("cloud")
+    numbers = count(1)
+    with page.expect_request(lambda request: request.url.endswith(".ply") and next(numbers) == 2):
+        page.get_by_label("Show").select_option("cloud")
     expect(right).to_have_class("is-loading")
     page.get_by_label("Condition on the right").select_option("id_fa")
-    deadline = time.monotonic() + 10
-    while len(asked) < 2 and time.monotonic() < deadline:
-        page.wait_for_timeout(20)
+    page.evaluate(DRAWN)
+    assert len(asked) == 2
     asked[1].fulfill(body=cut_short)  # of the cloud that nobody wants any more
     page.evaluate(DRAWN)
     expect(right).to_have_class("is-loading")
@@ -213,7 +218,7 @@ def test_reports_and_models_are_uploaded_by_the_form(
 
     send("models", {"notes.txt": b"x"})
     page.get_by_text("holds neither a report").wait_for()
-    send("models", files_of(shapes.write_folder(tmp_path)))
+    send("models", files_of(small_models.write_folder(tmp_path)))
     page.locator("#models-form").wait_for()
     assert page.url.endswith(f"{base}/models")
     assert set(page.locator("select").first.locator("option").all_inner_texts()) <= {"ball", "box"}

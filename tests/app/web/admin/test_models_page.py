@@ -14,8 +14,8 @@ from app.intake.models import read_model, read_models
 from app.operations import manage
 from app.settings import Settings
 from recon.geometry.mesh import write_mesh
-from tests.app.web.admin import shapes
-from tests.app.web.admin.dashboard import Dashboard, signed_in
+from tests.app.web.admin import small_models
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 HEADER = "ply\nformat binary_little_endian 1.0\nelement vertex 3\n{points}element face 1\n{faces}end_header\n"
 FLOATS = "property float x\nproperty float y\nproperty float z\n"
@@ -26,7 +26,7 @@ FACE = b"\x03" + np.array([0, 1, 2], "<i4").tobytes()
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return shapes.write_folder(tmp_path_factory.mktemp("models"))
+    return small_models.write_folder(tmp_path_factory.mktemp("models"))
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +93,9 @@ def test_what_the_study_does_not_compare_is_named_and_left_out(
     with pytest.raises(
         ValueError, match=r"describes statue/id_fa, statue/pm_fb.* compares id_fa, id_fb, pm_fb in ball"
     ):
-        manage.attach_results(settings, [shapes.write_folder(tmp_path / "other", "statue")], study["slug"])
-    shapes.write_folder(tmp_path / "both")
-    shapes.write_plain(tmp_path / "both", "statue")
+        manage.attach_results(settings, [small_models.write_folder(tmp_path / "other", "statue")], study["slug"])
+    small_models.write_folder(tmp_path / "both")
+    small_models.write_plain(tmp_path / "both", "statue")
     found = manage.attach_results(settings, [tmp_path / "both"], study["slug"])
     assert (found["models"], found["ignored"]) == (4, ["statue/id_fa"])
     (tmp_path / "empty" / "meshes").mkdir(parents=True)
@@ -109,9 +109,9 @@ def test_attaching_again_replaces_a_model(
     study = new_study()
     page = f"/admin/studies/{study['slug']}/models"
     assert "No models are attached" in experimenter.get(page).text
-    manage.attach_results(settings, [shapes.write_plain(tmp_path)], study["slug"])
+    manage.attach_results(settings, [small_models.write_plain(tmp_path)], study["slug"])
     before = address(experimenter, page)
-    write_mesh(tmp_path / "meshes/ball/id_fa.ply", shapes.tent())
+    write_mesh(tmp_path / "meshes/ball/id_fa.ply", small_models.tent())
     manage.attach_results(settings, [tmp_path], study["slug"])
     after = address(experimenter, page)
     assert before != after

@@ -18,7 +18,7 @@ from app.web.admin import participants
 from app.web.admin import votes_page as admin_votes
 from app.web.admin.overview import SharedMonitor
 from app.web.admin.votes_page import looks_of
-from tests.app.web.admin.dashboard import Dashboard, link_of, signed_in, until
+from tests.app.web.admin.dashboard_client import Dashboard, link_of, signed_in, until
 
 NewStudy = Callable[[], dict[str, Any]]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}

@@ -24,7 +24,7 @@ from app.store.experimenters import (
     renew_link,
 )
 from app.web.admin.passwords import check_password, hash_password, is_password
-from tests.app.web.admin.dashboard import Dashboard, signed_in
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 PASSWORD = "correct horse battery"
 NOW = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)

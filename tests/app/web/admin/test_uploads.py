@@ -15,8 +15,8 @@ from app.settings import Settings
 from app.store.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
 from app.store.keys import utc_now
 from app.store.tables import experimenter_session
-from tests.app.web.admin import shapes
-from tests.app.web.admin.dashboard import Dashboard, ends, files_of, signed_in, zipped
+from tests.app.web.admin import small_models
+from tests.app.web.admin.dashboard_client import Dashboard, ends, files_of, signed_in, zipped
 
 
 def upload(dashboard: Dashboard, content: bytes, **headers: str) -> httpx.Response:
@@ -100,7 +100,7 @@ REPORT = b'{"kind": "sphere", "measures": []}'
 
 
 def test_reports_and_models_are_uploaded(own_server: str, own: Settings, compared: str, tmp_path: Path) -> None:
-    files = files_of(shapes.write_folder(tmp_path))
+    files = files_of(small_models.write_folder(tmp_path))
     with signed_in(own_server, own, "Eva") as eva:
         for page in ("objective", "models"):
             assert f'data-to="{compared}/upload"' in eva.get(f"{compared}/{page}").text

@@ -31,7 +31,7 @@ from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.web.analyst.columns import TABLES
-from tests.app.web.admin.dashboard import Dashboard, signed_in
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 ROOT = Path(__file__).parents[4]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}

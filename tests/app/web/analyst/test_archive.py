@@ -25,8 +25,8 @@ from app.store.trials import trial_records
 from app.store.vote_records import keep_votes, vote_records
 from app.web.analyst import archive, routes
 from app.web.analyst.formats import IN_MEMORY
-from tests.app.web.admin.dashboard import Dashboard
-from tests.seeding import seed_voters
+from tests.app.web.admin.dashboard_client import Dashboard
+from tests.seeded_studies import seed_voters
 
 N_TRIALS = 25_000
 

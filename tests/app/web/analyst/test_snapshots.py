@@ -19,7 +19,7 @@ from app.store.tables import vote
 from app.store.vote_records import keep_votes, vote_records
 from app.web.analyst import results
 from app.web.analyst.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
-from tests.seeding import NOW, seed_voters
+from tests.seeded_studies import NOW, seed_voters
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.web.admin.objective_view import measure_lines
-from tests.app.web.admin.dashboard import signed_in
+from tests.app.web.admin.dashboard_client import signed_in
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
 ACCURACY = {"id_fa": 3.0, "id_fb": 2.0, "pm_fb": 1.0}

@@ -16,11 +16,11 @@ from app.operations import create
 from app.settings import Settings
 from app.simulation.participants import next_trial, pass_stages, vote
 from app.study.options import StudyOptions
-from tests.app.intake import clips
+from tests.app import tiny_stimuli
 
 DATASETS = ("walrus", "teapot")
 DEBRIEFING = "Some of the models had holes."
-SECRETS = (*clips.APPROACHES, *DATASETS, "depth", "fusion", clips.TITLE)
+SECRETS = (*tiny_stimuli.APPROACHES, *DATASETS, "depth", "fusion", tiny_stimuli.TITLE)
 LINKS = re.compile(rb'(?:href|src|action|url|picture|next_media|from|import)"?[=: (]*["\']([./][^"\'#]*)["\']')
 TEXTS = ("text/", "application/json", "image/svg", "javascript")
 
@@ -74,7 +74,7 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_de
         comprehension=True,
         debriefing=DEBRIEFING,
     )
-    stimuli = clips.write_set(tmp_path, DATASETS, clips.APPROACHES)
+    stimuli = tiny_stimuli.write_set(tmp_path, DATASETS, tiny_stimuli.APPROACHES)
     study = create.create_study(settings, stimuli, f"Crawl {uuid4().hex[:6]}", exposure_s=0.4, options=options)
     rng = np.random.default_rng(1)
     client.get("/")

@@ -22,9 +22,9 @@ from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.study.options import parse_options
-from tests.app.intake import clips
-from tests.app.intake.clips import frames
-from tests.app.web.admin.dashboard import signed_in
+from tests.app import tiny_stimuli
+from tests.app.tiny_stimuli import frames
+from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.http_checks import is_problem
 
 Create = Callable[..., dict[str, Any]]
@@ -85,7 +85,7 @@ def test_a_reference_lies_below_each_pair_and_is_not_compared(
     assert trial["media"]["reference"] is True
     film = client.get(trial["media"]["url"])
     (settings.data_dir / "film.mp4").write_bytes(film.content)
-    assert decode(settings.data_dir / "film.mp4").height == 3 * clips.HEIGHT + 2 * GUARD_ROWS
+    assert decode(settings.data_dir / "film.mp4").height == 3 * tiny_stimuli.HEIGHT + 2 * GUARD_ROWS
     viewing = {
         "first_shown": trial["first_shown"], "shown_ms": 400, "response_ms": 1,
         "switches": [{"to": "reference", "at_ms": 10, "media_time_s": 0}],
@@ -111,9 +111,9 @@ def test_each_strip_of_a_film_is_its_stimulus(stimulus_set: Path, tmp_path: Path
         film = frames(tmp_path / pair.file)
         below = references[pair.top.dataset]
         for strip, one in enumerate((pair.top, pair.bottom, below)):
-            start = strip * (clips.HEIGHT + GUARD_ROWS)
+            start = strip * (tiny_stimuli.HEIGHT + GUARD_ROWS)
             grey = frames(compared.folder / one.video)[0, 0, 0]
-            assert np.abs(film[:, start : start + clips.HEIGHT].astype(int) - int(grey)).max() <= 3
+            assert np.abs(film[:, start : start + tiny_stimuli.HEIGHT].astype(int) - int(grey)).max() <= 3
 
 
 def test_free_exposure_is_told_to_every_client(client: httpx.Client, create: Create) -> None:
@@ -144,8 +144,8 @@ def test_each_strip_alone_is_served_under_names_that_tell_nothing(
         assert {answer.headers["last-modified"] for answer in answers} == {"Sat, 01 Jan 2000 00:00:00 GMT"}
         film, *strips = (decoded(client, url, tmp_path) for url in [trial["media"]["url"], *trial["media"]["singles"]])
         for strip, found in enumerate(strips):
-            start = strip * (clips.HEIGHT + GUARD_ROWS)
-            assert np.abs(film[:, start : start + clips.HEIGHT].astype(int) - found).max() <= 4
+            start = strip * (tiny_stimuli.HEIGHT + GUARD_ROWS)
+            assert np.abs(film[:, start : start + tiny_stimuli.HEIGHT].astype(int) - found).max() <= 4
     assert len(set(names)) == len(set(tags)) == 6
     practice = client.get("/api/v1/session/practice").json()
     assert all(client.get(url).status_code == 200 for one in practice for url in one["media"]["singles"])

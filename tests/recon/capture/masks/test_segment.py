@@ -15,7 +15,7 @@ from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import CleanUp, clean_mask, segment_capture
 from recon.studio import SynthParameters, synthesise
 from tests.recon.capture.calibration.board_geometry import BOARD_BOUNDS, SIZE, board_view, record_board
-from tests.recon.capture.masks.strokes import intersection_over_union, write_strokes
+from tests.recon.capture.masks.drawn_scribbles import intersection_over_union, write_strokes
 
 
 def true_masks(capture: Capture, sensor_id: str, frame: int) -> list[NDArray[np.bool_]]:

@@ -9,7 +9,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from app.simulation.observer import Observer, gap_of_ring
 from app.study.pictures import MARGIN
-from tests.browser.visitor import Visitor
+from tests.browser.study_visitor import Visitor
 
 N_RINGS, N_PLATES = 24, 18
 RING_KEYS = ("Numpad6", "KeyE", "Numpad8", "KeyQ", "Numpad4", "KeyZ", "Numpad2", "Numpad3")

@@ -9,7 +9,7 @@ from app.errors import GoneError
 from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.sessions import begin_session
-from tests.seeding import NOW
+from tests.seeded_studies import NOW
 
 
 def main(url: str, code: str, n_participants: int, n_threads: int) -> None:

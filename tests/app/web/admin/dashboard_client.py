@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import io
 import re
-import time
+import threading
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +17,8 @@ import httpx
 from app.operations import manage
 from app.settings import Settings
 from app.store.experimenters import Role
+
+LONGEST_WORK_S = 120
 
 
 class Dashboard(httpx.Client):
@@ -49,13 +51,13 @@ def signed_in(server: str, settings: Settings, name: str, role: Role | None = No
 
 
 def ends(dashboard: Dashboard, path: str) -> httpx.Response:
-    """The page at the end of some work in the background."""
-    for _ in range(200):
-        answer = dashboard.get(path)
-        if 'http-equiv="refresh"' not in answer.text:
-            return answer
-        time.sleep(0.05)
-    raise AssertionError(f"{path}: the work does not end")
+    """Wait for the end of some work, which a thread of this process does; the page that comes then."""
+    for thread in threading.enumerate():
+        if thread.name == f"job-{path.rpartition('/')[2]}":
+            thread.join(LONGEST_WORK_S)
+    answer = dashboard.get(path)
+    assert 'http-equiv="refresh"' not in answer.text, f"{path}: the work does not end"
+    return answer
 
 
 def link_of(page: httpx.Response, text: str) -> str:

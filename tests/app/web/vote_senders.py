@@ -1,20 +1,22 @@
-"""Participants in great numbers, reduced to what they send: votes, until they are acknowledged."""
+"""Many participants at once, reduced to what they send: each vote again and again until it is acknowledged."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from random import Random
+from threading import Condition
 from uuid import UUID
 
-from tests.seeding import Voter
+from tests.seeded_studies import Voter
 
 ANSWER_TIMEOUT_S = 30
-RETRY_S = 0.02
+EVENT_TIMEOUT_S = 60
 FIRST_VOTE_MS, TRIAL_MS = 1_767_225_600_000, 20_000  # since 1970
 
 
@@ -27,6 +29,22 @@ class Tally:
     n_broken: int = 0  # connections that ended without an answer
     latencies_ms: list[float] = field(default_factory=list)
     seconds: float = 0.0
+    changed: Condition = field(default_factory=Condition)
+
+    def wait_until(self, holds: Callable[[], bool]) -> None:
+        """Wait in another thread than the voters' until something holds of what they have seen."""
+        with self.changed:
+            assert self.changed.wait_for(holds, EVENT_TIMEOUT_S), "the voters have never seen it"
+
+    def acknowledge(self, letter: Letter) -> None:
+        with self.changed:
+            self.acknowledged.append((letter.trial, letter.client_id, letter.choice))
+            self.changed.notify_all()
+
+    def count(self, status: int) -> None:
+        with self.changed:
+            self.statuses[status] = self.statuses.get(status, 0) + 1
+            self.changed.notify_all()
 
 
 @dataclass(frozen=True)
@@ -47,15 +65,25 @@ def letters_of(voter: Voter, rng: Random, *, n_switches: int = 4) -> list[Letter
     ]
 
 
-def send(port: int, bundles: Sequence[Sequence[Letter]], *, repeat: float = 0.0, rng: Random | None = None) -> Tally:
+def send(
+    port: int,
+    bundles: Sequence[Sequence[Letter]],
+    before_retry: Callable[[], Awaitable[object]] | None = None,
+    *,
+    repeat: float = 0.0,
+    rng: Random | None = None,
+    tally: Tally | None = None,
+) -> Tally:
     """`send_all` in a thread of its own: a browser that other tests drive keeps an event loop running in this one."""
     with ThreadPoolExecutor(1) as pool:
-        return pool.submit(lambda: asyncio.run(send_all(port, bundles, repeat=repeat, rng=rng))).result()
+        sending = send_all(port, bundles, before_retry, repeat=repeat, rng=rng, tally=tally)
+        return pool.submit(asyncio.run, sending).result()
 
 
 async def send_all(
     port: int,
     bundles: Sequence[Sequence[Letter]],
+    before_retry: Callable[[], Awaitable[object]] | None = None,
     *,
     repeat: float = 0.0,
     rng: Random | None = None,
@@ -66,6 +94,7 @@ async def send_all(
 
     Parameters
     ----------
+    before_retry : waits before a letter is sent again that was refused or met a broken connection; None: no wait
     repeat : share of the letters that are sent once more later, as a client does that did not hear the answer
     tally : to look at meanwhile
     """
@@ -74,75 +103,58 @@ async def send_all(
     started = time.perf_counter()
     async with asyncio.timeout(timeout_s), asyncio.TaskGroup() as group:
         for bundle in bundles:
-            group.create_task(_send_bundle(port, bundle, tally, repeat, rng))
+            group.create_task(_send_bundle(Line(port, tally, before_retry), bundle, repeat, rng))
     tally.seconds = time.perf_counter() - started
     return tally
 
 
-async def send_at_rate(port: int, bundles: Sequence[Sequence[Letter]], per_s: float) -> Tally:
-    """Send votes at a rate, each bundle over a connection of its own."""
-    tally, rng = Tally(), Random(1)
-    started = time.perf_counter()
-    pause_s = len(bundles) / per_s
-    async with asyncio.TaskGroup() as group:
-        for number, bundle in enumerate(bundles):
-            group.create_task(_send_slowly(port, bundle, tally, pause_s, rng.uniform(0, pause_s) + 0.001 * number))
-    tally.seconds = time.perf_counter() - started
-    return tally
-
-
-async def _send_slowly(port: int, bundle: Sequence[Letter], tally: Tally, pause_s: float, first_s: float) -> None:
-    line, due = _Line(port, tally), time.perf_counter() + first_s
-    for letter in bundle:
-        await asyncio.sleep(max(0.0, due - time.perf_counter()))
-        await line.deliver(letter)
-        due += pause_s
-    line.close()
-
-
-async def _send_bundle(port: int, bundle: Sequence[Letter], tally: Tally, repeat: float, rng: Random) -> None:
-    line = _Line(port, tally)
+async def _send_bundle(line: Line, bundle: Sequence[Letter], repeat: float, rng: Random) -> None:
     try:
         for number, letter in enumerate(bundle):
             await line.deliver(letter)
-            tally.acknowledged.append((letter.trial, letter.client_id, letter.choice))
+            line.tally.acknowledge(letter)
             if rng.random() < repeat:
                 await line.deliver(bundle[rng.randrange(number + 1)])
     finally:
-        line.close()
-        await asyncio.sleep(0)  # closing takes a turn of the loop
+        await line.close()
 
 
-class _Line:
+class Line:
     """A connection that is opened again when it breaks."""
 
-    def __init__(self, port: int, tally: Tally) -> None:
-        self._port, self._tally = port, tally
+    def __init__(self, port: int, tally: Tally, before_retry: Callable[[], Awaitable[object]] | None = None) -> None:
+        self.tally = tally
+        self._port, self._before_retry = port, before_retry
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
 
     async def deliver(self, letter: Letter) -> None:
         """Send a letter until it is acknowledged."""
-        while True:
-            started = time.perf_counter()
-            try:
-                status = await asyncio.wait_for(self._ask(letter.content), ANSWER_TIMEOUT_S)
-            except (OSError, asyncio.IncompleteReadError, TimeoutError):
-                self._tally.n_broken += 1
-                self.close()
-                await asyncio.sleep(RETRY_S)
-                continue
-            self._tally.statuses[status] = self._tally.statuses.get(status, 0) + 1
-            if status in (200, 201):
-                self._tally.latencies_ms.append(1000 * (time.perf_counter() - started))
-                return
-            if status not in (500, 502, 503):
-                raise RuntimeError(f"vote {letter.client_id} on {letter.trial}: answered {status}")
-            await asyncio.sleep(RETRY_S)
+        while not await self._is_acknowledged(letter):
+            if self._before_retry is not None:
+                await self._before_retry()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         if self._streams:
             self._streams[1].close()
+            with suppress(OSError):
+                await self._streams[1].wait_closed()
         self._streams = None
+
+    async def _is_acknowledged(self, letter: Letter) -> bool:
+        started = time.perf_counter()
+        try:
+            status = await asyncio.wait_for(self._ask(letter.content), ANSWER_TIMEOUT_S)
+        except (OSError, asyncio.IncompleteReadError, TimeoutError):
+            self.tally.n_broken += 1
+            await self.close()
+            return False
+        self.tally.count(status)
+        if status in (500, 502, 503):
+            return False
+        if status not in (200, 201):
+            raise RuntimeError(f"vote {letter.client_id} on {letter.trial}: answered {status}")
+        self.tally.latencies_ms.append(1000 * (time.perf_counter() - started))
+        return True
 
     async def _ask(self, content: bytes) -> int:
         if self._streams is None:
@@ -153,7 +165,7 @@ class _Line:
         length = int(head.partition(b"content-length:")[2].partition(b"\r\n")[0])
         await reader.readexactly(length)
         if head.startswith(b"http/1.0") or b"connection: close" in head:
-            self.close()
+            await self.close()
         return int(head[9:12])
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from random import Random
@@ -21,7 +21,7 @@ from sqlalchemy import select
 
 from app.store.engine import open_database
 from app.store.tables import trial, vote
-from tests.seeding import Voter
+from tests.seeded_studies import Voter
 from tests.study_server import ROOT, StudyServer
 
 TAB = """<!doctype html><meta charset="utf-8"><title>A tab</title><script type="module">
@@ -52,9 +52,10 @@ window.emptied = () => outbox.emptied();
 window.isReady = true;
 </script>"""
 READY_S = 30
-KILL_SERVER_S = (1.0, 4.0)  # pauses between kills
-DISTURB_S = (0.5, 3.0)  # pauses between what happens to one participant
-OFFLINE_S = (0.05, 0.6)
+PROGRESS_S = 120  # until so many votes were kept as are waited for below
+KILL_SERVER_VOTES = (30, 150)  # that all participants' pages keep between kills
+DISTURB_VOTES = (5, 40)  # that one participant's pages keep until something happens to them
+OFFLINE_VOTES = (1, 10)
 SMALL = {"width": 320, "height": 200}
 OVERLAP = 3  # trials that a new tab votes on although the one before may have
 
@@ -66,6 +67,18 @@ class Seen:
     tried: set[tuple[str, str, str]] = field(default_factory=set)
     kept: set[str] = field(default_factory=set)
     happened: Counter[str] = field(default_factory=Counter)
+    changed: asyncio.Condition = field(default_factory=asyncio.Condition)
+
+    async def keep(self, trial: str) -> None:
+        async with self.changed:
+            self.kept.add(trial)
+            self.changed.notify_all()
+
+    async def wait_for_more(self, n_votes: int, trials: Set[str]) -> None:
+        """Wait until votes on so many more of these trials were kept, or on all of them."""
+        n_wanted = min(len(self.kept & trials) + n_votes, len(trials))
+        async with self.changed, asyncio.timeout(PROGRESS_S):
+            await self.changed.wait_for(lambda: len(self.kept & trials) >= n_wanted)
 
 
 async def vote_in_chaos(server: StudyServer, voters: Sequence[Voter], rng: Random, *, at_once: int = 5) -> Seen:
@@ -81,7 +94,7 @@ async def vote_in_chaos(server: StudyServer, voters: Sequence[Voter], rng: Rando
                 await _participate(context, server, voter, seen, Random(rng.random()))
                 await context.close()
 
-        killing = asyncio.create_task(_kill_again_and_again(server, seen, rng))
+        killing = asyncio.create_task(_kill_again_and_again(server, voters, seen, rng))
         try:
             await asyncio.gather(*(sit_down(voter) for voter in voters))
         finally:
@@ -102,7 +115,7 @@ def compare(url: str, seen: Seen) -> dict[str, int]:
     return {
         "kept": len(seen.kept),
         "stored": len(rows),
-        "lost": sum(times[one] == 0 for one in seen.kept),
+        "lost": sum(times[public_id] == 0 for public_id in seen.kept),
         "doubled": sum(n > 1 for n in times.values()),
         "wrong": sum(tuple(row) not in seen.tried for row in rows),
     }
@@ -110,8 +123,8 @@ def compare(url: str, seen: Seen) -> dict[str, int]:
 
 async def _participate(context: BrowserContext, server: StudyServer, voter: Voter, seen: Seen, rng: Random) -> None:
     await context.add_cookies([{"name": "session", "value": voter.token, "url": server.base_url}])
-    await context.expose_function("tried", lambda *one: seen.tried.add(one))
-    await context.expose_function("kept", lambda one: seen.kept.add(one))
+    await context.expose_function("tried", lambda *vote: seen.tried.add(vote))
+    await context.expose_function("kept", seen.keep)
     body = TAB.replace("OWNER", voter.token[:12])
 
     async def answer(route: Route) -> None:
@@ -124,11 +137,12 @@ async def _participate(context: BrowserContext, server: StudyServer, voter: Vote
     await context.route(f"{server.base_url}/static/js/*", answer_script)
     await context.new_page()  # its window stays: opening one takes longer than a tab
     tabs: list[Page] = []
-    while any(one not in seen.kept for one, _ in voter.trials):
-        done = next(at for at, (one, _) in enumerate(voter.trials) if one not in seen.kept)
+    trials = [public_id for public_id, _ in voter.trials]
+    while not seen.kept.issuperset(trials):
+        n_done = next(number for number, public_id in enumerate(trials) if public_id not in seen.kept)
         tabs.append(await _open_tab(context, server))
-        await tabs[-1].evaluate("(trials) => { voteOn(trials); }", voter.trials[max(0, done - OVERLAP) :])
-        await _disturb(context, tabs, seen, rng, [one for one, _ in voter.trials])
+        await tabs[-1].evaluate("(trials) => { voteOn(trials); }", voter.trials[max(0, n_done - OVERLAP) :])
+        await _disturb(context, tabs, seen, rng, set(trials))
     await context.set_offline(False)
     last = await _open_tab(context, server)
     await last.evaluate("emptied()")
@@ -146,15 +160,15 @@ async def _open_tab(context: BrowserContext, server: StudyServer) -> Page:
             await tab.close()
 
 
-async def _disturb(context: BrowserContext, tabs: list[Page], seen: Seen, rng: Random, trials: Sequence[str]) -> None:
-    """Things happen until a tab is gone, a second one is due, or every vote was kept."""
-    while not seen.kept.issuperset(trials):
-        await asyncio.sleep(rng.uniform(*DISTURB_S))
+async def _disturb(context: BrowserContext, tabs: list[Page], seen: Seen, rng: Random, trials: Set[str]) -> None:
+    """Let things happen until a tab is gone, a second one is due, or every vote was kept."""
+    while not seen.kept >= trials:
+        await seen.wait_for_more(rng.randint(*DISTURB_VOTES), trials)
         what = rng.choice(("offline", "crash", "close", "second tab"))
         seen.happened[what] += 1
         if what == "offline":
             await context.set_offline(True)
-            await asyncio.sleep(rng.uniform(*OFFLINE_S))
+            await seen.wait_for_more(rng.randint(*OFFLINE_VOTES), trials)
             await context.set_offline(False)
             continue
         if what != "second tab" or len(tabs) > 1:
@@ -167,15 +181,15 @@ async def _disturb(context: BrowserContext, tabs: list[Page], seen: Seen, rng: R
 async def _end(tab: Page, *, by_crash: bool) -> None:
     if by_crash:
         session = await tab.context.new_cdp_session(tab)
-        crash: Any = asyncio.ensure_future(session.send("Page.crash"))  # is never answered
-        crash.add_done_callback(lambda done: done.cancelled() or done.exception())
-        await asyncio.sleep(0.05)
+        async with tab.expect_event("crash"):
+            crash: Any = asyncio.ensure_future(session.send("Page.crash"))  # is never answered
+            crash.add_done_callback(lambda done: done.cancelled() or done.exception())
     await tab.close()
 
 
-async def _kill_again_and_again(server: StudyServer, seen: Seen, rng: Random) -> None:
-    while True:
-        await asyncio.sleep(rng.uniform(*KILL_SERVER_S))
+async def _kill_again_and_again(server: StudyServer, voters: Sequence[Voter], seen: Seen, rng: Random) -> None:
+    trials = {public_id for voter in voters for public_id, _ in voter.trials}
+    while not seen.kept >= trials:
+        await seen.wait_for_more(rng.randint(*KILL_SERVER_VOTES), trials)
         await asyncio.to_thread(server.kill)
         seen.happened["server killed"] += 1
-        await asyncio.to_thread(server.wait_until_it_answers)

@@ -18,7 +18,7 @@ from app.store.tables import vote
 from app.store.trials import NextTrial, mark_served, next_trials
 from app.store.vote_records import Ballot, KeptVote, keep_votes
 from app.study.valid_vote import Vote
-from tests.seeding import NOW
+from tests.seeded_studies import NOW
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
-"""Who uses the pages in a test: a participant before the screen, and an analyst who reads over REST."""
+"""A participant who visits a study's pages in a browser, and what an analyst reads of the study over REST."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Condition
 from typing import Any
 
 import cv2
@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page
 
 from app.simulation.participants import begin, next_trial, vote
-from tests.browser.films import Draw, decode_squares
+from tests.browser.numbered_films import Draw, decode_squares
 
 LONGEST_WAIT_S = 30.0
+PAINTED = """(n) => new Promise((done) => {
+    const paint = () => (n-- > 0 ? requestAnimationFrame(paint) : done());
+    paint();
+})"""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,7 @@ class Study:
     slug: str
     invitation: str
     token: str
+    votes_kept: Condition  # notified by the server, which runs in this process
 
     @property
     def address(self) -> str:
@@ -45,12 +50,13 @@ class Study:
 
     def votes(self, n: int, participant: str = "") -> list[dict[str, Any]]:
         """Everybody's or one's votes, once there are so many: a page goes on before the server has answered."""
-        until_s = time.monotonic() + LONGEST_WAIT_S
-        while True:
-            votes = [vote for vote in self.read("votes") if participant in ("", vote["participant"])]
-            if len(votes) >= n or time.monotonic() > until_s:
-                return votes
-            time.sleep(0.05)
+
+        def read() -> list[dict[str, Any]]:
+            return [vote for vote in self.read("votes") if participant in ("", vote["participant"])]
+
+        with self.votes_kept:
+            self.votes_kept.wait_for(lambda: len(read()) >= n, LONGEST_WAIT_S)
+        return read()
 
 
 MakeFilms = Callable[[float, int, Draw], Path]
@@ -84,6 +90,10 @@ class Visitor:
 
     def sees(self, view: str) -> None:
         self.page.locator(f"[data-view={view}]").wait_for()
+
+    def watches(self, n_pictures: int) -> None:
+        """Looks on while the browser paints the screen so many times, up to 60 a second."""
+        self.page.evaluate(PAINTED, n_pictures)
 
     def is_in(self, state: str) -> None:
         """Waits for a state of the trial."""

@@ -1,0 +1,40 @@
+"""Changes to a study server before it serves, for measuring: named in `--first` of tests/study_server.py."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import Any
+
+import app.main
+from app.store import vote_writer
+from app.store.vote_records import KeptVote
+from tests import sqlite_disk
+
+SLOW_MS = 5.0
+JUMPS_S = (0.0, 86_400.0, -86_400.0)
+
+
+def slow_disk() -> None:
+    """Let each sync of SQLite's log take longer."""
+    sqlite_disk.install(None, partial(time.sleep, SLOW_MS / 1000))
+
+
+def a_commit_each() -> None:
+    """Keep one vote in a transaction."""
+    vote_writer.LARGEST_BATCH = 1
+
+
+def no_database() -> None:
+    """Acknowledge votes without keeping them."""
+
+    def nowhere(_database: Any, ballots: Any) -> Any:
+        return [KeptVote(ballot.sent, 1, ballot.received_at, is_new=True) for ballot in ballots]
+
+    vote_writer.keep_votes = nowhere
+
+
+def jumping_clock() -> None:
+    """Set the clock wrong, right, and wrong again ten times a second."""
+    app.main.utc_now = lambda: datetime.now(UTC) + timedelta(seconds=JUMPS_S[int(10 * time.monotonic()) % len(JUMPS_S)])
