@@ -86,7 +86,7 @@ class StimulusSet:
         return tuple(dict.fromkeys(stimulus.approach for stimulus in self.stimuli))
 
     def without(self, condition: str) -> StimulusSet:
-        """The set without one condition."""
+        """Return the set without a condition."""
         return replace(self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach != condition))
 
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
