@@ -101,7 +101,7 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     page.goto("/admin/tokens")
     page.get_by_label("Name of its user or purpose").fill("double")
     page.get_by_role("button", name="Make the token").dblclick()
-    page.get_by_text("shown this once").wait_for()
+    page.get_by_text("shown only once").wait_for()
     assert len(sent) == 1
     page.get_by_role("row", name="double").get_by_role("button", name="Revoke").click()
     page.get_by_text("revoked").first.wait_for()
