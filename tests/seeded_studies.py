@@ -42,8 +42,10 @@ class Voter:
 def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence[str]) -> int:
     """Insert a study of every pair within each dataset; its id."""
     stimuli = [_stimulus(dataset, approach) for dataset in datasets for approach in approaches]
-    of = StimulusSet(Path(), "test", "0" * 64, {}, tuple(stimuli))
-    pairs = [_pair(*pair) for dataset in of.datasets for pair in combinations(of.of_dataset(dataset), 2)]
+    stimulus_set = StimulusSet(Path(), "test", "0" * 64, {}, tuple(stimuli))
+    pairs = [
+        _pair(*pair) for dataset in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(dataset), 2)
+    ]
     row = {
         "slug": "test",
         "name": "Test",
@@ -51,12 +53,12 @@ def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence
         "exposure_s": 1.0,
         "seed": 1,
         "factors": {},
-        "manifest_sha256": of.sha256,
+        "manifest_sha256": stimulus_set.sha256,
         "created_at": NOW,
     }
     with database.writing() as connection:
         study_id = insert_study(connection, row)
-        insert_design(connection, study_id, of, pairs)
+        insert_design(connection, study_id, stimulus_set, pairs)
     return study_id
 
 
@@ -72,12 +74,12 @@ def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Vo
         connection.execute(update(trial).values(served_at=NOW))
         voters = []
         for token in tokens:
-            found = session_by_token(connection, token)
-            assert found is not None
+            begun = session_by_token(connection, token)
+            assert begun is not None
             rows = connection.execute(
                 select(trial.c.public_id, assignment.c.first_shown)
                 .join(assignment)
-                .where(trial.c.session_id == found.id)
+                .where(trial.c.session_id == begun.id)
                 .order_by(assignment.c.position)
             )
             voters.append(Voter(token, [(public_id, first_shown) for public_id, first_shown in rows]))

@@ -81,10 +81,10 @@ def install(state: Path | None, pause: Callable[[], object] = lambda: None) -> N
         result = int(open_original(ctypes.addressof(original.contents), name, file, flags, out_flags))
         if result == 0 and flags & OPEN_WAL:
             pointer = ctypes.cast(file, ctypes.POINTER(ctypes.c_void_p))
-            own = pointer[0]
-            if own not in methods:
-                methods[own] = _watched(own, log, pause)
-            pointer[0] = ctypes.addressof(methods[own])
+            table = pointer[0]
+            if table not in methods:
+                methods[table] = _watched(table, log, pause)
+            pointer[0] = ctypes.addressof(methods[table])
         return result
 
     callback = _OPEN(open_file)

@@ -36,19 +36,19 @@ class Participant:
 def let_in(database: Database, invitation: Invitation) -> Participant:
     token = begin_session(database, invitation, NOW)
     with database.reading() as connection:
-        found = session_by_token(connection, token)
-    assert found is not None
-    complete_stage(database, found, "introduction", {}, NOW)
-    return Participant(token, found)
+        session = session_by_token(connection, token)
+    assert session is not None
+    complete_stage(database, session, "introduction", {}, NOW)
+    return Participant(token, session)
 
 
-def serve_next(database: Database, of: Participant) -> NextTrial:
-    return serve_trials(database, of, 1)[0]
+def serve_next(database: Database, participant: Participant) -> NextTrial:
+    return serve_trials(database, participant, 1)[0]
 
 
-def serve_trials(database: Database, of: Participant, n_trials: int) -> list[NextTrial]:
+def serve_trials(database: Database, participant: Participant, n_trials: int) -> list[NextTrial]:
     with database.reading() as connection:
-        trials = next_trials(connection, of.id, n_trials)
+        trials = next_trials(connection, participant.id, n_trials)
     mark_served(database, [trial.id for trial in trials], NOW)
     return trials
 
@@ -58,8 +58,8 @@ def vote_on(trial: NextTrial, **changes: Any) -> Vote:
     return replace(Vote(str(uuid4()), "a", viewing), **changes)
 
 
-def ballot_of(of: Participant, trial: NextTrial, **changes: Any) -> Ballot:
-    return Ballot(of.token, trial.public_id, vote_on(trial, **changes), NOW)
+def ballot_of(participant: Participant, trial: NextTrial, **changes: Any) -> Ballot:
+    return Ballot(participant.token, trial.public_id, vote_on(trial, **changes), NOW)
 
 
 def n_votes(database: Database) -> int:
@@ -82,9 +82,9 @@ def rows_read(database: Database) -> list[tuple[Any, ...]]:
     return read
 
 
-def keep_vote(database: Database, of: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
+def keep_vote(database: Database, participant: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
     """Keep one vote, or raise why it is not kept."""
-    (outcome,) = keep_votes(database, [Ballot(of.token, trial_id, sent, now)])
+    (outcome,) = keep_votes(database, [Ballot(participant.token, trial_id, sent, now)])
     if isinstance(outcome, StudyError):
         raise outcome
     return outcome

@@ -29,9 +29,9 @@ class Dashboard(httpx.Client):
 
     @property
     def form_token(self) -> str:
-        found = re.search(r'name="form_token" value="([^"]+)"', self.get("/admin/account").text)
-        assert found, "nobody is signed in"
-        return found[1]
+        field = re.search(r'name="form_token" value="([^"]+)"', self.get("/admin/account").text)
+        assert field, "nobody is signed in"
+        return field[1]
 
     def act(self, path: str, **fields: Any) -> httpx.Response:
         return self.post(path, data={"form_token": self.form_token, **fields})
@@ -62,9 +62,9 @@ def ends(dashboard: Dashboard, path: str) -> httpx.Response:
 
 def link_of(page: httpx.Response, text: str) -> str:
     """Where a link or button of a page leads."""
-    found = re.search(rf'href="([^"]+)">{re.escape(text)}</a>', page.text)
-    assert found, f"{page.url} has no link {text!r}"
-    return html.unescape(found[1])
+    link = re.search(rf'href="([^"]+)">{re.escape(text)}</a>', page.text)
+    assert link, f"{page.url} has no link {text!r}"
+    return html.unescape(link[1])
 
 
 def until(lines: Iterator[str], text: str) -> None:
