@@ -25,6 +25,8 @@ from recon.geometry.ply import (
 from recon.storage.files import whole_file
 
 RED, BLUE, GREY = np.array([178, 24, 43]), np.array([33, 102, 172]), 128  # ends of ColorBrewer's RdBu
+LIMIT_SHARE = 95  # percentile of the errors that gets the full colour
+LEAST_LIMIT_MM = 1e-3  # the rounding errors of an exact surface stay white
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +124,7 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint8]:
-    """Colours (N, 3) for signed errors (N,): blue at -limit and below, white at 0, red at limit and above.
-
-    Where the error is NaN the colour is a mid grey.
+    """Colour signed errors (N,), uint8 (N, 3): blue at -limit and below, white at 0, red at limit, mid grey at NaN.
 
     Raises
     ------
@@ -136,6 +136,11 @@ def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint
     share = np.clip(np.asarray(errors, dtype=np.float64) / limit, -1, 1)[:, None]
     colours = 255 + np.maximum(share, 0) * (RED - 255.0) + np.maximum(-share, 0) * (BLUE - 255.0)
     return np.asarray(np.where(np.isnan(share), GREY, np.rint(colours)), dtype=np.uint8)
+
+
+def error_limit(errors: NDArray[np.floating]) -> float:
+    """Choose the error that gets the full colour, mm: 95 % of the errors (N,), mm, are nearer to 0."""
+    return max(float(np.percentile(np.abs(errors), LIMIT_SHARE)), LEAST_LIMIT_MM)
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:

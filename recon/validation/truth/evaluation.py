@@ -194,11 +194,11 @@ def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float6
     return TriangleTree(shape.points, shape.faces).nearest(points).distances
 
 
-def signed_vertex_errors(measured: Shape, truth: Shape) -> NDArray[np.float64]:
-    """Signed distance (N,) of a shape's points to the truth, mm, positive outside; unsigned where that is a cloud."""
-    if not len(truth.faces):
-        return nearest_distances(measured.points, truth.points)
-    return TriangleTree(truth.points, truth.faces).nearest(measured.points).signed
+def signed_distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Distance (N,) of points (N, 3) to a shape, mm, positive outside; unsigned where the shape is a cloud."""
+    if not len(shape.faces):
+        return nearest_distances(points, shape.points)
+    return TriangleTree(shape.points, shape.faces).nearest(points).signed
 
 
 def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.geometry.mesh import error_colours, write_coloured
+from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit, write_coloured
 from recon.validation.page import (
     PALETTE,
     Section,
@@ -20,13 +20,11 @@ from recon.validation.page import (
     write_table,
 )
 from recon.validation.pictures import error_picture, png
-from recon.validation.truth.evaluation import Shape, read_shape, sample_evenly, signed_vertex_errors
+from recon.validation.truth.evaluation import read_shape, sample_evenly, signed_distances_to
 
 MEASURES = ("precision", "recall", "f_score")
 COLOURED = "errors.ply"
-NO_FACES = np.zeros((0, 3), np.int32)
 PICTURED = 150_000  # points; more than the pictures have pixels for
-COLOUR_SHARE = 95  # percentile of the errors at which the colours end
 
 
 def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
@@ -100,15 +98,15 @@ def _errors(report: Mapping[str, Any], out: Path) -> Section:
     """The measured shape with its errors as colours, as a file and as pictures."""
     settings = report["settings"]
     measured, truth = (read_shape(Path(settings[name])) for name in ("mesh", "truth"))
-    errors = signed_vertex_errors(measured, truth)
-    limit = max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3)
+    errors = signed_distances_to(truth, measured.points)
+    limit = error_limit(errors)
     write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
-    shown = Shape(sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"])), NO_FACES)
-    picture = png(error_picture(shown.points, signed_vertex_errors(shown, truth), limit))
+    shown = sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"]))
+    picture = png(error_picture(shown, signed_distances_to(truth, shown), limit))
     write_bytes(out / "errors.png", picture)
     text = (
         f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "
-        f"{COLOUR_SHARE}th percentile. {COLOURED} holds the same for any viewer."
+        f"{LIMIT_SHARE}th percentile. {COLOURED} holds the same for any viewer."
     )
     return Section("Where the errors are", text, figures=[("Along each of the three axes of the world.", picture)])
 
