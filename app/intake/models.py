@@ -119,12 +119,13 @@ def _elements(path: Path) -> tuple[NDArray[np.void], NDArray[np.integer]]:
         for line in element.properties:
             if isinstance(line, PlyListProperty) != (element.name == "face"):
                 raise ValueError(UNREADABLE.format(str(line)))
-    points = ply["vertex"].data if "vertex" in ply else np.zeros(0)
+    points: NDArray[np.void] = ply["vertex"].data if "vertex" in ply else np.zeros(0, np.void)
     if not len(points) or not {"x", "y", "z"} <= set(points.dtype.names or ()):
         raise ValueError("holds no points with x, y and z")
     if not all(np.isfinite(points[axis]).all() for axis in "xyz"):
         raise ValueError("holds coordinates that are not finite numbers")
-    faces = np.zeros((0, 3), np.int32) if "face" not in ply else ply["face"][ply["face"].properties[0].name]
+    lists = ply["face"].properties if "face" in ply else ()
+    faces: NDArray[np.integer] = ply["face"][lists[0].name] if lists else np.zeros((0, 3), np.int32)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
         raise ValueError("has faces that are no triangles of its points")
     return points, faces

@@ -68,7 +68,7 @@ class Cloud:
         return len(self.points)
 
     def select(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> Cloud:
-        """The points that a mask (N,) or indices (M,) choose."""
+        """Choose points by a mask (N,) or by indices (M,)."""
         sigma = None if self.sigma is None else self.sigma[chosen]
         return Cloud(self.points[chosen], self.normals[chosen], self.colours[chosen], sigma)
 
@@ -105,7 +105,7 @@ class Mesh:
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """All meshes as one: the union of their vertices and faces, in the order given.
+    """Join meshes into one: the union of their vertices and faces, in the order given.
 
     Raises
     ------
@@ -248,7 +248,8 @@ def read_cloud(path: Path) -> Cloud:
     ply = read_ply(path)
     with _named(path):
         sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply["vertex"] else None
-        return Cloud(*(point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR)), sigma)
+        points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
+        return Cloud(points, normals, colours, sigma)
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -263,7 +264,7 @@ def read_mesh(path: Path) -> Mesh:
     ply = read_ply(path)
     with _named(path):
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
-        return Mesh(points, triangles(path, ply), normals, colours)
+        return Mesh(points, _faces(triangles(path, ply), len(points)), normals, colours)
 
 
 def read_points(path: Path) -> NDArray[np.float32]:

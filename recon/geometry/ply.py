@@ -71,7 +71,13 @@ def read_ply(path: Path) -> PlyData:
 
 
 def point_columns(path: Path, ply: PlyData, names: Sequence[str]) -> NDArray[Any]:
-    """Copy properties of the points into an array (N, number of names).
+    """Copy properties of the points into an array (N, P).
+
+    Parameters
+    ----------
+    path : of the file, for messages
+    ply : from `read_ply`
+    names : of P properties
 
     Raises
     ------

@@ -68,7 +68,7 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
         trim_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"columns": _columns, "cell": _cell, "base64": lambda picture: b64encode(picture).decode()}
+    environment.filters.update(columns=_columns, cell=_cell, base64=_base64)
     page = environment.get_template("report.html").render(title=title, sections=sections, font=FONT)
     return write_bytes(path, page.encode("utf-8"))
 
@@ -102,7 +102,7 @@ def write_figure(stem: Path, chart: Any) -> str:
 
 
 def curve_chart(rows: Sequence[Mapping[str, Any]]) -> Any:
-    """Share of inliers against the threshold, one line per sensor (figure 6 of the paper)."""
+    """Draw the share of inliers against the threshold, a line per sensor (figure 6 of the paper)."""
     import altair as alt
 
     base = alt.Chart(alt.Data(values=[dict(row) for row in rows]))
@@ -117,7 +117,7 @@ def curve_chart(rows: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def curve_columns(table: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of inlier ratios in the words and percents of a report."""
+    """Name and round rows of inlier ratios for the page."""
     return [
         {
             "sensor": row["sensor"],
@@ -133,7 +133,7 @@ def curve_columns(table: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def percent(share: float | None) -> str:
-    """A share as percents; a dash where there is none."""
+    """Format a share as per cents; a dash where there is none."""
     return "–" if share is None else f"{100 * share:.2f}"
 
 
@@ -149,6 +149,10 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
         Column(key, key.removeprefix("n_").replace("_", " "), any(_is_words(row.get(key)) for row in rows))
         for key in _keys(rows)
     ]
+
+
+def _base64(picture: bytes) -> str:
+    return b64encode(picture).decode("ascii")
 
 
 def _keys(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -123,10 +123,10 @@ def _pseudonormals(
         angles[:, corner] = np.arccos(np.clip(cosine, -1, 1))
         low, high = np.sort(faces[:, [corner, (corner + 1) % 3]], axis=1).T
         edges[:, corner] = low * len(places) + high
-    edges = np.unique(edges, return_inverse=True)[1].reshape(-1, 3)
-    normals = np.concatenate([inside, _sums(faces, inside, angles), _sums(edges, inside, np.ones_like(angles))])
+    numbers = np.unique(edges, return_inverse=True)[1].reshape(-1, 3)
+    normals = np.concatenate([inside, _sums(faces, inside, angles), _sums(numbers, inside, np.ones_like(angles))])
     n_corners = int(faces.max()) + 1
-    features = [np.arange(len(faces))[:, None], len(faces) + faces, len(faces) + n_corners + edges]
+    features = [np.arange(len(faces))[:, None], len(faces) + faces, len(faces) + n_corners + numbers]
     return normals, np.concatenate(features, axis=1)
 
 

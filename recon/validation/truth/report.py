@@ -51,9 +51,9 @@ def _settings_text(settings: Mapping[str, Any]) -> str:
         f"{settings['samples'][0]} points of {Path(settings['mesh']).name} against {settings['samples'][1]} of "
         f"{Path(settings['truth']).name}; meshes are sampled uniformly by area (seed {settings['seed']}). Accuracy is "
         f"the distance to the truth's {settings['accuracy_to']}, completeness that to the mesh's "
-        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which know "
-        f"points only: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and distances of that size are "
-        "not resolved there."
+        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which "
+        f"compare points with points: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and smaller "
+        "distances are not resolved in those rows."
     )
 
 
@@ -62,7 +62,7 @@ def _eth3d_text(report: Mapping[str, Any]) -> str:
     seen = (
         "Where the truth was scanned from is not known: all points count as observed."
         if settings["scanner_mm"] is None
-        else f"Points that no beam from {list(settings['scanner_mm'])} mm passes on its way do not count."
+        else f"Points that no beam of a scanner at {list(settings['scanner_mm'])} mm passes do not count."
     )
     return (
         f"Between samples, averaged over voxels of {settings['voxel_mm']:g} mm, so that densely sampled parts weigh no "
@@ -71,13 +71,13 @@ def _eth3d_text(report: Mapping[str, Any]) -> str:
 
 
 def _eth3d_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Without the share of unobserved points where nobody knows it."""
+    """Leave out the share of unobserved points where the scanner's place is not known."""
     is_known = report["settings"]["scanner_mm"] is not None
     return _percents([{key: row[key] for key in row if is_known or key != "unobserved"} for row in report["eth3d"]])
 
 
 def _percents(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Scores in the words and percents of a report."""
+    """Name and round scores for the page: shares become per cents."""
     return [
         {
             "threshold mm": row["threshold_mm"],
@@ -95,7 +95,7 @@ def _distances(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _errors(report: Mapping[str, Any], out: Path) -> Section:
-    """The measured shape with its errors as colours, as a file and as pictures."""
+    """Colour the measured shape by its errors, as a file and as pictures."""
     settings = report["settings"]
     measured, truth = (read_shape(Path(settings[name])) for name in ("mesh", "truth"))
     errors = signed_distances_to(truth, measured.points)

@@ -84,6 +84,7 @@ def test_a_model_is_what_its_file_holds(folder: Path) -> None:
             HEADER.replace("vertex 3", f"vertex {10**20}").format(points=FLOATS, faces=LIST).encode(),
             "'element vertex 1",
         ),
+        (HEADER.format(points=FLOATS, faces="").encode() + TRIANGLE, "holds no faces"),
         (HEADER.replace("face 1", "edge 1").format(points=FLOATS, faces="").encode() + TRIANGLE, "'element edge 1'"),
     ],
 )
