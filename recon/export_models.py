@@ -15,7 +15,7 @@ from recon.approaches import parse_approach
 from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
-from recon.validation.truth.evaluation import Shape, read_shape, signed_vertex_errors
+from recon.validation.truth.evaluation import Shape, read_shape, signed_distances_to
 from recon.workers import Progress
 
 MESHES, CLOUDS = "meshes", "clouds"
@@ -60,9 +60,8 @@ def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path
 
 def _write(path: Path, model: Mesh | Cloud, truth: Shape | None) -> Path:
     if truth is not None:
-        points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, np.empty((0, 3)))
-        errors = signed_vertex_errors(Shape(points.astype(np.float64), faces.astype(np.int32)), truth)
-        return write_measured(path, model, errors)
+        points = model.vertices if isinstance(model, Mesh) else model.points
+        return write_measured(path, model, signed_distances_to(truth, points))
     return write_mesh(path, model) if isinstance(model, Mesh) else write_cloud(path, model)
 
 

@@ -6,6 +6,7 @@ colours, normals, and `error`, their signed distance to the truth in mm. The con
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from plyfile import PlyData, PlyListProperty, PlyParseError
 
 from app.files import file_digest
 
@@ -21,27 +23,9 @@ FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}
 LARGEST_BYTES = 256 * 1024 * 1024  # of a model; a browser holds two
 LONGEST_HEADER = 8192
 LIMIT_SHARE = 95  # percentile of the errors where the colour scale ends, as in the reports
-SCALARS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "<i2",
-    "ushort": "<u2",
-    "int": "<i4",
-    "uint": "<u4",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "<i2",
-    "uint16": "<u2",
-    "int32": "<i4",
-    "uint32": "<u4",
-    "float": "<f4",
-    "double": "<f8",
-    "float32": "<f4",
-    "float64": "<f8",
-}
-TRIANGLE = np.dtype([("count", "u1"), ("index", "<i4", (3,))])
-FACE_LISTS = tuple(f"property list {count} {kind} vertex_ind{end}" for count in ("uchar", "uint8")
-                   for kind in ("int", "uint", "int32", "uint32") for end in ("ices", "ex"))  # fmt: skip
+UNREADABLE = "has {!r} in its header, expected points with numbers and lists of three points"
+READABLE = re.compile(r"element (vertex|face) \d{1,18}|property list (uchar|uint8) u?int(32)? vertex_ind(ices|ex)")
+TRIANGLES = {"vertex_indices": 3, "vertex_index": 3}  # lists of known length are mapped, not read into memory
 
 
 @dataclass(frozen=True)
@@ -92,9 +76,8 @@ def read_model(path: Path, kind: Kind) -> Model:
     """
     if path.stat().st_size > LARGEST_BYTES:
         raise ValueError(f"{path}: has {path.stat().st_size // 2**20} MB, expected {LARGEST_BYTES // 2**20} at most")
-    content = path.read_bytes()
     try:
-        points, faces = _elements(content)
+        points, faces = _elements(path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if kind == "mesh" and not len(faces):
@@ -110,39 +93,42 @@ def _files(folder: Path) -> Iterator[tuple[Kind, Path]]:
             yield kind, path
 
 
-def _elements(content: bytes) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return points and triangles of a PLY file, checked for completeness and finite numbers."""
-    head, separator, _ = content[:LONGEST_HEADER].partition(b"end_header\n")
-    if not separator or not head.startswith(b"ply\nformat binary_little_endian 1.0\n"):
-        raise ValueError("is no binary little-endian PLY file")
-    kind, n_points, n_faces = _described(head.decode("ascii", "replace").splitlines()[2:])
-    start, size = len(head) + len(separator), n_points * kind.itemsize + n_faces * TRIANGLE.itemsize
-    if len(content) != start + size:
-        raise ValueError(f"has {len(content) - start} bytes after its header, expected {size}")
-    points = np.frombuffer(content, kind, n_points, start)
-    faces = np.frombuffer(content, TRIANGLE, n_faces, start + points.nbytes)
+def _read_ply(path: Path) -> PlyData:
+    """Map a PLY into memory whose only lists are those of triangles; all else would be read row by row."""
+    with path.open("rb") as file:
+        header, end, _ = file.read(LONGEST_HEADER).partition(b"end_header\n")
+        if not end or not header.startswith(b"ply\nformat binary_little_endian 1.0\n"):
+            raise ValueError("is no binary little-endian PLY file")
+        for line in (" ".join(line.split()) for line in header.decode("ascii", "replace").split("\n")):
+            if line.startswith(("element", "property list")) and not READABLE.fullmatch(line):
+                raise ValueError(UNREADABLE.format(line))
+        file.seek(0)
+        try:
+            ply = PlyData.read(file, mmap="r", known_list_len={"vertex": TRIANGLES, "face": TRIANGLES})
+        except (PlyParseError, ValueError) as error:
+            raise ValueError(f"is no whole PLY file of triangles: {error}") from error
+        if file.read(1):
+            raise ValueError("goes on after its last element")
+    return ply
+
+
+def _elements(path: Path) -> tuple[NDArray[np.void], NDArray[np.integer]]:
+    """Points, and triangles (M, 3), of a PLY that can be drawn."""
+    ply = _read_ply(path)
+    for element in ply:
+        for line in element.properties:
+            if isinstance(line, PlyListProperty) != (element.name == "face"):
+                raise ValueError(UNREADABLE.format(str(line)))
+    points: NDArray[np.void] = ply["vertex"].data if "vertex" in ply else np.zeros(0, np.void)
+    if not len(points) or not {"x", "y", "z"} <= set(points.dtype.names or ()):
+        raise ValueError("holds no points with x, y and z")
     if not all(np.isfinite(points[axis]).all() for axis in "xyz"):
         raise ValueError("holds coordinates that are not finite numbers")
-    index = faces["index"]
-    if (faces["count"] != 3).any() or (index.size and not 0 <= index.min() <= index.max() < n_points):
+    lists = ply["face"].properties if "face" in ply else ()
+    faces: NDArray[np.integer] = ply["face"][lists[0].name] if lists else np.zeros((0, 3), np.int32)
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
         raise ValueError("has faces that are no triangles of its points")
     return points, faces
-
-
-def _described(lines: list[str]) -> tuple[np.dtype[np.void], int, int]:
-    """Return the data type of a point, the number of points, and the number of triangles from a header."""
-    counts, fields, element = {"vertex": 0, "face": 0}, [], ""
-    for line in (line.strip() for line in lines if not line.startswith(("comment", "obj_info"))):
-        words = line.split()
-        if words[:1] == ["element"] and len(words) == 3 and words[1] in counts and words[2].isdigit():
-            element, counts[words[1]] = words[1], int(words[2])
-        elif element == "vertex" and len(words) == 3 and words[0] == "property" and words[1] in SCALARS:
-            fields.append((words[2], SCALARS[words[1]]))
-        elif not (element == "face" and line in FACE_LISTS):
-            raise ValueError(f"has {line[:80]!r} in its header, expected points with numbers and lists of three points")
-    if not counts["vertex"] or not {"x", "y", "z"} <= {name for name, _ in fields}:
-        raise ValueError("holds no points with x, y and z")
-    return np.dtype(fields), counts["vertex"], counts["face"]
 
 
 def _error_limit(path: Path, points: NDArray[np.void]) -> float | None:

@@ -5,6 +5,7 @@ Each command imports what it needs when it runs, so `--help` and the server neve
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -145,8 +146,8 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import read_mesh, write_mesh
-    from recon.validation.truth.vertex_errors import coloured_by_error, signed_errors
+    from recon.geometry.mesh import error_colours, error_limit, read_mesh, write_mesh
+    from recon.validation.truth.evaluation import Shape, signed_distances_to
 
     if limit is not None and truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
@@ -154,8 +155,10 @@ def export(
     result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
     if truth is not None:
-        errors = signed_errors(model, read_mesh(truth))
-        model, limit = coloured_by_error(model, errors, limit)
+        true = read_mesh(truth)
+        errors = signed_distances_to(Shape(true.vertices.astype("float64"), true.faces), model.vertices)
+        limit = error_limit(errors) if limit is None else limit
+        model = replace(model, colours=error_colours(errors, limit))
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
         sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
     write_mesh(out, model)

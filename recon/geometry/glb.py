@@ -1,4 +1,9 @@
-"""GLB, the format that 3D viewers open: binary glTF 2.0."""
+"""GLB, the format that 3D viewers open: binary glTF 2.0.
+
+trimesh writes the bytes of sRGB as if they were linear, so that viewers show its colours too bright, has no unlit
+material, and takes 0.8 s for a mesh of 2.7 million triangles, where this module takes 0.3 s. pygltflib holds the JSON
+part as objects and leaves the buffers, which are most of this module, to its caller.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
-METRES_PER_MM = 0.001  # glTF counts in metres
+METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 
 def glb_bytes(
     vertices: NDArray[np.float32], faces: NDArray[np.int32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
 ) -> bytes:
-    """A binary glTF 2.0 of one unlit, double-sided mesh; the arrays are those of `Mesh`."""
+    """Encode a mesh as binary glTF 2.0, unlit and visible from both sides.
+
+    Parameters
+    ----------
+    vertices : float32 (N, 3), mm
+    faces : int32 (M, 3)
+    normals : float32 (N, 3), unit length
+    colours : uint8 (N, 3), sRGB
+    """
     linear = np.full((len(colours), 4), 65535, dtype="<u2")
     linear[:, :3] = _linear_from_srgb()[colours]
     arrays = [
@@ -62,7 +75,7 @@ def glb_bytes(
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:
-    """uint16 (256,): linear light of each sRGB byte (IEC 61966-2-1)."""
+    """Tabulate the linear light of each sRGB byte, uint16 (256,); IEC 61966-2-1."""
     encoded = np.arange(256) / 255
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.rint(linear * 65535), dtype=np.uint16)

@@ -1,29 +1,32 @@
-"""Clouds and meshes, what moves between cloud, surface and render, and their one reader and writer."""
+"""Clouds and meshes, which travel from depth maps over surfaces to pictures, and their only reader and writer."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.geometry.glb import glb_bytes
 from recon.geometry.ply import (
+    FLOAT_NORMAL,
     UINT8_COLOUR,
-    columns,
-    face_bytes,
-    face_table,
-    oriented_colours,
-    ply_header,
-    read_elements,
-    vertex_table,
+    ply_bytes,
+    point_columns,
+    read_ply,
+    triangles,
+    vector_columns,
 )
 from recon.storage.files import whole_file
 
 RED, BLUE, GREY = np.array([178, 24, 43]), np.array([33, 102, 172]), 128  # ends of ColorBrewer's RdBu
+LIMIT_SHARE = 95  # percentile of the errors that gets the full colour
+LEAST_LIMIT_MM = 1e-3  # the rounding errors of an exact surface stay white
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class Cloud:
         return len(self.points)
 
     def select(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> Cloud:
-        """The points that a mask (N,) or indices (M,) choose."""
+        """Choose points by a mask (N,) or by indices (M,)."""
         sigma = None if self.sigma is None else self.sigma[chosen]
         return Cloud(self.points[chosen], self.normals[chosen], self.colours[chosen], sigma)
 
@@ -102,7 +105,7 @@ class Mesh:
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """All meshes as one: the union of their vertices and faces, in the order given.
+    """Join meshes into one: the union of their vertices and faces, in the order given.
 
     Raises
     ------
@@ -121,9 +124,7 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint8]:
-    """Colours (N, 3) for signed errors (N,): blue at -limit and below, white at 0, red at limit and above.
-
-    Where the error is NaN the colour is a mid grey.
+    """Colour signed errors (N,), uint8 (N, 3): blue at -limit and below, white at 0, red at limit, mid grey at NaN.
 
     Raises
     ------
@@ -137,6 +138,11 @@ def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint
     return np.asarray(np.where(np.isnan(share), GREY, np.rint(colours)), dtype=np.uint8)
 
 
+def error_limit(errors: NDArray[np.floating]) -> float:
+    """Choose the error that gets the full colour, mm: 95 % of the errors (N,), mm, are nearer to 0."""
+    return max(float(np.percentile(np.abs(errors), LIMIT_SHARE)), LEAST_LIMIT_MM)
+
+
 def write_cloud(path: Path, cloud: Cloud) -> Path:
     """Write a cloud as binary PLY (little endian), whole or not at all; the same cloud gives the same bytes.
 
@@ -148,28 +154,23 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     _check_suffix(path, (".ply",))
     if not len(cloud):
         raise ValueError(f"{path}: the cloud is empty, nothing to write")
-    more = {} if cloud.sigma is None else {"sigma": cloud.sigma}
-    vertices = vertex_table(cloud.points, cloud.normals, cloud.colours, more)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(ply_header(vertices) + vertices.tobytes())
-    return path
+    sigma = {} if cloud.sigma is None else {"sigma": cloud.sigma}
+    return _write(path, ply_bytes(_oriented(cloud.points, cloud.normals, cloud.colours) | sigma))
 
 
 def write_no_cloud(path: Path) -> Path:
-    """Write the PLY of a cloud without points, which no reader takes for a cloud: ask `holds_points` first."""
+    """Write the PLY of a cloud without points, which `read_cloud` refuses: ask `holds_points` first."""
     _check_suffix(path, (".ply",))
-    with whole_file(path) as temporary:
-        temporary.write_bytes(_no_cloud())
-    return path
+    return _write(path, _no_cloud())
 
 
 def no_cloud_digest() -> str:
-    """SHA-256 of what `write_no_cloud` writes, hexadecimal."""
+    """SHA-256, hexadecimal, of the file that `write_no_cloud` writes."""
     return sha256(_no_cloud()).hexdigest()
 
 
 def holds_points(path: Path) -> bool:
-    """Whether a PLY is anything else than what `write_no_cloud` wrote."""
+    """Tell a PLY with points from one that `write_no_cloud` wrote."""
     return path.stat().st_size != len(_no_cloud()) or path.read_bytes() != _no_cloud()
 
 
@@ -190,56 +191,50 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     _check_suffix(path, (".ply", ".glb"))
     if not len(mesh.faces):
         raise ValueError(f"{path}: the mesh has no face, nothing to write")
-    content = (
-        glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
-        if path.suffix.lower() == ".glb"
-        else _ply_mesh(mesh)
-    )
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
+    if path.suffix.lower() == ".glb":
+        return _write(path, glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours))
+    return _write(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
 
 
 def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]) -> Path:
-    """Write a mesh or cloud as binary PLY whose points carry their signed error (N,), mm, as the property `error`.
+    """Write a mesh or cloud as binary PLY whose points carry their signed error as the property `error`.
+
+    Parameters
+    ----------
+    path : must end in .ply
+    model : of N points
+    errors : floating (N,), mm
 
     Raises
     ------
     ValueError
         If there is no point, or the name does not end in .ply.
     """
-    _check_suffix(path, (".ply",))
     points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
-    if not len(points):
-        raise ValueError(f"{path}: there is no point, nothing to write")
-    table = vertex_table(points, model.normals, model.colours, {"error": errors})
-    content = ply_header(table, None if faces is None else len(faces)) + table.tobytes()
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content if faces is None else content + face_bytes(faces))
-    return path
+    _check_points(path, points)
+    return _write(path, ply_bytes(_oriented(points, model.normals, model.colours) | {"error": errors}, faces))
 
 
 def write_coloured(
     path: Path, points: NDArray[np.floating], faces: NDArray[np.integer], colours: NDArray[np.uint8]
 ) -> Path:
-    """Write points (N, 3) with colours (N, 3), and triangles (M, 3) where there are any, as binary PLY to look at.
+    """Write coloured points, and triangles where there are any, as binary PLY to look at.
+
+    Parameters
+    ----------
+    path : must end in .ply
+    points : floating (N, 3), mm
+    faces : integer (M, 3); M is 0 for a cloud
+    colours : uint8 (N, 3), sRGB
 
     Raises
     ------
     ValueError
         If there is no point or the name does not end in .ply.
     """
-    _check_suffix(path, (".ply",))
-    if not len(points):
-        raise ValueError(f"{path}: there is no point, nothing to write")
-    table = np.empty(len(points), np.dtype([(n, "<f4") for n in "xyz"] + [(n, "|u1") for n in UINT8_COLOUR]))
-    for axis in range(3):
-        table["xyz"[axis]] = points[:, axis]
-        table[UINT8_COLOUR[axis]] = colours[:, axis]
-    content = ply_header(table, len(faces) or None) + table.tobytes() + face_bytes(faces)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
+    _check_points(path, points)
+    columns = vector_columns("xyz", points) | vector_columns(UINT8_COLOUR, colours)
+    return _write(path, ply_bytes(columns, faces if len(faces) else None))
 
 
 def read_cloud(path: Path) -> Cloud:
@@ -250,12 +245,11 @@ def read_cloud(path: Path) -> Cloud:
     ValueError
         If the file is missing, empty or damaged, a coordinate is not a number, or points lack normals or colours.
     """
-    elements = read_elements(path)
-    try:
-        sigma = columns(path, elements, ("sigma",))[:, 0] if "sigma" in elements["vertex"]["properties"] else None
-        return Cloud(*oriented_colours(path, elements), sigma)
-    except ValueError as error:
-        raise _named(path, error) from error
+    ply = read_ply(path)
+    with _named(path):
+        sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply["vertex"] else None
+        points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
+        return Cloud(points, normals, colours, sigma)
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -267,44 +261,39 @@ def read_mesh(path: Path) -> Mesh:
         If the file is missing, empty or damaged, a coordinate is not a number, vertices lack normals or
         colours, or faces are missing or no triangles.
     """
-    elements = read_elements(path)
-    try:
-        points, normals, colours = oriented_colours(path, elements)
-        return Mesh(points, _faces(face_table(path, elements), len(points)), normals, colours)
-    except ValueError as error:
-        raise _named(path, error) from error
+    ply = read_ply(path)
+    with _named(path):
+        points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
+        return Mesh(points, _faces(triangles(path, ply), len(points)), normals, colours)
 
 
 def read_points(path: Path) -> NDArray[np.float32]:
-    """Read only the points (N, 3) of any PLY, whatever else it holds.
+    """Read the points (N, 3), mm, of any PLY, whatever else it holds.
 
     Raises
     ------
     ValueError
         If the file is missing, empty or damaged, or a coordinate is not a number.
     """
-    try:
-        return _finite(columns(path, read_elements(path), ("x", "y", "z")), "points")
-    except ValueError as error:
-        raise _named(path, error) from error
+    ply = read_ply(path)
+    with _named(path):
+        return _finite(point_columns(path, ply, "xyz"), "points")
 
 
 def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Read only the points (N, 3) and triangles (M, 3) of any PLY; M is 0 where the file holds no faces.
+    """Read the points (N, 3), mm, and triangles (M, 3) of any PLY; M is 0 where the file holds no faces.
 
     Raises
     ------
     ValueError
         If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
     """
-    try:
-        elements = read_elements(path)
-        points = _finite(columns(path, elements, ("x", "y", "z")), "points")
-        if not elements.get("face", {}).get("length"):
+    ply = read_ply(path)
+    with _named(path):
+        points = _finite(point_columns(path, ply, "xyz"), "points")
+        if "face" not in ply or not ply["face"].count:
             return points, np.zeros((0, 3), np.int32)
-        return points, _faces(face_table(path, elements), len(points))
-    except ValueError as error:
-        raise _named(path, error) from error
+        return points, _faces(triangles(path, ply), len(points))
 
 
 def _finite(values: ArrayLike, name: str, length: int | None = None) -> NDArray[np.float32]:
@@ -338,15 +327,33 @@ def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
         raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
+def _check_points(path: Path, points: NDArray[np.floating]) -> None:
+    _check_suffix(path, (".ply",))
+    if not len(points):
+        raise ValueError(f"{path}: there is no point, nothing to write")
+
+
 def _no_cloud() -> bytes:
     points = np.empty((0, 3), np.float32)
-    return ply_header(vertex_table(points, points, points.astype(np.uint8)))
+    return ply_bytes(_oriented(points, points, points.astype(np.uint8)))
 
 
-def _ply_mesh(mesh: Mesh) -> bytes:
-    vertices = vertex_table(mesh.vertices, mesh.normals, mesh.colours)
-    return ply_header(vertices, len(mesh.faces)) + vertices.tobytes() + face_bytes(mesh.faces)
+def _oriented(
+    points: NDArray[np.float32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
+) -> dict[str, NDArray[Any]]:
+    return vector_columns("xyz", points) | vector_columns(FLOAT_NORMAL, normals) | vector_columns(UINT8_COLOUR, colours)
 
 
-def _named(path: Path, error: ValueError) -> ValueError:
-    return error if str(error).startswith(str(path)) else ValueError(f"{path}: {error}")
+def _write(path: Path, content: bytes) -> Path:
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Begin the sentence of a ValueError with the file's path."""
+    try:
+        yield
+    except ValueError as error:
+        raise error if str(error).startswith(str(path)) else ValueError(f"{path}: {error}") from error

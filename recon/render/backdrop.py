@@ -18,7 +18,7 @@ FADE = 2.2  # radii of the bounds after which the floor is half the horizon's co
 
 
 def floor_shade(mesh: LitMesh, scene: Scene) -> NDArray[np.float32]:
-    """How much darker the floor is below a mesh.
+    """Compute how much darker the floor is below a mesh.
 
     Returns
     -------
@@ -42,10 +42,12 @@ def floor_shade(mesh: LitMesh, scene: Scene) -> NDArray[np.float32]:
 
 
 def backdrop(scene: Scene, camera: Camera, shade: NDArray[np.float32], *, threads: int = 1) -> NDArray[np.uint8]:
-    """The scene without its model as a camera sees it.
+    """Draw the scene without its model as a camera sees it.
 
     Parameters
     ----------
+    scene : background and floor
+    camera : without distortion
     shade : as `floor_shade` returns it
     threads : how many threads share the rows; the picture does not depend on it
 
@@ -70,12 +72,12 @@ def backdrop(scene: Scene, camera: Camera, shade: NDArray[np.float32], *, thread
 
 
 def _blurred(image: NDArray[np.floating], share: float) -> NDArray[np.float32]:
-    """Blurred by a Gaussian whose standard deviation is a share of the image's width."""
+    """Blur by a Gaussian whose standard deviation is a share of the image's width."""
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), share * image.shape[1]), np.float32)
 
 
 def _window(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """1 inside, falling to 0 at the border within a tenth of the width, so that no shadow ends in an edge."""
+    """Weigh texels 1 inside, falling to 0 at the border within a tenth of the width: no shadow ends in an edge."""
     ramps = [np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.1 * n), 0, 1) for n in shape]
     smooth = [ramp * ramp * (3 - 2 * ramp) for ramp in ramps]
     return np.asarray(np.outer(smooth[0], smooth[1]), np.float32)
@@ -85,8 +87,8 @@ def _window(shape: tuple[int, ...]) -> NDArray[np.float32]:
 def _draw_backdrop(  # type: ignore[no-untyped-def]  # numba
     picture, rays, start, drop, colours, shade, texel, fade, first, step
 ):
-    """Every `step`-th row from `first` on. `drop` is the camera's height above the floor, negative without one."""
-    one = np.float32(1)
+    """Draw every `step`-th row from `first` on. `drop` is the camera's height above the floor, negative without one."""
+    full = np.float32(1)
     middle = np.float32((shade.shape[0] - 1) * 0.5)
     for y in range(first, picture.shape[0], step):
         for x in range(picture.shape[1]):
@@ -94,7 +96,7 @@ def _draw_backdrop(  # type: ignore[no-untyped-def]  # numba
             dx = rays[0, 0] * fx + rays[0, 1] * fy + rays[0, 2]
             dy = rays[1, 0] * fx + rays[1, 1] * fy + rays[1, 2]
             dz = rays[2, 0] * fx + rays[2, 1] * fy + rays[2, 2]
-            near, far, mix, light = 1, 2, np.float32(0), one  # colours to mix, share of the second
+            near, far, mix, light = 1, 2, np.float32(0), full  # colours to mix, share of the second
             if dy > 0:
                 slope = dy / np.sqrt(dx * dx + dy * dy + dz * dz)
                 mix = slope * slope * (np.float32(3) - np.float32(2) * slope)
@@ -107,9 +109,9 @@ def _draw_backdrop(  # type: ignore[no-untyped-def]  # numba
                 if u >= 0 and v >= 0 and u < shade.shape[1] - 1 and v < shade.shape[0] - 1:
                     j, i = int(u), int(v)
                     s, t = u - np.float32(j), v - np.float32(i)
-                    upper = shade[i, j] * (one - s) + shade[i, j + 1] * s
-                    lower = shade[i + 1, j] * (one - s) + shade[i + 1, j + 1] * s
-                    light = one - (upper * (one - t) + lower * t)
+                    upper = shade[i, j] * (full - s) + shade[i, j + 1] * s
+                    lower = shade[i + 1, j] * (full - s) + shade[i + 1, j + 1] * s
+                    light = full - (upper * (full - t) + lower * t)
             # Interleaved gradient noise instead of rounding: without it the gradient shows bands.
             noise = np.float32(0.06711056) * fx + np.float32(0.00583715) * fy
             noise = np.float32(52.9829189) * (noise - np.floor(noise))

@@ -1,4 +1,4 @@
-"""The way of the virtual camera around the model: one path for every approach of a dataset."""
+"""The virtual camera's path around the model, the same for every approach of a dataset."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Spherical:
 
     @property
     def offsets(self) -> NDArray[np.float64]:
-        """float64 (N, 3), mm: from the centre of the bounds to the places."""
+        """Cartesian vectors from the centre of the bounds to the places, float64 (N, 3), mm."""
         level = np.cos(self.elevation) * self.distance
         return np.stack(
             [level * np.sin(self.azimuth), np.sin(self.elevation) * self.distance, level * np.cos(self.azimuth)], axis=1
@@ -62,7 +62,7 @@ def camera_path(
     kind: str = "auto",
     parameters: PathParameters | None = None,
 ) -> tuple[Camera, ...]:
-    """The cameras of a fly-through: each looks at the centre of the bounds, world y up, one field of view for all.
+    """Make the cameras of a fly-through: each looks at the centre of the bounds, world y up, one field of view for all.
 
     The field of view depends on the bounds, the rig and the picture's shape alone, so that every approach of a
     dataset is framed the same.
@@ -94,7 +94,19 @@ def camera_path(
 
 
 def along_sensors(stations: Spherical, n_frames: int, parameters: PathParameters) -> Spherical:
-    """From the first sensor to the last, through those between, at constant speed with eased ends."""
+    """Fly from the first sensor to the last, through those between, at constant speed with eased ends.
+
+    Parameters
+    ----------
+    stations : the sensors
+    n_frames : places to return
+    parameters : of which the ease is used
+
+    Raises
+    ------
+    ValueError
+        If all sensors stand in the same place.
+    """
     at = np.arange(len(stations.azimuth), dtype=np.float64)
     columns = np.stack([np.unwrap(stations.azimuth), stations.elevation, stations.distance], axis=1)
     if len(at) == 1 or np.allclose(columns, columns[0]):
@@ -108,7 +120,14 @@ def along_sensors(stations: Spherical, n_frames: int, parameters: PathParameters
 
 
 def orbit(stations: Spherical, n_frames: int, parameters: PathParameters) -> Spherical:  # noqa: ARG001
-    """Once around from the first sensor, at constant speed, so that the last frame leads into the first."""
+    """Fly once around from the first sensor, at constant speed, so that the last frame leads into the first.
+
+    Parameters
+    ----------
+    stations : the sensors
+    n_frames : places to return
+    parameters : not used
+    """
     turn = np.arange(n_frames) * (2 * np.pi / n_frames)
     level = np.ones(n_frames)
     return Spherical(
@@ -117,7 +136,14 @@ def orbit(stations: Spherical, n_frames: int, parameters: PathParameters) -> Sph
 
 
 def swing(stations: Spherical, n_frames: int, parameters: PathParameters) -> Spherical:
-    """Before the first sensor to one side, to the other and back, slowest where it turns."""
+    """Swing before the first sensor to either side and back, slowest where the camera turns.
+
+    Parameters
+    ----------
+    stations : the sensors
+    n_frames : places to return
+    parameters : of which the swing's angle is used
+    """
     turn = np.sin(np.linspace(0.0, 2 * np.pi, n_frames)) * np.deg2rad(parameters.swing_deg)
     level = np.ones(n_frames)
     return Spherical(stations.azimuth[0] + turn, level * stations.elevation[0], level * float(stations.distance[0]))
@@ -127,7 +153,7 @@ PATHS: dict[str, Path] = {"sensors": along_sensors, "orbit": orbit, "swing": swi
 
 
 def checked_bounds(bounds: ArrayLike) -> NDArray[np.float64]:
-    """Bounds as float64 (2, 3).
+    """Check bounds, mm, and return them as float64 (2, 3).
 
     Raises
     ------
@@ -151,7 +177,7 @@ def _path_named(kind: str, rig: Rig) -> Path:
 
 
 def _stations(rig: Rig, centre: NDArray[np.float64]) -> Spherical:
-    """The sensors, each at the middle of its two cameras, as seen from the centre of the bounds."""
+    """Locate the sensors, each at the middle of its two cameras, from the centre of the bounds."""
     offsets = np.array([(s.left.centre + s.right.centre) / 2 - centre for s in rig.sensors])
     distance = np.linalg.norm(offsets, axis=1)
     elevation = np.arcsin(np.clip(offsets[:, 1] / np.maximum(distance, 1e-9), -1, 1))
@@ -171,7 +197,7 @@ def _stations(rig: Rig, centre: NDArray[np.float64]) -> Spherical:
 def _backed_away(
     offsets: NDArray[np.float64], bounds: NDArray[np.float64], parameters: PathParameters
 ) -> NDArray[np.float64]:
-    """Offsets far enough from the centre that the bounds' sphere fits the widest field of view."""
+    """Move offsets away from the centre until the bounds' sphere fits the widest field of view."""
     radius = float(np.linalg.norm(bounds[1] - bounds[0])) / 2
     nearest = radius / np.sin(np.deg2rad(parameters.widest_deg) / 2)
     scale = np.maximum(1.0, nearest / np.linalg.norm(offsets, axis=1))
@@ -181,7 +207,7 @@ def _backed_away(
 def _framing(
     places: NDArray[np.float64], bounds: NDArray[np.float64], size: tuple[int, int], parameters: PathParameters
 ) -> NDArray[np.float64]:
-    """The camera matrix (3, 3) with which the bounds stay inside the margin from every place."""
+    """Choose the camera matrix (3, 3) with which the bounds stay inside the margin from every place."""
     corners = bounds_corners(bounds)
     unit = [look_at(place, bounds.mean(axis=0)) for place in places]
     in_cameras = np.array([corners @ pose[:3, :3].T + pose[:3, 3] for pose in unit])  # (frames, 8, 3)
@@ -191,7 +217,7 @@ def _framing(
 
 
 def _eased(n_frames: int, ease: float) -> NDArray[np.float64]:
-    """How far along the path (0 to 1) each frame is: speed rises and falls as a cosine, constant between."""
+    """Place each frame along the path, 0 to 1: speed rises and falls as a cosine and is constant between."""
     time = np.linspace(0.0, 1.0, n_frames)
     if ease <= 0:
         return time

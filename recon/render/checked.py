@@ -1,4 +1,4 @@
-"""Videos for participants, with the proof that encoding took next to nothing from their frames."""
+"""Videos for participants, checked frame by frame for what encoding lost."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ def write_checked_video(
 
     Parameters
     ----------
-    path, frames, size, fps : as for `write_video`
+    path : where to, ending in .mp4
+    frames : uint8 (H, W, 3) each, sRGB
+    size : (width, height), pixels, both even
+    fps : frames a second
     master : where to write the near-lossless master; none if not given
 
     Raises
     ------
     VideoError
-        As `write_video`. A video that is whole but below the bar is the caller's to judge: see `VideoCheck.faults`.
+        As `write_video` does. A video below the bar for participants raises nothing: see `VideoCheck.faults`.
     """
     encodings = {path: DELIVERED} | ({master: MASTER} if master else {})
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,7 +45,7 @@ def write_checked_video(
 
 
 def holds_checked_frames(path: Path, check: VideoCheck) -> bool:
-    """Whether the frames of a video are, bit by bit, those that a check was about."""
+    """Tell whether the frames of a video are, bit by bit, those that were checked."""
     return tuple(zlib.crc32(luma.data) for luma in read_luma(path)) == check.crc32
 
 
@@ -66,8 +69,8 @@ def _compared(path: Path, originals: Iterable[NDArray[np.uint8]]) -> VideoCheck:
     psnr, ssim, crc32 = [], [], []
     for number, (luma, stored) in enumerate(zip_longest(originals, read_luma(path))):
         if luma is None or stored is None or luma.shape != stored.shape:
-            found, wanted = ("no frame" if image is None else f"a frame of {image.shape}" for image in (stored, luma))
-            raise VideoError(f"{path}: has {found} at number {number}, expected {wanted}")
+            actual, wanted = ("no frame" if image is None else f"a frame of {image.shape}" for image in (stored, luma))
+            raise VideoError(f"{path}: has {actual} at number {number}, expected {wanted}")
         psnr.append(psnr_of(luma, stored))
         ssim.append(ssim_of(luma, stored))
         crc32.append(zlib.crc32(stored.data))

@@ -23,7 +23,7 @@ Renderer = Callable[[Iterable[Shot]], Iterator[NDArray[np.uint8]]]
 
 
 def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
-    """Draw shots by the rasteriser of this package, four samples a pixel."""
+    """Draw shots by the rasteriser of this package, four samples a pixel; yields uint8 (H, W, 3), sRGB."""
     for shot in shots:
         draw_model(
             shot.picture,
@@ -47,7 +47,7 @@ def render_frames(
     renderer: str = "auto",
     threads: int = 1,
 ) -> Iterator[NDArray[np.uint8]]:
-    """A picture of the model in the scene for each camera.
+    """Draw the model in the scene for each camera.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def render_frames(
 
 
 def choose_renderer(wanted: str = "auto") -> str:
-    """The renderer that `wanted` means on this machine: pyrender where OpenGL has a GPU, else the software renderer.
+    """Choose the renderer on this machine for "auto": pyrender where OpenGL has a GPU, else the software renderer.
 
-    One renderer draws a whole stimulus set: choose once, and record the name.
+    The same renderer draws a whole stimulus set: choose once, and record the name.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def choose_renderer(wanted: str = "auto") -> str:
 
 
 def describe_renderer(name: str) -> str:
-    """A chosen renderer with the platform and driver that it draws on, for a manifest."""
+    """Name a renderer with the platform and driver that it draws on, for a manifest."""
     return f"pyrender ({', '.join(working_platform())})" if name == "pyrender" else name
 
 
@@ -117,7 +117,7 @@ def _shots(
 
 
 def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Column, row and depth, float32 (N, 3), of vertices (N, 3)."""
+    """Project vertices (N, 3) to column, row and depth, float32 (N, 3)."""
     homogeneous = transformed(vertices.astype(np.float64), camera.K @ camera.cam_from_world[:3])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
         homogeneous[:, :2] /= homogeneous[:, 2:]

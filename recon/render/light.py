@@ -20,7 +20,7 @@ SHADOW_TAPS = 2  # texels to either side over which the shadow's edge is softene
 
 
 def lit(mesh: Mesh, scene: Scene) -> LitMesh:
-    """The mesh in the scene's light.
+    """Light a mesh by the scene's light.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def lit(mesh: Mesh, scene: Scene) -> LitMesh:
 
 
 def _towards_light(normals: NDArray[np.float32], scene: Scene) -> NDArray[np.float32]:
-    """The cosine (N,) between normals and the direction to the key light."""
+    """Compute the cosine (N,) between normals and the direction to the key light."""
     x, y, z = scene.to_light.astype(np.float32)
     return np.asarray(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
 
@@ -52,7 +52,7 @@ def _towards_light(normals: NDArray[np.float32], scene: Scene) -> NDArray[np.flo
 def _gains(
     normals: NDArray[np.float32], scene: Scene, visible: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the encoded colours of the front and of the back are multiplied by, (N,) each, at most 1."""
+    """Compute the gains on the encoded colours of front and back, (N,) each, at most 1."""
     background = scene.background
     towards = _towards_light(normals, scene)
     gains = []
@@ -66,7 +66,7 @@ def _gains(
 
 @njit(cache=True, nogil=True)
 def _visibility(shadow, in_front, behind, towards, bias):  # type: ignore[no-untyped-def]  # numba
-    """Share of the key light that reaches each vertex, on the one side of it that faces the light."""
+    """Compute the share of the key light that reaches each vertex, on the side that faces the light."""
     visible = np.empty(towards.shape[0], dtype=np.float32)
     share = np.float32(1) / np.float32((2 * SHADOW_TAPS) ** 2)
     for i in range(towards.shape[0]):

@@ -40,7 +40,7 @@ class NoRendererError(RuntimeError):
 
 @cache
 def working_platform() -> tuple[str, str]:
-    """The first OpenGL platform that works and the name of its driver.
+    """Find the first OpenGL platform that works, and the name of its driver.
 
     Where `PYOPENGL_PLATFORM` names one of them, only that one is tried.
 
@@ -64,12 +64,12 @@ def working_platform() -> tuple[str, str]:
 
 
 def is_hardware(driver: str) -> bool:
-    """Whether an OpenGL driver's name is that of a GPU rather than of a processor's imitation of one."""
+    """Tell an OpenGL driver for a GPU from one that draws on the processor, by its name."""
     return not any(name in driver.lower() for name in SOFTWARE_DRIVERS)
 
 
 def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
-    """Draw shots by pyrender, four samples a pixel; one OpenGL context, freed at the end.
+    """Draw shots by pyrender, four samples a pixel; yields uint8 (H, W, 3), sRGB. Frees its OpenGL context at the end.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
 
 
 def _probed(platform: str) -> tuple[str, str]:
-    """The driver's name and "", or "" and why the platform does not work."""
+    """Try a platform: the driver's name and "", or "" and why it does not work."""
     environment = {**os.environ, "PYOPENGL_PLATFORM": platform}
     try:
         done = subprocess.run(
@@ -129,7 +129,7 @@ def _empty(pyrender: Any, renderer: Any, scene: Any) -> None:
 
 
 def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
-    """A pyrender mesh that shows other colours from behind: two surfaces, each visible from its own side."""
+    """Make a pyrender mesh that shows other colours from behind: two surfaces, each visible from its front."""
     material = pyrender.MetallicRoughnessMaterial(doubleSided=False)
     sides = ((mesh.faces, mesh.front), (mesh.faces[:, ::-1], mesh.back))
     return pyrender.Mesh(
@@ -147,7 +147,7 @@ def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
 
 
 def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale: int) -> NDArray[np.uint8]:
-    """The model alone from row `top` on, uint8 (rows, W, 4): colours already multiplied by coverage, and coverage."""
+    """Draw the model alone from row `top` on, uint8 (rows, W, 4): colours multiplied by coverage, and coverage."""
     depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2]
     near = max(float(depth.min()) * 0.9, 1.0)
     K = shot.camera.K
@@ -172,7 +172,7 @@ def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale
 
 
 def _world_from_gl_camera(camera: Camera) -> NDArray[np.float64]:
-    """OpenGL's camera looks along -z with y up."""
+    """Convert a pose to OpenGL's camera, which looks along -z with y up."""
     return np.asarray(np.linalg.inv(camera.cam_from_world) @ np.diag([1.0, -1.0, -1.0, 1.0]))
 
 

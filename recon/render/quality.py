@@ -1,4 +1,4 @@
-"""How near an encoded picture is to the one it was made from."""
+"""Quality of encoded video frames: PSNR and SSIM against the pictures that they were made from."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ LOSSLESS_DB = 100.0
 
 @dataclass(frozen=True)
 class VideoCheck:
-    """How near each frame of a video is to the frame it was made from, in luma.
+    """Quality of each frame of a video against the frame that it was made from, in luma.
 
     Parameters
     ----------
-    psnr_db : one a frame
-    ssim : one a frame
-    crc32 : of each frame's luma as it is stored, by which the frame is known again
+    psnr_db, ssim : of each frame
+    crc32 : of each frame's luma as it is stored, by which the frame is recognised
     """
 
     psnr_db: tuple[float, ...]
@@ -32,33 +31,33 @@ class VideoCheck:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What is below the bar for a delivered video; empty for a good one."""
+        """Sentences on what is below the bar for a delivered video; empty for a good video."""
         worst = min(range(len(self.psnr_db)), key=self.psnr_db.__getitem__)
         mean, ssim = fmean(self.psnr_db), fmean(self.ssim)
-        found = []
+        faults = []
         if mean < MEAN_PSNR_DB:
-            found.append(f"mean PSNR-Y is {mean:.2f} dB, expected {MEAN_PSNR_DB:g}")
+            faults.append(f"mean PSNR-Y is {mean:.2f} dB, expected {MEAN_PSNR_DB:g}")
         if self.psnr_db[worst] < FRAME_PSNR_DB:
-            found.append(f"PSNR-Y of frame {worst} is {self.psnr_db[worst]:.2f} dB, expected {FRAME_PSNR_DB:g}")
+            faults.append(f"PSNR-Y of frame {worst} is {self.psnr_db[worst]:.2f} dB, expected {FRAME_PSNR_DB:g}")
         if ssim < MEAN_SSIM:
-            found.append(f"mean SSIM-Y is {ssim:.4f}, expected {MEAN_SSIM:g}")
-        return tuple(found)
+            faults.append(f"mean SSIM-Y is {ssim:.4f}, expected {MEAN_SSIM:g}")
+        return tuple(faults)
 
 
 def luma_of(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """BT.709 luma, uint8 (H, W), 16 to 235, of an RGB frame (H, W, 3)."""
+    """Convert an RGB frame (H, W, 3) to BT.709 luma, uint8 (H, W), 16 to 235."""
     weights = np.array([[0.2126, 0.7152, 0.0722]], dtype=np.float32) * np.float32(219 / 255)
     return np.asarray(np.rint(cv2.transform(frame.astype(np.float32), weights) + 16), np.uint8)
 
 
 def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Peak signal-to-noise ratio of two images, dB; `LOSSLESS_DB` where they are equal."""
+    """Compute the peak signal-to-noise ratio of two images (H, W), dB; `LOSSLESS_DB` where they are equal."""
     squared = float(np.square(np.subtract(image, other, dtype=np.float32)).mean(dtype=np.float64))
     return 10 * math.log10(255**2 / squared) if squared else LOSSLESS_DB
 
 
 def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
+    """Compute the structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
 
     Source
     ------

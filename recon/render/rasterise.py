@@ -3,6 +3,9 @@
 Convention: pixel centres at integers. Corners are snapped to 1/256 pixel and covered by exact integer edge functions
 with the top-left rule, so neighbouring triangles neither overlap nor leave cracks. Each tile of the picture is drawn by
 one thread in the order of the faces: the picture is the same, bit by bit, for any number of threads.
+
+pyrender needs OpenGL, takes 3 to 4 times as long without a GPU (docs/surface.md), and its pixels depend on the driver;
+the fly-throughs are drawn by it where there is a GPU (`offscreen`).
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ FARTHEST_PIXEL = (
 
 
 def height_map(points: NDArray[np.float32], faces: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """The smallest third coordinate that the triangles reach at each pixel.
+    """Find the smallest third coordinate that the triangles reach at each pixel.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What stands around the model: background, floor and light, the same for every approach of a dataset."""
+"""Background, floor and light around the model, the same for every approach of a dataset."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Scene:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """float64 (3,), mm: the middle of the bounds."""
+        """Middle of the bounds, float64 (3,), mm."""
         return np.asarray(self.bounds.mean(axis=0))
 
     @property
@@ -100,7 +100,7 @@ class TexelGrid:
     texel: float
 
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
-        """float32 (N, 3): column, row and depth of points (N, 3)."""
+        """Project points (N, 3) to column, row and depth, float32 (N, 3)."""
         return transformed(points.astype(np.float32, copy=False), self.texels_from_world.astype(np.float32))
 
 
@@ -123,7 +123,7 @@ class LitMesh:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a renderer draws: a model over a picture.
+    """A renderer's task: to draw a model over a picture.
 
     Parameters
     ----------
@@ -140,7 +140,13 @@ class Shot:
 
 
 def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], background: str = "studio") -> Scene:
-    """The scene of a dataset: its light is placed once, by the whole camera path, and serves every frame and approach.
+    """Place a background around a dataset, lit from beside its whole camera path, for every frame and approach.
+
+    Parameters
+    ----------
+    bounds : floating (2, 3), mm, lowest and highest corner
+    cameras : of the whole path
+    background : a name in `BACKGROUNDS`
 
     Raises
     ------
@@ -156,7 +162,7 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
 
 
 def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real]:
-    """Points (N, 3) moved by an affine transform (3, 4).
+    """Transform points (N, 3) by an affine matrix (3, 4).
 
     Written out, because the linear algebra library may round differently with its number of threads.
     """
@@ -165,7 +171,7 @@ def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real
 
 
 def light_grid(scene: Scene) -> TexelGrid:
-    """The bounds as the key light sees them; depth grows away from the light."""
+    """Project along the key light onto a grid that holds the bounds; depth grows away from the light."""
     pose = look_at(scene.centre + scene.to_light, scene.centre)
     corners = bounds_corners(scene.bounds) @ pose[:3, :3].T + pose[:3, 3]
     low, high = corners.min(axis=0)[:2], corners.max(axis=0)[:2]
@@ -178,7 +184,7 @@ def light_grid(scene: Scene) -> TexelGrid:
 
 
 def floor_grid(scene: Scene, along: NDArray[np.floating]) -> TexelGrid:
-    """The floor as points fall on it parallel to `along` (mm, upwards); depth is the height above the floor.
+    """Project onto the floor parallel to `along` (3,), upwards; depth is the height above the floor, mm.
 
     The grid is a square around the bounds that the longest shadow does not leave; column is x, row is z.
     """
@@ -195,17 +201,17 @@ def floor_grid(scene: Scene, along: NDArray[np.floating]) -> TexelGrid:
 
 
 def floor_reach(scene: Scene) -> float:
-    """Half the side of the floor's square that can hold shadows, mm."""
+    """Compute half the side of the square of floor that can hold shadows, mm."""
     extent = scene.bounds[1] - scene.bounds[0]
     footprint = float(np.hypot(extent[0], extent[2])) / 2
     return 1.3 * footprint + float(extent[1]) / float(np.tan(np.deg2rad(KEY_ELEVATION_DEG)))
 
 
 def _key_direction(centre: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float64]:
-    """Towards the key light: to the left of where the cameras stand on average, and above."""
+    """Point towards the key light: to the left of where the cameras stand on average, and above."""
     towards = np.mean([camera.centre - centre for camera in cameras], axis=0)
     first = cameras[0].centre - centre
-    if np.linalg.norm(towards[[0, 2]]) < 0.05 * np.linalg.norm(first):  # a whole orbit has no side of its own
+    if np.linalg.norm(towards[[0, 2]]) < 0.05 * np.linalg.norm(first):  # a whole orbit has no mean direction
         towards = first
     azimuth = float(np.arctan2(towards[0], towards[2])) - float(np.deg2rad(KEY_AZIMUTH_DEG))
     elevation = float(np.deg2rad(KEY_ELEVATION_DEG))

@@ -16,14 +16,14 @@ PAPER, INK = 245, (40, 40, 40)
 def contact_sheet(
     images: Sequence[NDArray[np.uint8]], labels: Sequence[str], *, columns: int = 3, width: int = 480
 ) -> NDArray[np.uint8]:
-    """Pictures in rows under their labels, each scaled to one width and to the height of the tallest.
+    """Lay out pictures in rows under their labels, all of the same width, on cells as high as the tallest.
 
     Parameters
     ----------
     images : uint8 (H, W, 3) sRGB or (H, W) grey each
-    labels : one a picture
-    columns : pictures a row
-    width : pixels a picture
+    labels : for each picture
+    columns : pictures in a row
+    width : of a picture, pixels
 
     Returns
     -------

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +21,6 @@ from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose
 from recon.studio.lighting import lit
 from recon.studio.looks import Light, noise_volume
-from recon.studio.png import encode_png
 from recon.studio.rasterise import Visibility, see
 from recon.studio.rigs import arc_rig, between, distorted, disturbed
 from recon.studio.room import Room
@@ -39,6 +39,10 @@ WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from tha
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
 SIDES = ("left", "right")
+# Noise repeats nothing: without a search for repetitions, a picture of 1280 x 720 takes 24 ms and 1.24 MB instead of
+# 27 ms and 1.32 MB.
+NOISY_PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
+             cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -206,7 +210,7 @@ class _Recording:
         )
         path = self._folder / f"{view.name}/{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(encode_png(picture))
+        path.write_bytes(cv2.imencode(".png", picture, NOISY_PNG)[1].tobytes())
 
     def _key(self, view: int, picture: int) -> np.uint64:
         return np.uint64(self._rng(4, view, picture).integers(0, 2**64, dtype=np.uint64))

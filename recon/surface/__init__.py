@@ -108,12 +108,12 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
 
 
 def with_voxel(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:
-    """The same parameters with a voxel chosen for these clouds, where none is given."""
+    """Choose a voxel for these clouds, where the parameters give none."""
     return parameters if parameters.voxel_mm else replace(parameters, voxel_mm=default_voxel(clouds))
 
 
 def default_voxel(clouds: Sequence[Cloud]) -> float:
-    """Voxel in mm for clouds of single sensors: 1.5 times the points' spacing, or their depth error if that is more.
+    """Choose a voxel, mm, for clouds of single sensors: 1.5 times the points' spacing, or their depth error if larger.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def default_voxel(clouds: Sequence[Cloud]) -> float:
 
 
 def spacing(cloud: Cloud) -> float:
-    """Mean distance of neighbouring points in mm, from the area that the cloud covers."""
+    """Estimate the mean distance of neighbouring points, mm, from the area that the cloud covers."""
     lowest = cloud.points.min(axis=0)
     size = float((cloud.points.max(axis=0) - lowest).max())
     if size == 0:
@@ -146,7 +146,7 @@ def _depth_error(cloud: Cloud) -> float:
 
 
 def _sampled(cloud: Cloud, voxel: float, parameters: SurfaceParameters) -> tuple[Cells, Band]:
-    """The cloud's cells and the band around them, if they fit into memory."""
+    """Make the cloud's cells and the band around them, if they fit into memory."""
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise _too_large(cloud, voxel, parameters, "more samples than can be numbered")
     cells = gather(cloud, voxel, _reach(parameters))

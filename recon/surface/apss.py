@@ -1,8 +1,11 @@
-"""The signed field of an algebraic point set surface on the samples of a band.
+"""The signed distance field of an algebraic point set surface (APSS) at the samples of a band.
 
 Around every sample an algebraic sphere is fitted to the points and normals nearby; its signed distance at the sample
 is the field, its gradient there the normal, and powers of the same weights blend the colours.
-Source: Guennebaud and Gross, Algebraic Point Set Surfaces, SIGGRAPH 2007; the closed form of the fit with normals from
+
+Source
+------
+Guennebaud and Gross, Algebraic Point Set Surfaces, SIGGRAPH 2007; the closed form of the fit with normals from
 Guennebaud, Germann and Gross, Dynamic Sampling and Rendering of Algebraic Point Set Surfaces, 2008, section 2.
 """
 
@@ -21,10 +24,12 @@ SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
 def signed_field(
     cells: Cells, band: Band, *, overhang: float, agreement: float, min_points: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Fit a sphere at every sample of the band.
+    """Fit a sphere to the points around every sample of the band.
 
     Parameters
     ----------
+    cells : the points
+    band : the samples
     overhang : how far the mean of the weighted points may lie beside a sample, along the surface, as a share of
         their radius; beyond it the sample is past the data's edge and has no value
     agreement : shortest mean normal that counts as one surface
@@ -35,15 +40,15 @@ def signed_field(
     field (B, 8, 8, 8), voxels, negative inside, NaN where points do not support it; gradient (B, 3, 8, 8, 8), unit;
     colour (B, 3, 8, 8, 8), 0 to 255; all float32, the latter two without meaning where the field is NaN
     """
-    field, gradient, colour = fit_spheres(
+    field, gradient, colour = _fit_spheres(
         cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_points
     )
     return field, gradient, colour
 
 
 @njit(cache=True)
-def moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
-    """The sums (15,) of a cell with weight 1 whose mean point lies at `x, y, z`, in the order of `spread_cell`."""
+def _moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sums: NDArray[np.float32]) -> None:
+    """Write the sums (15,) of a cell at weight 1 whose mean point lies at `x, y, z`, in the order of `_spread_cell`."""
     weight, nx, ny, nz = moment[3], moment[4], moment[5], moment[6]
     sums[0] = weight
     sums[1], sums[2], sums[3] = weight * x, weight * y, weight * z
@@ -57,7 +62,7 @@ def moments_about(moment: NDArray[np.float32], x: float, y: float, z: float, sum
 
 
 @njit(cache=True)
-def spread_cell(
+def _spread_cell(
     cell: NDArray[np.float32], x: float, y: float, z: float, radius: float, sums: NDArray[np.float32]
 ) -> None:
     """Add a cell's weighted sums (15,) to those of each sample it reaches, flat from (8, 8, 15, 8): x, y, sum, z.
@@ -71,13 +76,13 @@ def spread_cell(
     """
     c0, c1, c2, c3, c4, c5, c6 = cell[0], cell[1], cell[2], cell[3], cell[4], cell[5], cell[6]
     c7, c8, c9, c10, c11, c12, c13, c14 = cell[7], cell[8], cell[9], cell[10], cell[11], cell[12], cell[13], cell[14]
-    one, zero = np.float32(1), np.float32(0)
-    inverse = one / (radius * radius)
+    unit, zero = np.float32(1), np.float32(0)
+    inverse = unit / (radius * radius)
     for i in range(max(int(np.ceil(x - radius)), 0), min(int(np.floor(x + radius)) + 1, 8)):
         dx = np.float32(x - np.float32(i))
         for j in range(max(int(np.ceil(y - radius)), 0), min(int(np.floor(y + radius)) + 1, 8)):
             dy = np.float32(y - np.float32(j))
-            left = one - (dx * dx + dy * dy) * inverse
+            left = unit - (dx * dx + dy * dy) * inverse
             if left <= zero:
                 continue
             line = np.uint64((i * 8 + j) * 120)
@@ -107,7 +112,7 @@ def spread_cell(
 
 
 @njit(cache=True, error_model="numpy")
-def solve_line(
+def _solve_line(
     s: NDArray[np.float32],
     x: float,
     y: float,
@@ -162,10 +167,10 @@ def solve_line(
 
 
 @njit(cache=True)
-def sum_block(
+def _sum_block(
     moments: NDArray[np.float32], starts: NDArray[np.int64], around: NDArray[np.int32]
 ) -> NDArray[np.float32]:
-    """The sums (8, 8, 15, 8) of one block's samples over the cells of the blocks `around` it (27,)."""
+    """Sum the cells of the blocks `around` a block (27,) for each of its samples, (8, 8, 15, 8)."""
     flat = np.zeros(15 * 512, np.float32)
     cell_sums = np.empty(15, np.float32)
     for side in range(27):
@@ -180,13 +185,13 @@ def sum_block(
             y = np.float32(moment[1] + np.float32(dj))
             z = np.float32(moment[2] + np.float32(dk))
             if min(x, y, z) > -radius and max(x, y, z) < np.float32(7) + radius:
-                moments_about(moment, x, y, z, cell_sums)
-                spread_cell(cell_sums, x, y, z, radius, flat)
+                _moments_about(moment, x, y, z, cell_sums)
+                _spread_cell(cell_sums, x, y, z, radius, flat)
     return flat.reshape((8, 8, 15, 8))
 
 
 @njit(parallel=True, cache=True)
-def fit_spheres(
+def _fit_spheres(
     moments: NDArray[np.float32],
     starts: NDArray[np.int64],
     neighbours: NDArray[np.int32],
@@ -194,17 +199,17 @@ def fit_spheres(
     agreement: float,
     min_points: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """As `signed_field`; `neighbours` (B, 27) says where each block's surrounding cells stand.
+    """Fit as `signed_field` does; `neighbours` (B, 27) holds the index of each surrounding block's cells.
 
-    A block is one thread's work and takes its cells in a fixed order: the result does not depend on the threads.
+    One thread computes a block from its cells in a fixed order, so that the result does not depend on the threads.
     """
     n_blocks = len(neighbours)
     field = np.empty((n_blocks, 8, 8, 8), np.float32)
     gradient = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
     colour = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
     for block in prange(n_blocks):
-        sums = sum_block(moments, starts, neighbours[block])
-        solve_block(
+        sums = _sum_block(moments, starts, neighbours[block])
+        _solve_block(
             sums, np.float32(overhang), np.float32(agreement), np.float32(min_points),
             field[block], gradient[block], colour[block],
         )  # fmt: skip
@@ -212,7 +217,7 @@ def fit_spheres(
 
 
 @njit(cache=True)
-def solve_block(
+def _solve_block(
     sums: NDArray[np.float32],
     overhang: float,
     agreement: float,
@@ -224,7 +229,7 @@ def solve_block(
     """Write one block's field (8, 8, 8), gradient and colour (3, 8, 8, 8)."""
     for i in range(8):
         for j in range(8):
-            solve_line(
+            _solve_line(
                 sums[i, j], np.float32(i), np.float32(j), overhang, agreement, min_points,
                 field[i, j], gradient[:, i, j], colour[:, i, j],
             )  # fmt: skip

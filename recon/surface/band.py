@@ -32,8 +32,8 @@ class Band:
 
 
 def band_around(cells: Cells) -> Band:
-    """The blocks with a sample within reach of a cell's mean point."""
-    touched = touched_neighbours(cells.starts, cells.moments, REACH)
+    """Find the blocks with a sample within reach of a cell's mean point."""
+    touched = _touched_neighbours(cells.starts, cells.moments, REACH)
     lowest = cells.blocks.min(axis=0) - 1
     owners, towards = np.nonzero(touched)
     blocks = cells.blocks[owners] - lowest + directions()[towards]
@@ -42,14 +42,14 @@ def band_around(cells: Cells) -> Band:
 
 
 def neighbours_of(band: Band, cells: Cells) -> NDArray[np.int32]:
-    """int32 (B, 27): index among the blocks that hold points of each block around each of the band's."""
+    """Look up the blocks around each of the band's, int32 (B, 27): index in `cells.blocks`, -1 without points."""
     lowest = cells.blocks.min(axis=0) - 2
     return neighbours_in(band.blocks, block_keys(cells.blocks - lowest), lowest)
 
 
 @njit(cache=True)
-def touched_neighbours(starts: NDArray[np.int64], moments: NDArray[np.float32], reach: float) -> NDArray[np.bool_]:
-    """bool (O, 27): which blocks around each have a sample within `reach` of one of its cells along every axis."""
+def _touched_neighbours(starts: NDArray[np.int64], moments: NDArray[np.float32], reach: float) -> NDArray[np.bool_]:
+    """Mark the blocks around each, bool (O, 27), with a sample within `reach` of one of its cells along every axis."""
     touched = np.zeros((len(starts) - 1, 27), np.bool_)
     for block in range(len(starts) - 1):
         for cell in range(starts[block], starts[block + 1]):

@@ -1,4 +1,4 @@
-"""A cloud's points gathered into cells one voxel wide: what an algebraic sphere is fitted to."""
+"""A cloud's points gathered into cells one voxel wide, to which algebraic spheres are fitted."""
 
 from __future__ import annotations
 
@@ -48,13 +48,19 @@ class Cells:
 
 
 def extent_in_blocks(cloud: Cloud, voxel: float) -> int:
-    """Blocks along the longest side of the cloud's bounding box."""
-    lowest, highest = bounding_box(cloud.points)
+    """Count the blocks along the longest side of the cloud's bounding box."""
+    lowest, highest = _bounding_box(cloud.points)
     return int((highest - lowest).max() / (voxel * BLOCK)) + 1
 
 
 def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     """Gather a cloud's points into cells one voxel wide, in an order that depends on nothing but the points.
+
+    Parameters
+    ----------
+    cloud : at least one point
+    voxel : mm
+    reach : of a point's influence
 
     Raises
     ------
@@ -63,13 +69,13 @@ def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     """
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
-    lowest = np.floor(bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
-    found, keys = number_blocks(cloud.points, voxel, lowest)
+    lowest = np.floor(_bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
+    numbers, keys = _number_blocks(cloud.points, voxel, lowest)
     rank = np.empty(len(keys), np.int64)
     rank[np.argsort(keys)] = np.arange(len(keys))
-    order, point_starts = sort_by_block(rank[found], len(keys))
+    order, point_starts = _sort_by_block(rank[numbers], len(keys))
     sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
-    moments, starts = cell_moments(
+    moments, starts = _cell_moments(
         cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts, voxel
     )
     cells = Cells(block_coordinates(np.sort(keys)) + lowest, starts, moments)
@@ -89,7 +95,7 @@ def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None
 
 
 def _weights(cloud: Cloud) -> NDArray[np.float64]:
-    """float64 (N,): inverse variance of each point against the median one; 1 where no uncertainty is known."""
+    """Weigh each point by its inverse variance over the median one, float64 (N,); 1 where no uncertainty is known."""
     if cloud.sigma is None:
         return np.ones(len(cloud))
     relative = (float(np.median(cloud.sigma)) / cloud.sigma.astype(np.float64)) ** 2
@@ -97,8 +103,8 @@ def _weights(cloud: Cloud) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Lowest and highest corner (2, 3); numpy takes ten times as long along the short axis."""
+def _bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Find the lowest and highest corner (2, 3); numpy takes ten times as long along the short axis."""
     box = np.empty((2, 3))
     box[0], box[1] = np.inf, -np.inf
     for index in range(len(points)):
@@ -109,28 +115,28 @@ def bounding_box(points: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def block_of(point: NDArray[np.float32], axis: int, voxel: float) -> int:
-    """Coordinate along an axis of the block whose cells hold a point."""
+def _block_of(point: NDArray[np.float32], axis: int, voxel: float) -> int:
+    """Find the coordinate along an axis of the block whose cells hold a point."""
     return int(np.floor(np.floor(float(point[axis]) / voxel) / 8))
 
 
 @njit(cache=True)
-def number_blocks(
+def _number_blocks(
     points: NDArray[np.float32], voxel: float, lowest: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The number of each point's block (N,), in the order in which they are met, and the blocks' keys."""
+    """Number the blocks in the order in which points meet them: each point's number (N,), and the blocks' keys."""
     size = 16
     while size < 2 * len(points):
         size *= 2
     table = np.full(size, -1, np.int64)
     keys = np.empty(len(points), np.int64)
-    found = np.empty(len(points), np.int64)
+    numbers = np.empty(len(points), np.int64)
     n_blocks = 0
     key = number = -1
     for index in range(len(points)):
-        x = block_of(points[index], 0, voxel) - lowest[0]
-        y = block_of(points[index], 1, voxel) - lowest[1]
-        z = block_of(points[index], 2, voxel) - lowest[2]
+        x = _block_of(points[index], 0, voxel) - lowest[0]
+        y = _block_of(points[index], 1, voxel) - lowest[1]
+        z = _block_of(points[index], 2, voxel) - lowest[2]
         wanted = (x << 36) | (y << 18) | z
         if wanted != key:
             key = wanted
@@ -142,36 +148,36 @@ def number_blocks(
                 keys[n_blocks] = key
                 n_blocks += 1
             number = table[slot]
-        found[index] = number
-    return found, keys[:n_blocks].copy()
+        numbers[index] = number
+    return numbers, keys[:n_blocks].copy()
 
 
 @njit(cache=True)
-def sort_by_block(found: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Points (N,) by block, in their own order within each, and the first of each block (n_blocks + 1,)."""
+def _sort_by_block(numbers: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sort points (N,) by block, in their given order within each, and find each block's first (n_blocks + 1,)."""
     starts = np.zeros(n_blocks + 1, np.int64)
-    for index in range(len(found)):
-        starts[found[index] + 1] += 1
+    for index in range(len(numbers)):
+        starts[numbers[index] + 1] += 1
     for block in range(n_blocks):
         starts[block + 1] += starts[block]
     following = starts.copy()
-    order = np.empty(len(found), np.int64)
-    for index in range(len(found)):
-        order[following[found[index]]] = index
-        following[found[index]] += 1
+    order = np.empty(len(numbers), np.int64)
+    for index in range(len(numbers)):
+        order[following[numbers[index]]] = index
+        following[numbers[index]] += 1
     return order, starts
 
 
 @njit(cache=True)
-def cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
-    """Number, 0 to 511, of a point's cell within its block."""
+def _cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
+    """Number a point's cell within its block, 0 to 511."""
     x = int(np.floor(float(point[0]) / voxel)) & 7
     y = int(np.floor(float(point[1]) / voxel)) & 7
     return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
 
 
 @njit(parallel=True, cache=True)
-def cell_moments(
+def _cell_moments(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
@@ -181,33 +187,33 @@ def cell_moments(
     starts: NDArray[np.int64],
     voxel: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
+    """Compute the moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
 
     Block b holds the points `order[starts[b] : starts[b + 1]]`.
     """
     n_cells = np.zeros(len(starts), np.int64)
     for block in prange(len(starts) - 1):
-        n_cells[block + 1] = count_cells(points, order[starts[block] : starts[block + 1]], voxel)
+        n_cells[block + 1] = _count_cells(points, order[starts[block] : starts[block + 1]], voxel)
     cell_starts = np.cumsum(n_cells)
     moments = np.empty((cell_starts[-1], 14), np.float32)
     for block in prange(len(starts) - 1):
         chosen = order[starts[block] : starts[block + 1]]
         cells = moments[cell_starts[block] : cell_starts[block + 1]]
-        sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
+        _sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
     return moments, cell_starts
 
 
 @njit(cache=True)
-def count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
-    """How many cells of one block hold the chosen points."""
+def _count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
+    """Count the cells of a block that hold the chosen points."""
     is_cell = np.zeros(512, np.bool_)
     for index in chosen:
-        is_cell[cell_in_block(points[index], voxel)] = True
+        is_cell[_cell_in_block(points[index], voxel)] = True
     return int(is_cell.sum())
 
 
 @njit(cache=True)
-def sum_block(
+def _sum_block(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
@@ -221,21 +227,21 @@ def sum_block(
     sums = np.zeros((512, 14))
     corner = np.empty(3)
     for axis in range(3):
-        corner[axis] = 8.0 * block_of(points[chosen[0]], axis, voxel)
+        corner[axis] = 8.0 * _block_of(points[chosen[0]], axis, voxel)
     for index in chosen:
-        cell = cell_in_block(points[index], voxel)
-        add_point(
+        cell = _cell_in_block(points[index], voxel)
+        _add_point(
             points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel, sums[cell]
         )
     count = 0
     for cell in range(512):
         if sums[cell, 3] > 0:
-            finish_moments(sums[cell], moments[count])
+            _finish_moments(sums[cell], moments[count])
             count += 1
 
 
 @njit(cache=True)
-def add_point(
+def _add_point(
     point: NDArray[np.float32],
     normal: NDArray[np.float32],
     colour: NDArray[np.uint8],
@@ -262,7 +268,7 @@ def add_point(
 
 
 @njit(cache=True)
-def finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> None:
+def _finish_moments(sums: NDArray[np.float64], moments: NDArray[np.float32]) -> None:
     """Turn a cell's sums into means, covariance and spread about the mean point."""
     total = sums[3]
     along, spread = sums[7] / total, sums[8] / total

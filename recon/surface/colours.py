@@ -1,4 +1,4 @@
-"""Making the colours of several sensors agree before their clouds are fused."""
+"""Colours of several sensors made to agree before their clouds are fused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _Places = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class SensorColours:
-    """What makes the sensors' colours agree: `gain * colour + offset`.
+    """Correction of the sensors' colours: `gain * colour + offset`.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class SensorColours:
 
 
 def estimate_colours(clouds: Sequence[Cloud], place_mm: float) -> SensorColours:
-    """Gain and offset of each sensor from the places that more than one of them saw.
+    """Estimate gain and offset of each sensor from the places that more than one of them saw.
 
     Places are cubes `place_mm` wide; those where normals disagree or colours are clipped do not count, and others
     count less the less they fit (Huber's weights). Estimate once for a recording, so that colours stay steady in time.
@@ -59,7 +59,7 @@ def estimate_colours(clouds: Sequence[Cloud], place_mm: float) -> SensorColours:
 
 
 def balance_colours(clouds: Sequence[Cloud], colours: SensorColours) -> list[Cloud]:
-    """The clouds with their colours made to agree."""
+    """Apply gain and offset of each sensor to its cloud."""
     return [
         Cloud(cloud.points, cloud.normals, _balanced(cloud.colours, gain, offset), cloud.sigma)
         for cloud, gain, offset in zip(clouds, colours.gain, colours.offset, strict=True)
@@ -71,7 +71,7 @@ def _balanced(colours: NDArray[np.uint8], gain: NDArray[np.float64], offset: NDA
 
 
 def _places(cloud: Cloud, place_mm: float) -> _Places:
-    """The cubes (P, 3) that hold points, their mean colours (P, 3) and mean normals (P, 3)."""
+    """List the cubes (P, 3) that hold points, their mean colours (P, 3) and mean normals (P, 3)."""
     cubes, place = np.unique(np.floor(cloud.points / place_mm).astype(np.int64), axis=0, return_inverse=True)
     place = place.ravel()
     count = np.bincount(place)[:, None]
@@ -83,7 +83,7 @@ def _places(cloud: Cloud, place_mm: float) -> _Places:
 
 
 def _shared(a: _Places, b: _Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Colours (P, 3), (P, 3) of the places that both sensors saw alike."""
+    """Pair the colours (P, 3), (P, 3) of the places that both sensors saw alike."""
     _, twice, count = np.unique(np.concatenate([a[0], b[0]]), axis=0, return_inverse=True, return_counts=True)
     in_both = count[twice.ravel()] == 2
     first, second = np.flatnonzero(in_both[: len(a[0])]), np.flatnonzero(in_both[len(a[0]) :])
@@ -97,7 +97,7 @@ def _shared(a: _Places, b: _Places) -> tuple[NDArray[np.float64], NDArray[np.flo
 def _solve_channel(
     n_sensors: int, pairs: Sequence[tuple[int, int, NDArray[np.float64], NDArray[np.float64]]], channel: int
 ) -> NDArray[np.float64]:
-    """Gains and offsets (2 S,) of one channel by iterated least squares, means 1 and 0."""
+    """Solve for the gains and offsets (2 S,) of a channel by iterated least squares, with means 1 and 0."""
     blocks = []
     for a, b, first, second in pairs:
         rows = np.zeros((len(first), 2 * n_sensors))
@@ -106,7 +106,7 @@ def _solve_channel(
         blocks.append(rows)
     design = np.concatenate(blocks)
     neutral = np.repeat([1.0, 0.0], n_sensors)
-    means = np.kron(np.eye(2), np.ones((1, n_sensors)))  # what may not change
+    means = np.kron(np.eye(2), np.ones((1, n_sensors)))  # they stay 1 and 0
     stiffness = PRIOR * len(design) * np.repeat([OFFSET_SCALE**2, 1.0], n_sensors)
     weights = np.ones(len(design))
     change = np.zeros(2 * n_sensors)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from recon.geometry.mesh import Mesh
 
@@ -20,23 +21,8 @@ def drop_small_components(mesh: Mesh, share: float) -> Mesh:
     return Mesh(mesh.vertices[is_vertex], number[faces], mesh.normals[is_vertex], mesh.colours[is_vertex])
 
 
-@njit(cache=True)
 def component_labels(faces: NDArray[np.int32], n_vertices: int) -> NDArray[np.int32]:
-    """int32 (N,): the lowest vertex that each vertex is connected to by faces."""
-    parent = np.arange(n_vertices).astype(np.int32)
-    for face in range(len(faces)):
-        a = faces[face, 0]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        for place in range(1, 3):
-            b = faces[face, place]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
-            if b < a:
-                a, b = b, a
-            parent[b] = a
-    for vertex in range(n_vertices):  # a parent's number is lower, so that it already holds its root
-        parent[vertex] = parent[parent[vertex]]
-    return parent
+    """Number the components that faces (M, 3) connect: int32 (N,), the same for vertices of the same component."""
+    first, others = np.repeat(faces[:, 0], 2), faces[:, 1:].ravel()
+    graph = coo_array((np.ones(len(first), np.int8), (first, others)), shape=(n_vertices, n_vertices))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Closing small holes of a mesh, for those who prefer an invented patch to a gap."""
+"""Small holes of a mesh closed, for those who prefer an invented patch to a gap."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def close_holes(mesh: Mesh, longest_rim: float) -> Mesh:
 
 
 def rims(faces: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """The closed chains of vertices around each hole, walked as the triangles that would fill it walk them."""
+    """Follow the rim of each hole of faces (M, 3): its vertices (R,), in the direction of the triangles to fill it."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     keys, opposite = edges[:, 0] << 32 | edges[:, 1], edges[:, 1] << 32 | edges[:, 0]
     following: dict[int, list[int]] = {}

@@ -1,4 +1,4 @@
-"""Pictures of clouds: the paper's figure 5 (a ball, its fitted sphere and outliers), and errors as colours."""
+"""Pictures of clouds: a ball with its fitted sphere and outliers (the paper's figure 5), and errors as colours."""
 
 from __future__ import annotations
 
@@ -30,10 +30,16 @@ GREY, ORANGE, BLUE, CIRCLE = (150, 150, 150), (213, 94, 0), (0, 114, 178), (0, 0
 def sphere_picture(
     points: NDArray[np.floating], centre: NDArray[np.float64], radius: float, threshold: float
 ) -> NDArray[np.uint8]:
-    """Four squares, uint8 (S, 4 S, 3) RGB: cloud and outliers from the sensor, then both from the side.
+    """Draw four squares, uint8 (S, 4 S, 3) RGB: cloud and outliers from the sensor, then both from the side.
 
-    Inliers are grey, outliers beyond the threshold orange outside and blue inside. The sensor is taken to stand where
-    most of the surface faces.
+    Inliers are grey, outliers beyond the threshold orange outside and blue inside. The sensor is assumed where most of
+    the surface faces.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm
+    centre : float64 (3,), mm, of the sphere
+    radius, threshold : mm
     """
     offsets = np.asarray(points, dtype=np.float64) - centre
     distances = np.linalg.norm(offsets, axis=1)
@@ -57,10 +63,12 @@ def error_picture(
     limit: float,
     views: Sequence[NDArray[np.float64]] = AXIS_VIEWS,
 ) -> NDArray[np.uint8]:
-    """Points (N, 3) coloured by signed error (N,), mm, seen from each of the views side by side, with the scale below.
+    """Draw points coloured by signed error from each of the views, side by side, with the scale below.
 
     Parameters
     ----------
+    points : floating (N, 3), mm
+    errors : floating (N,), mm
     limit : mm, at which the colours end
     views : float64 (3, 3) each; rows are right, up and towards the viewer
     """
@@ -74,13 +82,14 @@ def error_picture(
 
 
 def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: float, title: str) -> NDArray[np.uint8]:
-    """The median error of each place of a face as a colour; grey where there are no points.
+    """Draw the median error at each place of a face as a colour; grey where there are no points.
 
     Parameters
     ----------
     places : float64 (N, 2), mm along the face's two edges
     errors : float64 (N,), mm
     limit : mm, at which the colours end
+    title : above the map
     """
     low, high = np.percentile(places, (0.5, 99.5), axis=0)
     area = float(np.prod(high - low))
@@ -90,9 +99,9 @@ def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: fl
     inside = ((cells >= 0) & (cells < shape)).all(axis=1)
     keys = cells[inside, 1] * shape[0] + cells[inside, 0]
     order = np.lexsort((errors[inside], keys))
-    found, first, count = np.unique(keys[order], return_index=True, return_counts=True)
+    occupied, first, count = np.unique(keys[order], return_index=True, return_counts=True)
     medians = np.full(shape[0] * shape[1], np.nan)
-    medians[found] = errors[inside][order][first + count // 2]
+    medians[occupied] = errors[inside][order][first + count // 2]
     colours = error_colours(medians, limit).reshape(shape[1], shape[0], 3)[::-1]
     scale = max(1, SIDE_PX // max(colours.shape[:2]))
     large = np.repeat(np.repeat(colours, scale, axis=0), scale, axis=1)
@@ -105,14 +114,14 @@ def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: fl
 
 
 def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np.uint8]:
-    """Pictures beside each other, with white between them and below shorter ones."""
+    """Set pictures uint8 (H, W, 3) beside each other, with white between them and below the shorter."""
     height = max(picture.shape[0] for picture in pictures)
     parts = [np.pad(p, ((0, height - p.shape[0]), (0, gap), (0, 0)), constant_values=255) for p in pictures]
     return np.concatenate(parts, axis=1)[:, :-gap]
 
 
 def _colour_scale(limit: float, width: int) -> NDArray[np.uint8]:
-    """The colours from -limit to limit with the numbers beside them, uint8 (SCALE_PX, width, 3)."""
+    """Draw the colours from -limit to limit with the numbers beside them, uint8 (SCALE_PX, width, 3)."""
     strip = np.full((SCALE_PX, width, 3), 255, np.uint8)
     left, right = width // 2 - SCALE_WIDTH_PX // 2, width // 2 + SCALE_WIDTH_PX // 2
     strip[8 : SCALE_PX - 8, left:right] = error_colours(np.linspace(-limit, limit, right - left), limit)
@@ -124,12 +133,12 @@ def _colour_scale(limit: float, width: int) -> NDArray[np.uint8]:
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
-    """An RGB picture as PNG."""
+    """Encode an RGB picture uint8 (H, W, 3) as PNG."""
     return bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
 def _view(towards: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows: right, up and towards the viewer."""
+    """Make the axes of a view, float64 (3, 3): right, up and towards the viewer."""
     z = towards / np.linalg.norm(towards)
     right = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.95 else (1.0, 0.0, 0.0), z)
     right /= np.linalg.norm(right)
@@ -146,7 +155,7 @@ def _square(places: NDArray[np.float64], colours: NDArray[np.integer], radius: f
 def _splats(
     places: NDArray[np.float64], colours: NDArray[np.integer], reach: float, background: int
 ) -> NDArray[np.uint8]:
-    """A pixel for each place (right, up, towards the viewer), mm, within `reach` of the middle; the nearest last."""
+    """Draw a pixel for each place (right, up, towards the viewer), mm, within `reach` of the middle, nearest last."""
     picture = np.full((SIDE_PX, SIDE_PX, 3), background, np.uint8)
     scale, middle = SIDE_PX / (2 * reach), (SIDE_PX - 1) / 2
     nearest_last = np.argsort(places[:, 2], kind="stable")

@@ -1,7 +1,14 @@
 """Exact distances from points to a triangle mesh, signed by the side on which a point lies.
 
-Source: Ericson, "Real-Time Collision Detection" (2005), section 5.1.5, for the nearest point of a triangle; Bærentzen,
-Aanæs, "Signed distance computation using the angle weighted pseudonormal" (2005), for the sign.
+Open3D's RaycastingScene searches in float32: on a body 1.6 m high it takes a wrong triangle for 1 % of the points near
+the surface and 7 % of those far away, and is off by up to 0.0001 mm even when distances are counted again in float64.
+Nor is it faster: for 2.6 million triangles and a million points near them it takes 5.5 s of processor time and the tree
+6.0 s; for 100 000 points far away 16.2 s and 12.6 s.
+
+Source
+------
+Ericson, "Real-Time Collision Detection" (2005), section 5.1.5, for the nearest point of a triangle; Bærentzen, Aanæs,
+"Signed distance computation using the angle weighted pseudonormal" (2005), for the sign.
 """
 
 from __future__ import annotations
@@ -14,7 +21,6 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 LEAF_FACES = 4
-N_FEATURES = 7  # of a triangle: its inside, three corners, three edges
 PLACES = 64  # along the longest side of the cloud that is asked about
 MOST_PENDING = 64  # boxes that wait while a tree of depth 32 is searched
 
@@ -62,25 +68,31 @@ class TriangleTree:
         if not has_area.any():
             raise ValueError(f"none of the mesh's {len(faces)} triangles has an area")
         self._corners = np.ascontiguousarray(corners[has_area])
-        self._normals = _pseudonormals(places, faces[has_area])
+        self._normals, self._features = _pseudonormals(places, faces[has_area])
         self._original = np.flatnonzero(has_area)
         self._order, self._boxes, self._ranges = _tree(self._corners)
 
     def nearest(self, points: NDArray[np.floating]) -> Nearest:
-        """The nearest point of the mesh for each of points (N, 3)."""
+        """Find the nearest point of the mesh for each of points (N, 3), mm."""
         wanted = np.asarray(points, dtype=np.float64)
-        together = _by_place(wanted)
+        together = _order_by_place(wanted)
         results = _nearest(wanted[together], self._corners, self._order, self._boxes, self._ranges)
-        found, faces, features = (_put_back(values, together) for values in results)
-        normals = self._normals[faces, features]
-        apart = wanted - found
+        feet, faces, features = (_put_back(values, together) for values in results)
+        normals = self._unit_normals(faces, features)
+        apart = wanted - feet
         distances = np.linalg.norm(apart, axis=1)
         signed = np.where(np.einsum("ij,ij->i", apart, normals) < 0, -distances, distances)
-        return Nearest(found, normals, distances, signed, self._original[faces])
+        return Nearest(feet, normals, distances, signed, self._original[faces])
+
+    def _unit_normals(self, faces: NDArray[np.int64], features: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Pseudonormals (N, 3) of features (N,); the face's own where two faces lie back to back."""
+        normals = self._normals[self._features[faces, features]]
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.where(length > 1e-12, normals / np.maximum(length, 1e-12), self._normals[faces])
 
 
-def _by_place(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """An order (N,) in which neighbours follow each other: what the last search touched is still in the cache."""
+def _order_by_place(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order points so that neighbours follow each other: the boxes of the last search are still in the cache."""
     low = points.min(axis=0)
     cells = (points - low) / max(float((points.max(axis=0) - low).max()), 1e-9) * PLACES
     x, y, z = cells.astype(np.int64).T
@@ -93,30 +105,42 @@ def _put_back(values: NDArray[Any], order: NDArray[np.int64]) -> NDArray[Any]:
     return placed
 
 
-def _pseudonormals(places: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Unit normals float64 (M, 7, 3) of each face: inside, at its corners, on its edges ab, bc, ca."""
+def _pseudonormals(
+    places: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Sum the normals around every face, corner and edge, (F, 3), and number those of each face, (M, 7).
+
+    A face's are numbered in the order of the features: itself, corners a, b, c, edges ab, bc, ca.
+    """
     corners = places[faces]
     inside = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inside /= np.linalg.norm(inside, axis=1, keepdims=True)
-    at_corners, edges = np.zeros_like(places), np.empty((len(faces), 3), np.int64)
+    angles, edges = np.empty(faces.shape), np.empty(faces.shape, np.int64)
     for corner in range(3):
         a, b, c = (corners[:, (corner + step) % 3] for step in range(3))
         cosine = np.einsum("ij,ij->i", b - a, c - a)
         cosine /= np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
-        np.add.at(at_corners, faces[:, corner], inside * np.arccos(np.clip(cosine, -1, 1))[:, None])
+        angles[:, corner] = np.arccos(np.clip(cosine, -1, 1))
         low, high = np.sort(faces[:, [corner, (corner + 1) % 3]], axis=1).T
         edges[:, corner] = low * len(places) + high
-    unique, same = np.unique(edges, return_inverse=True)
-    on_edges = np.zeros((len(unique), 3))
-    np.add.at(on_edges, same.reshape(-1), np.repeat(inside, 3, axis=0))
-    normals = np.concatenate([inside[:, None], at_corners[faces], on_edges[same.reshape(-1, 3)]], axis=1)
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return np.where(length > 1e-12, normals / np.maximum(length, 1e-12), inside[:, None])  # two faces back to back
+    numbers = np.unique(edges, return_inverse=True)[1].reshape(-1, 3)
+    normals = np.concatenate([inside, _sums(faces, inside, angles), _sums(numbers, inside, np.ones_like(angles))])
+    n_corners = int(faces.max()) + 1
+    features = [np.arange(len(faces))[:, None], len(faces) + faces, len(faces) + n_corners + numbers]
+    return normals, np.concatenate(features, axis=1)
+
+
+def _sums(
+    numbers: NDArray[np.int64], normals: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Sum the faces' normals (M, 3), weighted (M, 3), over the corners or edges (M, 3) of the same number."""
+    weighted = ((weights * normals[:, [axis]]).ravel() for axis in range(3))
+    return np.stack([np.bincount(numbers.ravel(), along) for along in weighted], axis=1)
 
 
 @njit(cache=True, nogil=True)
 def _tree(corners):  # type: ignore[no-untyped-def]  # numba
-    """Order (M,) of the faces, boxes float64 (B, 6), and per box its two children, or -1 - first and end of a leaf."""
+    """Order the faces (M,) into boxes float64 (B, 6), each with its two children, or -1 - first and end of a leaf."""
     n = len(corners)
     order = np.arange(n)
     middles = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
@@ -163,8 +187,8 @@ def _box_distance2(box, x, y, z):  # type: ignore[no-untyped-def]  # numba
 
 @njit(parallel=True, cache=True)
 def _nearest(points, corners, order, boxes, ranges):  # type: ignore[no-untyped-def]  # numba
-    """Nearest places (N, 3), faces (N,) and features (N,) of the triangles."""
-    found = np.empty((len(points), 3))
+    """Find the nearest places (N, 3), faces (N,) and features (N,): 0 inside, 1 to 3 corners, 4 to 6 edges."""
+    feet = np.empty((len(points), 3))
     faces = np.empty(len(points), np.int64)
     features = np.empty(len(points), np.int64)
     for i in prange(len(points)):
@@ -185,7 +209,7 @@ def _nearest(points, corners, order, boxes, ranges):  # type: ignore[no-untyped-
                     d2 = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
                     if d2 < best:
                         best = d2
-                        found[i, 0], found[i, 1], found[i, 2] = px, py, pz
+                        feet[i, 0], feet[i, 1], feet[i, 2] = px, py, pz
                         faces[i], features[i] = face, feature
                 continue
             d_first, d_second = _box_distance2(boxes[first], x, y, z), _box_distance2(boxes[second], x, y, z)
@@ -197,12 +221,12 @@ def _nearest(points, corners, order, boxes, ranges):  # type: ignore[no-untyped-
             if d_second < best:
                 pending[n_pending], at[n_pending] = second, d_second
                 n_pending += 1
-    return found, faces, features
+    return feet, faces, features
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _on_triangle(t, x, y, z):  # type: ignore[no-untyped-def]  # numba
-    """The place on a triangle (3, 3) nearest to a point, and which feature it lies on."""
+    """Find the place on a triangle (3, 3) nearest to a point, and which feature it lies on."""
     abx, aby, abz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
     acx, acy, acz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
     apx, apy, apz = x - t[0, 0], y - t[0, 1], z - t[0, 2]

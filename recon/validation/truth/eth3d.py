@@ -1,10 +1,14 @@
 """Accuracy and completeness as the benchmark ETH3D counts them: by voxels, and only where the scanner looked.
 
-Source: Schöps et al., "A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos" (2017),
-section 4, and its evaluation program. Completeness is the share of the scan's points within a threshold of the
-reconstruction. Accuracy is the share of the reconstruction's points within the threshold of a scanned point on whose
-beam they lie; those that no beam passes, or that lie behind what it met, were not observed and do not count. Both are
-taken in every voxel of two grids, one of them moved by half a voxel, and averaged, so that dense parts weigh no more.
+Completeness is the share of the scan's points within a threshold of the reconstruction. Accuracy is the share of the
+reconstruction's points within the threshold of a scanned point on whose beam they lie; those that no beam passes, or
+that lie behind what it met, were not observed and do not count. Both are taken in every voxel of two grids, the second
+moved by half a voxel, and averaged, so that dense parts weigh no more.
+
+Source
+------
+Schöps et al., "A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos" (2017), section 4,
+and its evaluation program.
 """
 
 from __future__ import annotations
@@ -31,27 +35,27 @@ def eth3d_scores(
     *,
     voxel: float = VOXEL_MM,
 ) -> list[dict[str, float]]:
-    """Accuracy, completeness and their harmonic mean at each threshold.
+    """Compute accuracy, completeness and their harmonic mean at each threshold.
 
     Parameters
     ----------
     measured, truth : float64 (N, 3) and (M, 3), mm
-    to_truth, to_measured : float64 (N,) and (M,), mm, distances of the points to the nearest of the others
+    to_truth, to_measured : float64 (N,) and (M,), mm, distances to the nearest point of the other cloud
     thresholds : mm
-    scanner : mm, where the truth was scanned from; without it everything counts as observed
+    scanner : x, y, z, mm, from where the truth was scanned; None to count everything as observed
     voxel : mm
     """
     was_passed = np.ones(len(measured), np.bool_)
     if scanner is not None:
         to_truth, was_passed = along_beams(measured, truth, np.asarray(scanner, np.float64))
-    own, real = voxels(measured, voxel), voxels(truth, voxel)
+    measured_voxels, true_voxels = voxels(measured, voxel), voxels(truth, voxel)
     every = np.ones(len(truth), np.bool_)
     rows = []
     for threshold in thresholds:
         is_accurate = to_truth <= threshold
         is_observed = is_accurate | was_passed
-        accuracy = voxel_mean(own, is_accurate, is_observed)
-        completeness = voxel_mean(real, to_measured <= threshold, every)
+        accuracy = voxel_mean(measured_voxels, is_accurate, is_observed)
+        completeness = voxel_mean(true_voxels, to_measured <= threshold, every)
         both = accuracy + completeness
         rows.append(
             {
@@ -66,7 +70,7 @@ def eth3d_scores(
 
 
 def voxels(points: NDArray[np.float64], size: float) -> list[NDArray[np.int64]]:
-    """Per grid, the number of each point's voxel (N,), counting those that have points."""
+    """Number the voxels that hold points (N, 3), mm, in each grid: int64 (N,) for each."""
     numbers = []
     for shift in GRID_SHIFTS:
         cells = np.floor(points / size + shift).astype(np.int64)
@@ -77,7 +81,13 @@ def voxels(points: NDArray[np.float64], size: float) -> list[NDArray[np.int64]]:
 
 
 def voxel_mean(grids: Sequence[NDArray[np.int64]], is_good: NDArray[np.bool_], is_counted: NDArray[np.bool_]) -> float:
-    """The share of good points among those that count in each voxel that has any, averaged over all grids' voxels."""
+    """Average over the voxels of all grids the share of good points among those that count there.
+
+    Parameters
+    ----------
+    grids : int64 (N,) for each, as from `voxels`
+    is_good, is_counted : bool (N,)
+    """
     shares = []
     for numbers in grids:
         counted = np.bincount(numbers, weights=is_counted)
@@ -90,12 +100,23 @@ def voxel_mean(grids: Sequence[NDArray[np.int64]], is_good: NDArray[np.bool_], i
 def along_beams(
     points: NDArray[np.float64], scan: NDArray[np.float64], scanner: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """What a scan (M, 3) says about points (N, 3) that its beams pass.
+    """Compare points with the beams of a scan that pass them.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm
+    scan : float64 (M, 3), mm, where the beams ended
+    scanner : float64 (3,), mm, where they began
 
     Returns
     -------
     distances : float64 (N,), mm, to the nearest scanned point whose beam passes there, infinite where none does
-    is_in_front : bool (N,), whether a beam went through on its way to what it met
+    is_in_front : bool (N,), whether a beam went through on its way to its end
+
+    Raises
+    ------
+    ValueError
+        If a point lies at the scanner.
     """
     from scipy.spatial import cKDTree
 
@@ -109,10 +130,10 @@ def along_beams(
     chords = 2 * np.sin(np.arcsin(np.minimum(beam / reach, 1.0)) / 2)
     distances, is_in_front = np.full(len(points), np.inf), np.zeros(len(points), np.bool_)
     for first in range(0, len(points), CHUNK):
-        own = slice(first, first + CHUNK)
-        found = tree.query_ball_point(offsets[own] / reach[own, None], chords[own], workers=-1)
-        rows = first + np.repeat(np.arange(len(found)), [len(one) for one in found])
-        columns = np.concatenate([np.asarray(one, np.int64) for one in found])
+        chunk = slice(first, first + CHUNK)
+        beams = tree.query_ball_point(offsets[chunk] / reach[chunk, None], chords[chunk], workers=-1)
+        rows = first + np.repeat(np.arange(len(beams)), [len(passing) for passing in beams])
+        columns = np.concatenate([np.asarray(passing, np.int64) for passing in beams])
         np.minimum.at(distances, rows, np.linalg.norm(offsets[rows] - met[columns], axis=1))
         along = np.einsum("ij,ij->i", offsets[rows], directions[columns])
         is_in_front[rows[along < ranges[columns]]] = True

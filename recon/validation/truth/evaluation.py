@@ -1,10 +1,13 @@
 """A mesh or cloud against the truth: accuracy, completeness and F-score, as Tanks and Temples and ETH3D define them.
 
-Source: Knapitsch et al., "Tanks and Temples" (2017), section 3.3; Schöps et al., ETH3D (2017), section 4. Precision
-(accuracy) is the share of the reconstruction's points within a threshold of the truth, recall (completeness) the share
-of the truth's within the threshold of the reconstruction, the F-score their harmonic mean. Both take the other side as
-points; where it is a mesh, distances to its triangles are exact, which is what ever denser samples come to. The shares
-are of points; `eth3d` holds them as that benchmark's program averages them.
+Precision (accuracy) is the share of the reconstruction's points within a threshold of the truth, recall (completeness)
+the share of the truth's within the threshold of the reconstruction, the F-score their harmonic mean. Both benchmarks
+measure distances to points; here distances to a mesh are those to its triangles, the limit of ever denser samples. The
+shares are of points; `eth3d` averages them over voxels as that benchmark's program does.
+
+Source
+------
+Knapitsch et al., "Tanks and Temples" (2017), section 3.3; Schöps et al., ETH3D (2017), section 4.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ class Shape:
 
 
 def read_shape(path: Path) -> Shape:
-    """A mesh, or a cloud where the file has no faces.
+    """Read a mesh, or a cloud where the file has no faces.
 
     Raises
     ------
@@ -57,7 +60,17 @@ def read_shape(path: Path) -> Shape:
 
 
 def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """n points (n, 3) spread over the triangles by their area; of a cloud all of its own, as the benchmarks do.
+    """Spread points over the triangles by their area; a cloud's points are returned as they are, as in the benchmarks.
+
+    Parameters
+    ----------
+    shape : a mesh or cloud
+    n : number of points on a mesh
+    rng : chooses the points
+
+    Returns
+    -------
+    float64 (n, 3), mm
 
     Raises
     ------
@@ -78,7 +91,7 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
 def compare_points(
     measured: NDArray[np.floating], truth: NDArray[np.floating], thresholds: Sequence[float]
 ) -> dict[str, Any]:
-    """Distances both ways from point to point, and precision, recall and F-score at each threshold.
+    """Summarise distances both ways from point to point; compute precision, recall and F-score at each threshold.
 
     Parameters
     ----------
@@ -91,7 +104,14 @@ def compare_points(
 def compared(
     to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], thresholds: Sequence[float]
 ) -> dict[str, Any]:
-    """What distances (N,) of the measured points and (M,) of the truth's say."""
+    """Summarise distances, and compute precision, recall and F-score at each threshold.
+
+    Parameters
+    ----------
+    to_truth : float64 (N,), mm, of the measured points
+    to_measured : float64 (M,), mm, of the truth's points
+    thresholds : mm
+    """
     return {
         "accuracy": _summary(to_truth),
         "completeness": _summary(to_measured),
@@ -100,7 +120,7 @@ def compared(
 
 
 def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Distance (N,) of each point to the nearest of the others, exact, mm."""
+    """Compute the exact distance float64 (N,), mm, of each point (N, 3) to the nearest of the others (M, 3)."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # half the time on points of a surface
@@ -112,13 +132,13 @@ def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """What is compared, and how.
+    """Options of the comparison.
 
     Parameters
     ----------
     thresholds : mm, of the scores
-    table_threshold : mm, that of the F-score in `measures`; None for the middle one
-    subject : what the mesh is of
+    table_threshold : mm, of the F-score in `measures`; None for the middle threshold
+    subject : dataset and approaches that the mesh belongs to
     seed : of the samples on the surfaces
     cell : mm; then `sampled` compares the means of the points in cells of this size, as the evaluation of Tanks and
         Temples does with half its threshold; None for the points themselves
@@ -141,7 +161,12 @@ class MeshSettings:
 
 
 def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, Any]:
-    """Compare two files; the content of report.json.
+    """Compare two files; returns the content of report.json.
+
+    Parameters
+    ----------
+    mesh, truth : each a mesh or cloud
+    settings : options of the comparison
 
     Raises
     ------
@@ -188,17 +213,17 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
 
 
 def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (N,) of points (N, 3) to a shape: to its triangles where it has any, else to its points, mm."""
+    """Compute the distance (N,) of points (N, 3) to a shape, mm: to its triangles where it has any, else to points."""
     if not len(shape.faces):
         return nearest_distances(points, shape.points)
     return TriangleTree(shape.points, shape.faces).nearest(points).distances
 
 
-def signed_vertex_errors(measured: Shape, truth: Shape) -> NDArray[np.float64]:
-    """Signed distance (N,) of a shape's points to the truth, mm, positive outside; unsigned where that is a cloud."""
-    if not len(truth.faces):
-        return nearest_distances(measured.points, truth.points)
-    return TriangleTree(truth.points, truth.faces).nearest(measured.points).signed
+def signed_distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Compute the distance (N,) of points (N, 3) to a shape, mm, positive outside; unsigned for a cloud."""
+    if not len(shape.faces):
+        return nearest_distances(points, shape.points)
+    return TriangleTree(shape.points, shape.faces).nearest(points).signed
 
 
 def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, Any]]:
@@ -230,7 +255,7 @@ def _summary(distances: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _spacing(points: NDArray[np.float64]) -> float:
-    """Median distance of a point to its neighbour: what two samples of the same surface are apart at best, mm."""
+    """Estimate the median distance of a point to its neighbour, mm: the resolution of distances between samples."""
     from scipy.spatial import cKDTree
 
     some = points[:: max(1, len(points) // 5000)]

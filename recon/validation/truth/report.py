@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.geometry.mesh import error_colours, write_coloured
+from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit, write_coloured
 from recon.validation.page import (
     PALETTE,
     Section,
@@ -20,13 +20,11 @@ from recon.validation.page import (
     write_table,
 )
 from recon.validation.pictures import error_picture, png
-from recon.validation.truth.evaluation import Shape, read_shape, sample_evenly, signed_vertex_errors
+from recon.validation.truth.evaluation import read_shape, sample_evenly, signed_distances_to
 
 MEASURES = ("precision", "recall", "f_score")
 COLOURED = "errors.ply"
-NO_FACES = np.zeros((0, 3), np.int32)
 PICTURED = 150_000  # points; more than the pictures have pixels for
-COLOUR_SHARE = 95  # percentile of the errors at which the colours end
 
 
 def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
@@ -53,9 +51,9 @@ def _settings_text(settings: Mapping[str, Any]) -> str:
         f"{settings['samples'][0]} points of {Path(settings['mesh']).name} against {settings['samples'][1]} of "
         f"{Path(settings['truth']).name}; meshes are sampled uniformly by area (seed {settings['seed']}). Accuracy is "
         f"the distance to the truth's {settings['accuracy_to']}, completeness that to the mesh's "
-        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which know "
-        f"points only: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and distances of that size are "
-        "not resolved there."
+        f"{settings['completeness_to']}. The rows “between samples” are what the benchmarks' scripts give, which "
+        f"compare points with points: the truth's are {settings['spacing_mm']:.3g} mm apart (median), and smaller "
+        "distances are not resolved in those rows."
     )
 
 
@@ -64,7 +62,7 @@ def _eth3d_text(report: Mapping[str, Any]) -> str:
     seen = (
         "Where the truth was scanned from is not known: all points count as observed."
         if settings["scanner_mm"] is None
-        else f"Points that no beam from {list(settings['scanner_mm'])} mm passes on its way do not count."
+        else f"Points that no beam of a scanner at {list(settings['scanner_mm'])} mm passes do not count."
     )
     return (
         f"Between samples, averaged over voxels of {settings['voxel_mm']:g} mm, so that densely sampled parts weigh no "
@@ -73,13 +71,13 @@ def _eth3d_text(report: Mapping[str, Any]) -> str:
 
 
 def _eth3d_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Without the share of unobserved points where nobody knows it."""
+    """Leave out the share of unobserved points where the scanner's place is not known."""
     is_known = report["settings"]["scanner_mm"] is not None
     return _percents([{key: row[key] for key in row if is_known or key != "unobserved"} for row in report["eth3d"]])
 
 
 def _percents(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Scores in the words and percents of a report."""
+    """Name and round scores for the page: shares become per cents."""
     return [
         {
             "threshold mm": row["threshold_mm"],
@@ -97,18 +95,18 @@ def _distances(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _errors(report: Mapping[str, Any], out: Path) -> Section:
-    """The measured shape with its errors as colours, as a file and as pictures."""
+    """Colour the measured shape by its errors, as a file and as pictures."""
     settings = report["settings"]
     measured, truth = (read_shape(Path(settings[name])) for name in ("mesh", "truth"))
-    errors = signed_vertex_errors(measured, truth)
-    limit = max(float(np.percentile(np.abs(errors), COLOUR_SHARE)), 1e-3)
+    errors = signed_distances_to(truth, measured.points)
+    limit = error_limit(errors)
     write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
-    shown = Shape(sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"])), NO_FACES)
-    picture = png(error_picture(shown.points, signed_vertex_errors(shown, truth), limit))
+    shown = sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"]))
+    picture = png(error_picture(shown, signed_distances_to(truth, shown), limit))
     write_bytes(out / "errors.png", picture)
     text = (
         f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "
-        f"{COLOUR_SHARE}th percentile. {COLOURED} holds the same for any viewer."
+        f"{LIMIT_SHARE}th percentile. {COLOURED} holds the same for any viewer."
     )
     return Section("Where the errors are", text, figures=[("Along each of the three axes of the world.", picture)])
 

@@ -1,7 +1,7 @@
-"""Sensors against each other: where two of them see the same place, do their depth maps say the same?
+"""Agreement of the depth maps of two sensors where both see the same place.
 
-A point of one sensor's depth map is seen by another in front of, on, or behind the surface that the other measured.
-Far behind it is hidden from the other, and says nothing; in front of it, it floats where the other looks through.
+A point of a sensor's depth map lies in front of, on, or behind the surface that the other sensor measured. Far behind,
+it is hidden from the other sensor and is not compared; in front, it floats where the other looks through.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ JUMP_PX = 1.0  # of disparity between neighbours that lie on different surfaces
 
 
 def depth_step(run: Run) -> float:
-    """Depth of one pixel of disparity in the middle of the bounds, the mean of the sensors, mm."""
+    """Compute the depth of a pixel of disparity in the middle of the bounds, mean of the sensors, mm."""
     steps = []
     middle = run.capture.bounds.mean(axis=0)
     for sensor in run.capture.rig.sensors:
@@ -34,10 +34,12 @@ def depth_step(run: Run) -> float:
 
 
 def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list[dict[str, Any]]:
-    """One row for each depth method, frame and ordered pair of sensors; none for a rig of one sensor.
+    """Compare each depth method's maps in each frame for each ordered pair of sensors, a row each.
 
     Parameters
     ----------
+    run : no rows for a rig with a single sensor
+    frames : of the run
     threshold : mm, within which two depths agree
     """
     views = {s.id: rectify(s, run.capture.bounds) for s in run.capture.rig.sensors}
@@ -46,9 +48,10 @@ def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list
         for frame in frames:
             maps = {name: read_disparity(run.folder / View(method, name, frame).depth) for name in views}
             points = {name: depth_points(maps[name], views[name], run.capture.bounds) for name in views}
-            for of, by in permutations(views, 2):
-                gaps = depth_gaps(points[of], maps[by], views[by])
-                pair = {"depth": method, "frame": frame, "of": of, "by": by, "n_points": len(points[of])}
+            for measured, seen_by in permutations(views, 2):
+                gaps = depth_gaps(points[measured], maps[seen_by], views[seen_by])
+                n_points = len(points[measured])
+                pair = {"depth": method, "frame": frame, "of": measured, "by": seen_by, "n_points": n_points}
                 rows.append(pair | _described(gaps, threshold))
     return rows
 
@@ -56,7 +59,14 @@ def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list
 def depth_points(
     disparity: NDArray[np.float32], view: Rectification, bounds: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The points (N, 3) of a depth map within the bounds, in the world, mm."""
+    """Turn a disparity map into the points (N, 3) within the bounds, in the world, mm.
+
+    Parameters
+    ----------
+    disparity : float32 (H, W), pixels, NaN where unmatched
+    view : of the sensor, rectified
+    bounds : float64 (2, 3), mm
+    """
     z = view.depth(disparity)
     rows, columns = np.nonzero(np.isfinite(z))
     z, K = z[rows, columns], view.left.K
@@ -66,9 +76,19 @@ def depth_points(
 
 
 def depth_gaps(points: NDArray[np.float64], disparity: NDArray[np.float32], view: Rectification) -> NDArray[np.float64]:
-    """How far points (N, 3) lie behind the surface in another sensor's depth map (M,), mm, negative in front of it.
+    """Measure how far points lie behind the surface that another sensor measured, mm, negative in front of it.
 
-    Only of the points that the other sensor has depth at, away from jumps of its depth.
+    Points where that sensor has no depth, or beside jumps of its depth, are left out.
+
+    Parameters
+    ----------
+    points : float64 (N, 3), mm
+    disparity : float32 (H, W), pixels, of the other sensor
+    view : of the other sensor, rectified
+
+    Returns
+    -------
+    float64 (M,), mm
     """
     in_camera = view.left.points_in_camera(points)
     pixels = view.left.project(points)

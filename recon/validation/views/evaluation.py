@@ -1,4 +1,4 @@
-"""The evaluation of a run by its own sensors and by photographs: agreement of depth, and novel views of every model."""
+"""Evaluation of a run without a true shape: agreement of its sensors' depths, and novel views against photographs."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ MEASURES = {  # column: name, direction, unit
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """What is compared.
+    """Options of the evaluation.
 
     Parameters
     ----------
-    capture : folder of the recording; None: where the run says that it was
+    capture : folder of the recording; None for the place that the run names
     frames : of the run; None for all
     threshold : mm, within which two sensors' depths agree; None for the depth of one pixel of disparity
     """
@@ -59,7 +59,7 @@ class ViewSettings:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A photograph and what every approach shows from its place, for the report's pictures."""
+    """A photograph, and for each approach its rendering from the same place with the pixels that it covers."""
 
     photograph: Photograph
     pictures: Mapping[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]
@@ -68,7 +68,13 @@ class Comparison:
 def measure_views(
     folder: Path, settings: ViewSettings, progress: Progress = no_progress
 ) -> tuple[dict[str, Any], list[Comparison]]:
-    """Compare a run with its sensors and photographs; the content of report.json, and pictures of the first frame.
+    """Compare a run with its sensors and photographs; returns the content of report.json, and pictures of a frame.
+
+    Parameters
+    ----------
+    folder : of the run
+    settings : options of the evaluation
+    progress : called as work is done
 
     Raises
     ------
@@ -114,7 +120,7 @@ def measure_views(
 
 
 def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Means over views and frames for each approach, kind of view and region; values that are None are left out."""
+    """Average over views and frames for each approach, kind of view and region; values that are None are left out."""
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["kind"], row["region"], row["approach"]), []).append(row)
@@ -149,7 +155,7 @@ def _mesh(path: Path) -> Mesh:
 
 @lru_cache(maxsize=2)
 def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
-    """The mesh from true depth, by the run's own parameters and the fusion of its last approach."""
+    """Make the mesh from true depth, by the run's parameters and the fusion of its last approach."""
     run, options = read_run(folder), read_json(folder / RUN_FILE)["options"]
     fusion = parse_approach(run.approaches[-1]).fusion
     return true_mesh(
@@ -158,17 +164,18 @@ def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
 
 
 def _agreement(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Means over frames and pairs of sensors for each depth method, each pair by the number of points it shares."""
+    """Average over frames and pairs of sensors for each depth method, each pair weighted by the points it shares."""
     columns = ("agree", "in_front", "median_abs_mm")
-    found = []
+    averages = []
     for method in dict.fromkeys(row["depth"] for row in rows):
-        own = [row for row in rows if row["depth"] == method and row["n_compared"]]
-        weights = [row["n_compared"] for row in own]
+        pairs = [row for row in rows if row["depth"] == method and row["n_compared"]]
+        weights = [row["n_compared"] for row in pairs]
         means = {
-            name: float(np.average([row[name] for row in own], weights=weights)) if own else None for name in columns
+            name: float(np.average([row[name] for row in pairs], weights=weights)) if pairs else None
+            for name in columns
         }
-        found.append({"depth": method, "n_compared": sum(weights)} | means)
-    return found
+        averages.append({"depth": method, "n_compared": sum(weights)} | means)
+    return averages
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
@@ -179,7 +186,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 def _measures(
     run: Run, means: Sequence[Mapping[str, Any]], agreement: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Of held-out photographs where there are any, else of the sensors' own; over the whole object."""
+    """List measures over the whole object, from held-out photographs where there are any, else from the sensors'."""
     kinds = {row["kind"] for row in means}
     kind = HELD_OUT if HELD_OUT in kinds else next(iter(kinds))
     parts = []
@@ -191,8 +198,8 @@ def _measures(
                 for column, (name, direction, unit) in MEASURES.items()
             ]
     for row in agreement:
-        own = tuple(approach for approach in run.approaches if parse_approach(approach).depth == row["depth"])
-        subject = Subject(run.dataset, own)
+        approaches = tuple(approach for approach in run.approaches if parse_approach(approach).depth == row["depth"])
+        subject = Subject(run.dataset, approaches)
         parts.append(measure_rows(subject, "sensors agree", row["agree"], direction=MORE, unit="share"))
         parts.append(measure_rows(subject, "sensors apart", row["median_abs_mm"], direction=LESS, unit="mm"))
     return joined(parts)

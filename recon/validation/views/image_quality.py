@@ -1,4 +1,4 @@
-"""How alike a rendering and a photograph are, inside a region: PSNR, SSIM, and similarity of gradients."""
+"""Likeness of a rendering and a photograph inside a region: PSNR, SSIM, and similarity of gradients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ BEST_PSNR_DB = 99.0  # of pictures that are the same
 
 
 def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArray[np.bool_]) -> float | None:
-    """Peak signal-to-noise ratio of RGB pictures (H, W, 3) in a region (H, W), dB; None where the region is empty."""
+    """Compute the peak signal-to-noise ratio of two pictures in a region, dB; None where the region is empty.
+
+    Parameters
+    ----------
+    picture, photograph : uint8 (H, W, 3), sRGB
+    where : bool (H, W), the region
+    """
     if not where.any():
         return None
     difference = picture[where].astype(np.float64) - photograph[where]
@@ -24,9 +30,11 @@ def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArr
 
 
 def ssim_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Structural similarity of the luma of RGB pictures at each pixel, float32 (H, W).
+    """Compute the structural similarity of the luma of RGB pictures at each pixel, float32 (H, W).
 
-    Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
+    Source
+    ------
+    Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
     (2004), equation 13.
     """
     a, b = luma(picture), luma(photograph)
@@ -38,16 +46,18 @@ def ssim_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArr
 
 
 def gradient_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Similarity of the gradients' lengths at each pixel, float32 (H, W): 1 where edges are as strong as they should.
+    """Compute the similarity of the gradients' lengths at each pixel, float32 (H, W): 1 where edges are equally strong.
 
-    Source: Xue, Zhang, Mou, Bovik, "Gradient magnitude similarity deviation" (2014), equation 4, at full resolution.
+    Source
+    ------
+    Xue, Zhang, Mou, Bovik, "Gradient magnitude similarity deviation" (2014), equation 4, at full resolution.
     """
     a, b = _gradient(luma(picture)), _gradient(luma(photograph))
     return np.asarray((2 * a * b + GRADIENT_C) / (a * a + b * b + GRADIENT_C), dtype=np.float32)
 
 
 def luma(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Luma float32 (H, W) of an RGB picture (H, W, 3), 0 to 255."""
+    """Convert an RGB picture (H, W, 3) to luma, float32 (H, W), 0 to 255."""
     return np.asarray(picture.astype(np.float32) @ LUMA)
 
 

@@ -1,7 +1,7 @@
-"""Novel views: a model seen by a camera that it was not made from, against that camera's photograph.
+"""Novel views: a model rendered from the place of a camera that it was not made from, against that camera's photograph.
 
-The mesh is rendered flat, in its own colours, by the rasteriser of the fly-throughs. Where the capture knows the true
-depth, the same way from depth to mesh is gone with it: what that reaches is the best that geometry can do here.
+The mesh is rendered without light, in the colours of its vertices, by the rasteriser of the fly-throughs. Where the
+capture holds the true depth, a mesh is made from it in the same way: the best result that geometry allows here.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from recon.validation.views.image_quality import gradient_map, psnr, ssim_map
 HELD_OUT, SENSOR = "held out", "sensor"
 COVERED = 0.5  # share of a pixel's samples
 RIM_SHARE = 0.03  # width of the rim along the outline, of the mask's root area
-LEAST_AGREEMENT = 0.9  # intersection over union of a dark background's mask with the sensors' own
+LEAST_AGREEMENT = 0.9  # intersection over union of the masks by a dark background with the sensors' masks
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """What a camera saw, without distortion.
+    """A camera's picture, without distortion.
 
     Parameters
     ----------
     name : such as "S1/left", or the held-out photograph's name
-    kind : HELD_OUT, or SENSOR: models were made from it, so it tells only what they lose
+    kind : HELD_OUT, or SENSOR: models were made from it, so that it shows only what they lose
     pixels : uint8 (H, W, 3), sRGB
     mask : bool (H, W), where the object is; None where that is not known
     """
@@ -55,7 +55,7 @@ class Photograph:
 
 
 def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]:
-    """The held-out photographs of the frames, then those of the sensors."""
+    """Read the held-out photographs of the frames, then those of the sensors."""
     dark = _dark_background(capture) if capture.held_out else False
     for held_out in capture.held_out:
         if held_out.frame in frames:
@@ -74,7 +74,7 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
 
 
 def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """The mesh in its own colours, uint8 (H, W, 3), and the pixels that it covers, bool (H, W)."""
+    """Render a mesh without light: its picture, uint8 (H, W, 3), and the pixels that it covers, bool (H, W)."""
     in_camera = camera.points_in_camera(mesh.vertices)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
         pixels = (in_camera @ camera.K.T)[:, :2] / in_camera[:, 2:]
@@ -90,10 +90,16 @@ def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.
 
 
 def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph) -> list[dict[str, Any]]:
-    """Measures of a rendering per region: all, the rim along the outline, and inside it.
+    """Measure a rendering per region: all, the rim along the outline, and inside it.
 
     Colours are compared where the rendering covers the object; coverage is its share of the object, spill the share of
     what was drawn that lies beside it. Without a mask there are no regions, and coverage and spill are None.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W, 3), sRGB, the rendering
+    covered : bool (H, W), where the rendering shows the mesh
+    photograph : from the same camera
     """
     mask = photograph.mask
     both = covered if mask is None else covered & mask
@@ -117,7 +123,7 @@ def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph
 
 
 def has_truth(capture: Capture, frame: int) -> bool:
-    """Whether the capture knows the true depth of its sensors."""
+    """Tell whether the capture holds the true depth of its sensors."""
     try:
         read_depth(capture, capture.sensors[0].id, "left", frame)
     except CaptureError:
@@ -126,7 +132,15 @@ def has_truth(capture: Capture, frame: int) -> bool:
 
 
 def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters, surface: SurfaceParameters) -> Mesh:
-    """What the way from depth to mesh makes of the sensors' true depth."""
+    """Make a mesh from the sensors' true depth, as an approach makes it from measured depth.
+
+    Parameters
+    ----------
+    capture : with true depth
+    frame : of the capture
+    fusion : a name in `FUSIONS`
+    cloud, surface : parameters of the steps from depth to mesh
+    """
     clouds = []
     for stream in capture.sensors:
         view = rectify(stream.sensor, capture.bounds)
@@ -137,9 +151,19 @@ def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters,
 
 
 def true_disparity(depth: NDArray[np.float32], camera: Camera, view: Rectification) -> NDArray[np.float32]:
-    """Disparity float32 (H, W) of the rectified left view from depth z (mm) in the original camera, NaN where none is.
+    """Convert true depth into the disparity of the rectified left view.
 
-    A pixel between others takes the mean of their inverse depths, and none where one of them has no depth.
+    A rectified pixel takes the mean of the inverse depths around it, and NaN where one of them has no depth.
+
+    Parameters
+    ----------
+    depth : float32 (H, W), z in the original camera, mm, NaN where there is none
+    camera : the original
+    view : of the sensor, rectified
+
+    Returns
+    -------
+    float32 (H, W), pixels, NaN where there is none
     """
     inverse = cv2.remap(1 / depth, *view.left_maps, cv2.INTER_LINEAR, borderValue=float("nan"))
     height, width = inverse.shape
@@ -165,8 +189,8 @@ def _mean(values: NDArray[np.float32], where: NDArray[np.bool_]) -> float | None
     return float(values[where].mean()) if where.any() else None
 
 
-def _share(of: NDArray[np.bool_], within: NDArray[np.bool_]) -> float | None:
-    return float(np.mean(of[within])) if within.any() else None
+def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float | None:
+    return float(np.mean(part[whole])) if whole.any() else None
 
 
 def _true_mask(capture: Capture, image: str, camera: Camera, frame: int) -> NDArray[np.bool_] | None:
@@ -175,7 +199,7 @@ def _true_mask(capture: Capture, image: str, camera: Camera, frame: int) -> NDAr
 
 
 def _dark_background(capture: Capture) -> bool:
-    """Whether the object is what is bright: the sensors' own masks say the same as a threshold does."""
+    """Tell whether a threshold of brightness separates the object: it agrees with the masks of the first sensor."""
     stream = capture.sensors[0]
     masks = read_masks(capture, stream.id, 0)
     if masks is None:
@@ -185,7 +209,7 @@ def _dark_background(capture: Capture) -> bool:
 
 
 def _bright(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """What is brighter than a dark background, by a threshold of its own, cleaned as masks by threshold are."""
+    """Mask what is brighter than a dark background, by a threshold from this picture, cleaned as other masks are."""
     brightest = cv2.GaussianBlur(pixels, (0, 0), SMOOTHING_PX).max(axis=2)
     threshold = dark_background_threshold(np.bincount(brightest.ravel(), minlength=256))
     return clean_mask(brightest > threshold, METHODS["threshold"])

@@ -1,4 +1,4 @@
-"""The report of a run against its own sensors and photographs."""
+"""The report of a run against its sensors and photographs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,13 @@ SHARES = ("coverage", "spill", "agree", "in_front")
 
 
 def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path) -> Path:
-    """Write report.json, tables, figures and report.html; returns the HTML's path."""
+    """Write report.json, tables, figures and report.html; returns the HTML's path.
+
+    Parameters
+    ----------
+    report, shown : as from `measure_views`
+    out : folder
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
     for name in TABLES:
@@ -61,16 +67,16 @@ def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], o
 
 def _views_text(report: Mapping[str, Any]) -> str:
     text = (
-        "Every model rendered flat from where a photograph was taken, against that photograph. Held out are "
-        "photographs that no sensor uses; sensor are those that the models were made from. PSNR, SSIM and the "
-        "similarity of gradients are of the pixels where the model covers the object; coverage is the share of the "
-        "object that it covers, spill the share of what was drawn beside the object. The rim is a band along the "
-        "outline."
+        "Every model is rendered without light from where a photograph was taken, and compared with that photograph. "
+        "“Held out” photographs are used by no sensor; the models were made from those called “sensor”. PSNR, SSIM and "
+        "the similarity of gradients are taken over the pixels where the model covers the object; coverage is the "
+        "share of the object that the model covers, spill the share of what was drawn beside the object. The rim is a "
+        "band along the outline."
     )
     if report["settings"]["has_floor"]:
         text += (
-            f" “{FLOOR}” is what the same way from depth to mesh reaches with the sensors' true depth: no depth method "
-            "can be expected to come nearer to the photographs than this."
+            f" “{FLOOR}” is a mesh made in the same way from the sensors' true depth: no depth method can be expected "
+            "to come nearer to the photographs."
         )
     return text
 
@@ -104,15 +110,16 @@ def _chart(rows: Sequence[Mapping[str, Any]]) -> Any:
 def _agreement(report: Mapping[str, Any]) -> Section:
     threshold = report["settings"]["threshold_mm"]
     text = (
-        f"Points of each sensor's depth map seen by each other sensor: agree is the share within {threshold:.3g} mm of "
-        "the other's surface, in front the share that floats where the other looks through. Points far behind the "
-        "other's surface are hidden from it and do not count. Errors that all sensors share do not show here."
+        f"Points of each sensor's depth map, compared with the surface that another sensor measured: “agree” is the "
+        f"share within {threshold:.3g} mm of it, “in front” the share that floats where the other sensor looks "
+        "through. Points far behind it are hidden from the other sensor and do not count. Errors that all sensors "
+        "share do not show here."
     )
     return Section("Sensors against each other", text, _shares([*report["agreement"], *_pairs(report["sensors"])]))
 
 
 def _shares(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows whose shares are percents."""
+    """Turn the shares in rows into per cents."""
     return [
         {f"{k} %" if k in SHARES else k: percent(value) if k in SHARES else value for k, value in row.items()}
         for row in rows
@@ -120,7 +127,7 @@ def _shares(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _pairs(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Means over frames for each depth method and pair of sensors, beside the means of the method."""
+    """Average over frames for each depth method and pair of sensors."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["depth"], f"{row['of']} seen by {row['by']}"), []).append(row)
@@ -148,10 +155,7 @@ def _pictures(shown: Sequence[Comparison], out: Path) -> Section:
 
 
 def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
-    """Tiles: the photograph, and for each model its rendering with the difference below, four side by side.
-
-    Returns uint8 (H, W, 3).
-    """
+    """Draw tiles, uint8 (H, W, 3): the photograph, and each model's rendering above its difference, four in a row."""
     photograph = comparison.photograph
     window = _window(comparison)
     empty = _tile(np.full_like(photograph.pixels[window], 255), "")
@@ -168,7 +172,14 @@ def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
 def difference_picture(
     picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph
 ) -> NDArray[np.uint8]:
-    """Difference of brightness as colours, grey where nothing was drawn, yellow where it lies beside the object."""
+    """Colour the difference of brightness, uint8 (H, W, 3): grey where nothing was drawn, yellow beside the object.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W, 3), sRGB, the rendering
+    covered : bool (H, W), where the rendering shows the mesh
+    photograph : from the same camera
+    """
     mask = np.ones_like(covered) if photograph.mask is None else photograph.mask
     errors = luma(picture) - luma(photograph.pixels)
     colours = error_colours(errors.ravel(), DIFFERENCE_LIMIT).reshape(picture.shape)
@@ -179,7 +190,7 @@ def difference_picture(
 
 
 def _window(comparison: Comparison) -> tuple[slice, slice]:
-    """The part of the picture around the object, or around what the models cover where it is not known."""
+    """Choose the part of the picture around the object, or around what the models cover without a mask."""
     mask = comparison.photograph.mask
     if mask is None:
         mask = np.any([covered for _, covered in comparison.pictures.values()], axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,6 +127,60 @@ def test_points_are_read_from_an_ascii_file_that_holds_nothing_else(tmp_path: Pa
     assert np.array_equal(read_points(path), [[1, 2, 3], [4, 5, 6.5]])
     with pytest.raises(ValueError, match=r"scan\.ply: its points have no nx"):
         read_cloud(path)
+
+
+def ply(kind: str, *, comment: str = "", face: tuple[int, ...] = (0, 1, 2), red: int = 9, n_points: int = 3) -> bytes:
+    """A triangle as another program might write it."""
+    header = f"ply\nformat {kind} 1.0\ncomment {comment}\nelement vertex {n_points}\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    header += "element face 1\nproperty list uchar uint vertex_index\nend_header\n"
+    rows = [(0, 0, 0, 0, 0, 1, red, 9, 9), (1, 0, 0, 0, 0, 1, 9, 9, 9), (0, 1, 0, 0, 0, 1, 9, 9, 9)]
+    if kind == "ascii":
+        return (header + "".join(" ".join(map(str, row)) + "\n" for row in [*rows, (len(face), *face)])).encode()
+    order = ">" if kind == "binary_big_endian" else "<"
+    body = b"".join(struct.pack(f"{order}6f3B", *row) for row in rows)
+    return header.encode() + body + struct.pack(f"{order}B{len(face)}I", len(face), *face)
+
+
+KINDS = ("ascii", "binary_little_endian", "binary_big_endian")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("comment", ["by a scanner", "von Jörg"])
+def test_every_kind_of_ply_is_read(tmp_path: Path, kind: str, comment: str) -> None:
+    (tmp_path / "a.ply").write_bytes(ply(kind, comment=comment))
+    mesh = read_mesh(tmp_path / "a.ply")
+    assert np.array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    assert np.array_equal(mesh.faces, [[0, 1, 2]])
+    assert np.array_equal(mesh.colours, np.full((3, 3), 9))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ({"face": (0, 1, 2, 2)}, "faces are no triangles throughout|unexpected list length"),
+        ({"face": (0, 1, 7)}, "faces name vertices 0 to 7, but there are 3"),
+        ({"n_points": 2_000_000_000}, "its header promises 2000000000 rows, but the file has only"),
+    ],
+)
+def test_a_bad_ply_is_refused_in_every_kind(tmp_path: Path, kind: str, content: Any, complaint: str) -> None:
+    (tmp_path / "bad.ply").write_bytes(ply(kind, **content))
+    with pytest.raises(ValueError, match=rf"bad\.ply: .*({complaint})"):
+        read_mesh(tmp_path / "bad.ply")
+
+
+def test_values_that_their_property_cannot_hold_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.ply").write_bytes(ply("ascii", red=300))
+    with pytest.raises(ValueError, match=r"bad\.ply: .*300 out of bounds"):
+        read_mesh(tmp_path / "bad.ply")
+
+
+def test_bytes_after_the_last_element_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.ply").write_bytes(ply("binary_little_endian") + b"more")
+    with pytest.raises(ValueError, match=r"bad\.ply: .*it goes on after its last element"):
+        read_mesh(tmp_path / "bad.ply")
 
 
 @pytest.mark.parametrize("content", [b"", b"ply\n", b"hello", b"ply\nformat binary_little_endian 1.0\nend_header\n"])

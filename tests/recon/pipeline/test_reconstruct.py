@@ -29,7 +29,7 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
-from recon.validation.truth.vertex_errors import signed_errors
+from recon.validation.truth.evaluation import read_shape, signed_distances_to
 
 WHOLE_WAY = """
 import os
@@ -92,8 +92,9 @@ def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: 
         ("ball", approach, kind) for approach in ("id_fa", "id_fb") for kind in ("mesh", "cloud")
     }
     mesh = next(one for one in found if (one.condition, one.kind) == ("id_fb", "mesh"))
-    errors = np.abs(signed_errors(read_mesh(mesh.path), read_mesh(capture.folder / MESH.format(frame=1))))
-    assert mesh.error_limit_mm == pytest.approx(np.percentile(errors, 95), rel=0.1)
+    truth = read_shape(capture.folder / MESH.format(frame=1))
+    errors = np.abs(signed_distances_to(truth, read_mesh(mesh.path).vertices))
+    assert mesh.error_limit_mm == pytest.approx(np.percentile(errors, 95), rel=1e-6)
     with pytest.raises(ValueError, match="has no frame 7; it has 0 to 1"):
         write_models([run], tmp_path, 7, lambda *_: None)
 

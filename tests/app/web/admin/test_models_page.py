@@ -58,17 +58,34 @@ def test_a_model_is_what_its_file_holds(folder: Path) -> None:
         (b"<!doctype html><script>alert(1)</script>", "no binary little-endian PLY"),
         (b"ply\nformat ascii 1.0\nend_header\n", "no binary little-endian PLY"),
         (b"ply\nformat binary_little_endian 1.0\n" + b"comment x\n" * 2000, "no binary little-endian PLY"),
-        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE, "has 36 bytes after its header"),
-        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + FACE + b"more", "expected 49"),
+        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE, "element 'face': row 0: early end-of-file"),
+        (
+            HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + FACE + b"more",
+            "goes on after its last element",
+        ),
         (HEADER.format(points="", faces=LIST).encode() + FACE, "holds no points with x, y and z"),
-        (HEADER.format(points=FLOATS, faces="property int colour\n").encode() + TRIANGLE, "'property int colour'"),
+        (
+            HEADER.format(points=FLOATS, faces="property int colour\n").encode() + TRIANGLE + FACE[1:5],
+            "'property int colour'",
+        ),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE[:-4] + b"\0\0\xc0\x7f" + FACE, "not finite"),
         (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x03" + b"\xff" * 12, "no triangles"),
-        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x04" + FACE[1:], "no triangles"),
+        (HEADER.format(points=FLOATS, faces=LIST).encode() + TRIANGLE + b"\x04" + FACE[1:], "unexpected list length"),
         (
             HEADER.replace("vertex 3", "vertex 99999999999").format(points=FLOATS, faces=LIST).encode(),
-            "bytes after its header, expected",
+            "early end-of-file",
         ),
+        (
+            HEADER.format(points=FLOATS + LIST, faces=LIST).encode() + (TRIANGLE[:12] + FACE) * 3 + FACE,
+            "'property list",
+        ),
+        (HEADER.format(points=FLOATS, faces=LIST.replace("uchar", "uint")).encode(), "'property list uint int vert"),
+        (
+            HEADER.replace("vertex 3", f"vertex {10**20}").format(points=FLOATS, faces=LIST).encode(),
+            "'element vertex 1",
+        ),
+        (HEADER.format(points=FLOATS, faces="").encode() + TRIANGLE, "holds no faces"),
+        (HEADER.replace("face 1", "edge 1").format(points=FLOATS, faces="").encode() + TRIANGLE, "'element edge 1'"),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:

@@ -1,4 +1,4 @@
-"""A mesh coloured by how far it lies from the truth."""
+"""Signed distances of a mesh's vertices from the truth, and its colours by them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from recon.geometry.mesh import Mesh, read_mesh, write_mesh
-from recon.validation.truth.vertex_errors import coloured_by_error, signed_errors
+from recon.geometry.mesh import Mesh, error_colours, error_limit, read_mesh, write_mesh
+from recon.validation.truth.evaluation import Shape, signed_distances_to
 from tests.command_line import Command
 
 
@@ -26,28 +26,30 @@ def ball() -> Mesh:
     return Mesh(vertices, faces.astype(np.int32), normals, np.full((len(vertices), 3), 90, np.uint8))
 
 
+def shape_of(mesh: Mesh) -> Shape:
+    return Shape(mesh.vertices.astype(np.float64), mesh.faces)
+
+
 @pytest.mark.parametrize("by", [-3.0, -0.1, 0.0, 0.2, 4.0])
 def test_errors_are_the_distance_positive_outside(ball: Mesh, by: float) -> None:
     moved = replace(ball, vertices=ball.vertices + np.float32(by) * ball.normals)
-    assert np.abs(signed_errors(moved, ball) - by).max() < 0.02
+    assert np.abs(signed_distances_to(shape_of(ball), moved.vertices) - by).max() < 0.02
 
 
 def test_beyond_the_truths_edge_the_error_is_the_whole_distance(ball: Mesh) -> None:
     kept = ball.faces[(ball.vertices[ball.faces][:, :, 2] > 0).all(axis=1)]
-    errors = signed_errors(
-        ball, replace(ball, faces=kept, vertices=np.where(ball.vertices[:, 2:] > 0, ball.vertices, 1e6))
-    )
+    errors = signed_distances_to(shape_of(replace(ball, faces=kept)), ball.vertices)
     pole = np.argmin(ball.vertices[:, 2])
     assert abs(errors[pole]) == pytest.approx(50 * 2**0.5, rel=0.05)
 
 
-def test_red_is_outside_and_blue_is_inside(ball: Mesh) -> None:
-    outside, inside = (coloured_by_error(ball, np.full(len(ball.vertices), by))[0].colours for by in (5.0, -5.0))
+def test_red_is_outside_and_blue_is_inside() -> None:
+    outside, inside = (error_colours(np.full(9, by), error_limit(np.full(9, by))) for by in (5.0, -5.0))
     assert (outside[:, 0] > outside[:, 2]).all()
     assert (inside[:, 2] > inside[:, 0]).all()
-    coloured, limit = coloured_by_error(ball, np.zeros(len(ball.vertices)))
-    assert limit > 0
-    assert (coloured.colours == 255).all()
+    rounding = np.full(9, 1e-12)
+    assert error_limit(rounding) > 0
+    assert (error_colours(rounding, error_limit(rounding)) == 255).all()
 
 
 def test_a_mesh_is_exported_coloured_by_error(command: Command, ball: Mesh, tmp_path: Path) -> None:
