@@ -72,13 +72,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Two cameras that record at the same instants.
-
-    Raises
-    ------
-    ValueError
-        If the cameras differ in size or stand in the same place.
-    """
+    """Two cameras of one size, in different places, that record at the same instants; a ValueError if they are not."""
 
     id: str
     left: Camera
@@ -102,10 +96,7 @@ class Sensor:
 class Rig:
     """All sensors of a studio, ordered from the first to the last as the fly-through passes them.
 
-    Raises
-    ------
-    ValueError
-        If there is no sensor, or two have the same id.
+    A ValueError says that there is no sensor, or that two have the same id.
     """
 
     sensors: tuple[Sensor, ...]
@@ -134,10 +125,7 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
 def look_at(centre: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
     """Return `cam_from_world`, float64 (4, 4), of an upright camera at `centre` (3,) that looks at `target` (3,), mm.
 
-    Raises
-    ------
-    ValueError
-        If the viewing direction is zero or vertical.
+    A ValueError says that the viewing direction is zero or vertical.
     """
     centre = np.asarray(centre, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - centre

@@ -51,11 +51,7 @@ def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
 
 
 def read_disparity(path: Path) -> NDArray[np.float32]:
-    """Read a disparity map.
-
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched
+    """Read a disparity map, float32 (H, W), pixels, NaN where unmatched.
 
     Raises
     ------

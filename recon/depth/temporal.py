@@ -154,7 +154,7 @@ def remembered(
 
 
 def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[np.float32]:
-    """Compute how freely a memory passes between two frames; nothing passes outside the foreground.
+    """Compute how freely a memory passes between two frames, float32 (H, W), 0 to 1; not at all outside the foreground.
 
     exp(-change / sigma), where the change is that of the channel that changed most, averaged over a census window,
     because an edge that moves past changes what is seen around it; less what noise alone explains.
@@ -163,10 +163,6 @@ def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[
     ----------
     before, frame : two frames in a row
     sigma : grey levels
-
-    Returns
-    -------
-    passage : float32 (H, W), 0 to 1
     """
     change = cv2.absdiff(before.guide, frame.guide)
     most = change if change.ndim == 2 else change.max(axis=2)

@@ -343,7 +343,7 @@ def vertex_albedo(
     volume: NDArray[np.float32],
     footprint: float,
 ) -> NDArray[np.float32]:
-    """Compute the colours of vertices without any light.
+    """Compute the colours of vertices without any light: float32 (N, 3), linear RGB.
 
     Parameters
     ----------
@@ -352,10 +352,6 @@ def vertex_albedo(
     looks : float64 (M, N_LOOK), see `looks`
     volume : float32 (S, S, S), noise
     footprint : mm, features below this size are averaged away
-
-    Returns
-    -------
-    float32 (N, 3), linear RGB
     """
     colours = np.empty((len(places), 3), np.float32)
     for i in range(len(places)):
@@ -417,16 +413,14 @@ def shade(
 ) -> NDArray[np.float32]:
     """Colour the window in which a camera sees the actors.
 
+    Returns float32 (h, w, 4): linear RGB of the covered part, and the covered share.
+
     Parameters
     ----------
     column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
     lit : float32 (N, 7), as from `lighting.lit`
     owners : int (M,), the row of `looks` per face
     spread : size of a pixel at a depth of 1 mm
-
-    Returns
-    -------
-    float32 (h, w, 4): linear RGB of the covered part, and the covered share
     """
     offset_x = (0.0, -0.125, 0.375, -0.375, 0.125)
     offset_y = (0.0, -0.375, -0.125, 0.125, 0.375)

@@ -2,7 +2,6 @@
 
 Light changes slowly over a body, so it is computed at the vertices and interpolated between them; `appearance` computes
 colours at every pixel. Lights are rows as in `looks`.
-
 """
 
 from __future__ import annotations

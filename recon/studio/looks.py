@@ -2,7 +2,6 @@
 
 The row of a look: 0 kind, 1-15 five colours (linear), 16 pattern, 17 sleeve, 18 long hair, 19 how far the eyes are
 closed, 20 shift, 21-23 half size.
-
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Visibility: which triangle a camera sees at each pixel, by five samples, one of them at its centre.
 
 The centre's sample is the ground truth (a pixel is where its centre's ray goes); the other four smooth the outlines.
-
 """
 
 from __future__ import annotations

@@ -56,18 +56,13 @@ def fit_sphere(points: NDArray[np.floating], radius: float, seed: int = 1) -> Sp
 
 
 def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
-    """Refuse a sphere if the cloud holds another one that is about as good.
+    """Refuse, by a TwoSpheresError, a sphere if the cloud holds another one that is about as good.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
     fit : the sphere
     seed : of the search for others
-
-    Raises
-    ------
-    TwoSpheresError
-        If there is another one.
     """
     even = thinned(subsample(points, seed), CELL_SHARE * fit.radius)
     spheres, _ = _good_spheres(even, fit.radius, seed)

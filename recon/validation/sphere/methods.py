@@ -18,18 +18,13 @@ MODEL_POINTS = 3000
 
 
 def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> SphereFit:
-    """Register the ideal sphere's points by Super4PCS as in the paper, then refine as `fit_sphere` does.
+    """Register the ideal sphere's points by Super4PCS as in the paper, then refine and raise as `fit_sphere` does.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
     radius : mm
     seed : of samples and trials
-
-    Raises
-    ------
-    ValueError
-        As `fit_sphere`.
     """
     points = checked_points(points, radius, "radius")
     try:

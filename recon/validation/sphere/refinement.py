@@ -62,10 +62,7 @@ def refine_sphere(
 def moved_centre(points: NDArray[np.float32], fit: SphereFit) -> NDArray[np.float64]:
     """Return the centre (3,), mm, to which other points (N, 3), mm, move a fit that keeps its cutoff.
 
-    Raises
-    ------
-    FitError
-        If the points do not determine it.
+    A FitError says that the points do not determine it.
     """
     centre = fit.centre
     for _ in range(MAX_STEPS):
