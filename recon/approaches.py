@@ -11,13 +11,7 @@ FUSION_METHODS = ("fa", "fb")  # Table 1
 
 @dataclass(frozen=True, order=True)
 class Approach:
-    """One way from pictures to a model.
-
-    Raises
-    ------
-    ValueError
-        If a method is not one of the paper's.
-    """
+    """One way from pictures to a model; a ValueError if a method is not one of the paper's."""
 
     depth: str
     fusion: str
@@ -44,13 +38,7 @@ def approaches(depths: Iterable[str], fusions: Iterable[str]) -> tuple[Approach,
 
 
 def parse_approach(name: str) -> Approach:
-    """Read an approach from a name such as "pm_fb".
-
-    Raises
-    ------
-    ValueError
-        If the name is not DEPTH_FUSION with known methods.
-    """
+    """Read an approach from DEPTH_FUSION such as "pm_fb", or raise a ValueError if that is not its form."""
     depth, separator, fusion = name.partition("_")
     if not separator:
         raise ValueError(f"{name!r} is not an approach, expected DEPTH_FUSION, for example pm_fb")

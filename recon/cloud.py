@@ -116,13 +116,7 @@ def cloud_from_disparity(
 
 
 def merge_clouds(clouds: Sequence[Cloud]) -> Cloud:
-    """Join the points of clouds, in the order given; sigma is kept if every cloud has it.
-
-    Raises
-    ------
-    ValueError
-        If there is no cloud.
-    """
+    """Join the points of clouds, at least one, in the order given; sigma is kept if every cloud has it."""
     if not clouds:
         raise ValueError("merging needs at least one cloud, found none")
     sigmas = [cloud.sigma for cloud in clouds if cloud.sigma is not None]
@@ -135,13 +129,7 @@ def merge_clouds(clouds: Sequence[Cloud]) -> Cloud:
 
 
 def crop_cloud(cloud: Cloud, bounds: NDArray[np.float64]) -> Cloud:
-    """Keep the points within bounds, float64 (2, 3): lowest and highest corner, mm.
-
-    Raises
-    ------
-    NothingSeenError
-        If no point is within.
-    """
+    """Keep the points within bounds, float64 (2, 3), lowest and highest corner, mm; a NothingSeenError if none is."""
     is_inside = ((cloud.points >= bounds[0]) & (cloud.points <= bounds[1])).all(axis=1)
     if not is_inside.any():
         raise NothingSeenError(

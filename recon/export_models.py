@@ -7,11 +7,13 @@ recording is synthetic, their points carry the signed distance to the true surfa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from recon.approaches import parse_approach
+from recon.cloud import merge_clouds
 from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
@@ -50,7 +52,7 @@ def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path
     truth = _truth(run, frame)
     depth = parse_approach(approach).depth
     names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors]
-    cloud = _together(read_clouds(run.artefacts, names))
+    cloud = replace(merge_clouds(read_clouds(run.artefacts, names)), sigma=None)  # nobody looks at sigmas
     mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
     return [
         _write(out / MESHES / run.dataset / f"{approach}.ply", mesh, truth),
@@ -63,12 +65,6 @@ def _write(path: Path, model: Mesh | Cloud, truth: Shape | None) -> Path:
         points = model.vertices if isinstance(model, Mesh) else model.points
         return write_measured(path, model, signed_distances_to(truth, points))
     return write_mesh(path, model) if isinstance(model, Mesh) else write_cloud(path, model)
-
-
-def _together(clouds: Sequence[Cloud]) -> Cloud:
-    """Merge all sensors' points into one cloud, without their sigmas, which nobody looks at."""
-    parts = ([getattr(cloud, name) for cloud in clouds] for name in ("points", "normals", "colours"))
-    return Cloud(*(np.concatenate(part) for part in parts))
 
 
 def _truth(run: Run, frame: int) -> Shape | None:

@@ -6,7 +6,6 @@ centre of the top-left pixel, millimetres, `cam_from_world` 4x4.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
 MIN_BASELINE_MM = 1e-3
+UP = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Two cameras that record at the same instants.
-
-    Raises
-    ------
-    ValueError
-        If the cameras differ in size or stand in the same place.
-    """
+    """Two cameras of one size, in different places, that record at the same instants; a ValueError if they are not."""
 
     id: str
     left: Camera
@@ -102,10 +96,7 @@ class Sensor:
 class Rig:
     """All sensors of a studio, ordered from the first to the last as the fly-through passes them.
 
-    Raises
-    ------
-    ValueError
-        If there is no sensor, or two have the same id.
+    A ValueError says that there is no sensor, or that two have the same id.
     """
 
     sensors: tuple[Sensor, ...]
@@ -131,22 +122,14 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
     return transform
 
 
-def look_at(centre: ArrayLike, target: ArrayLike, up: Iterable[float] = (0.0, 1.0, 0.0)) -> NDArray[np.float64]:
-    """Place a camera that looks at a point; returns its `cam_from_world`, float64 (4, 4), mm.
+def look_at(centre: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    """Return `cam_from_world`, float64 (4, 4), of an upright camera at `centre` (3,) that looks at `target` (3,), mm.
 
-    Parameters
-    ----------
-    centre, target : (3,), mm, where the camera is and where it looks
-    up : (3,), the direction that is upwards in its picture
-
-    Raises
-    ------
-    ValueError
-        If the viewing direction is zero or parallel to `up`.
+    A ValueError says that the viewing direction is zero or vertical.
     """
     centre = np.asarray(centre, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - centre
-    right = np.cross(forward, np.asarray(tuple(up), dtype=np.float64))
+    right = np.cross(forward, UP)
     if np.linalg.norm(right) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
         raise ValueError(f"cannot look from {centre} along {forward}: zero or parallel to up")
     forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)

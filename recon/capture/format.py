@@ -88,17 +88,13 @@ def write_capture(capture: Capture) -> Path:
 
 
 def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Read the images of a sensor at a frame.
+    """Read the images (left, right) of a sensor at a frame, RGB uint8 (H, W, 3).
 
     Parameters
     ----------
     capture : the capture
     sensor_id : such as S1
     frame : number, from 0
-
-    Returns
-    -------
-    left, right : uint8 (H, W, 3), RGB
 
     Raises
     ------
@@ -111,7 +107,7 @@ def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
 
 
 def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Read the foreground masks of a sensor at a frame.
+    """Read the foreground masks (left, right) of a sensor at a frame, bool (H, W); None if the sensor has none.
 
     Foreground is where the mask's image is at least half bright.
 
@@ -120,15 +116,6 @@ def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
     capture : the capture
     sensor_id : such as S1
     frame : number, from 0
-
-    Returns
-    -------
-    left, right : bool (H, W); None if the sensor has no masks
-
-    Raises
-    ------
-    CaptureError
-        As `read_frame`.
     """
     _check_frame(capture, frame)
     pictures = mask_pictures(capture.folder, capture.stream(sensor_id), frame)
@@ -139,13 +126,7 @@ def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
 
 
 def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """Read the clean plates (left, right) of a sensor, RGB uint8 (H, W, 3); None if the sensor has none.
-
-    Raises
-    ------
-    CaptureError
-        As `read_frame`.
-    """
+    """Read the clean plates (left, right) of a sensor, RGB uint8 (H, W, 3); None if the sensor has none."""
     pictures = plate_pictures(capture.folder, capture.stream(sensor_id))
     if not pictures:
         return None
@@ -154,13 +135,7 @@ def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], ND
 
 
 def read_held_out(capture: Capture, photograph: HeldOut) -> NDArray[np.uint8]:
-    """Read a held-out photograph, RGB uint8 (H, W, 3).
-
-    Raises
-    ------
-    CaptureError
-        If the image is missing, unreadable, or not of its camera's size.
-    """
+    """Read a held-out photograph, RGB uint8 (H, W, 3), as `read_picture` does."""
     return read_picture(_held_out_picture(capture.folder, photograph))
 
 
@@ -225,13 +200,7 @@ def read_picture(picture: Picture) -> NDArray[np.uint8]:
 
 
 def read_mask(picture: Picture) -> NDArray[np.bool_]:
-    """Read a foreground mask, bool (H, W).
-
-    Raises
-    ------
-    CaptureError
-        As `read_picture`.
-    """
+    """Read a foreground mask, bool (H, W), as `read_picture` does."""
     return np.asarray(read_picture(picture)[..., 1] >= HALF_BRIGHT)
 
 

@@ -45,12 +45,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def read_stored_image(path: Path) -> NDArray[np.generic]:
     """Read a PNG or JPEG with the channels and the depth it has: (H, W) if grey, (H, W, 3) RGB if not, without alpha.
 
-    For callers that must not take a grey or a 16-bit image for a colour image of 8 bits.
-
-    Raises
-    ------
-    CaptureError
-        If the file is missing, is not an image, or is cut off.
+    For callers that must not take a grey or a 16-bit image for a colour image of 8 bits; raises as `read_image` does.
     """
     pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_UNCHANGED)
     if pixels is None:

@@ -63,13 +63,7 @@ def find_pictures(base: Path) -> Pictures:
 
 
 def steady_rate(path: Path) -> float:
-    """Return the frames a second of a video.
-
-    Raises
-    ------
-    CaptureError
-        If they do not follow each other evenly.
-    """
+    """Return the frames a second of a video, or raise a CaptureError if they do not follow each other evenly."""
     intervals = np.diff(video_times(path))
     if len(intervals) == 0:
         return DEFAULT_FPS

@@ -2,7 +2,6 @@
 
 Convention: millimetres and seconds, cameras as in `recon.rig`, world y up, frames counted from 0. All paths are
 relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` stands for the frame's number.
-
 """
 
 from __future__ import annotations
@@ -139,13 +138,7 @@ class Capture:
         return Rig(tuple(stream.sensor for stream in self.sensors))
 
     def stream(self, sensor_id: str) -> SensorStream:
-        """Return the sensor of an id.
-
-        Raises
-        ------
-        CaptureError
-            If there is none.
-        """
+        """Return the sensor of an id, or raise a CaptureError if there is none."""
         for stream in self.sensors:
             if stream.id == sensor_id:
                 return stream

@@ -101,16 +101,12 @@ def rectify(sensor: Sensor, bounds: NDArray[np.floating]) -> Rectification:
 def rectify_images(
     rectification: Rectification, left: NDArray[np.uint8], right: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Warp a sensor's pictures to the rectified cameras, black where the original saw nothing.
+    """Warp both pictures to the rectified cameras, uint8 (h, w, 3) or (h, w), black where the original saw nothing.
 
     Parameters
     ----------
     rectification : of the sensor
     left, right : uint8 (H, W, 3) or (H, W), as recorded
-
-    Returns
-    -------
-    left, right : uint8 (h, w, 3) or (h, w), rectified
     """
     return _remap(left, rectification.left_maps), _remap(right, rectification.right_maps)
 
@@ -118,16 +114,12 @@ def rectify_images(
 def rectify_masks(
     rectification: Rectification, left_mask: NDArray[np.bool_], right_mask: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Warp a sensor's masks to the rectified cameras, False where the original saw nothing.
+    """Warp both masks to the rectified cameras, bool (h, w), False where the original saw nothing.
 
     Parameters
     ----------
     rectification : of the sensor
     left_mask, right_mask : bool (H, W), as recorded
-
-    Returns
-    -------
-    left_mask, right_mask : bool (h, w), rectified
     """
     return _remap_mask(left_mask, rectification.left_maps), _remap_mask(right_mask, rectification.right_maps)
 

@@ -20,6 +20,9 @@ SensorsOption = Annotated[
     list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
 ]
 ThresholdsOption = Annotated[str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")]
+SeedOption = Annotated[
+    int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
+]
 UnitOption = Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")]
 
 app = typer.Typer(
@@ -47,9 +50,7 @@ def validate_sphere(
     ] = None,
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
-    ] = 1,
+    seed: SeedOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Fit spheres of known radius, and report signed errors and inlier ratios per sensor and combined."""
@@ -92,9 +93,7 @@ def validate_cuboid(
     unit: UnitOption = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
-    ] = 1,
+    seed: SeedOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Fit cuboids of known size, and report planes, angles, edges and positions per sensor and combined."""
@@ -133,9 +132,7 @@ def validate_object(
     model_unit: Annotated[str, typer.Option(help="Unit of the model: mm, cm, m or in.")] = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
-    ] = 1,
+    seed: SeedOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Find a known mesh in a cloud, and report signed distances and inlier ratios."""

@@ -33,12 +33,9 @@ DEFAULTS: dict[str, IdParameters | PmParameters] = {"id": IdParameters(), "dr": 
 
 
 def matched(method: str, pair: StereoPair) -> tuple[NDArray[np.float32], list[str]]:
-    """Match a pair with a method of `MATCHERS`.
+    """Match a pair by a method of `MATCHERS`; returns its warnings, too, a sentence each.
 
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
-    warnings : the method's warnings, a sentence each
+    The disparities are float32 (H, W), pixels, NaN where unmatched or masked out.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoTextureWarning)

@@ -48,28 +48,15 @@ def _grey_kernel(image: NDArray[np.uint8], weights: NDArray[np.uint16], grey: ND
 def census_pair(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
     """Compute the census codes, uint32 (2, H, W), of an image, uint16 (H, W), as it is and blurred.
 
+    A code has one bit for each neighbour in a 5x5 window that is darker than the centre: 24 bits, the top-left
+    neighbour in the highest. Beyond the border the nearest pixel is repeated.
+
     The sharp code places edges, the blurred one carries weak texture through noise: with both added, sensor noise of
     4 grey levels costs half as many matches as with the sharp code alone (measured, see docs/depth.md).
     """
     codes = np.empty((2, *grey.shape), dtype=np.uint32)
     _census_kernel(_framed(grey), codes[0])
     _census_kernel(_framed(np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), dtype=np.uint16)), codes[1])
-    return codes
-
-
-def census(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
-    """Compute every pixel's census code: one bit for each neighbour in a 5x5 window that is darker than the centre.
-
-    Parameters
-    ----------
-    grey : uint16 (H, W); beyond the border the nearest pixel is repeated
-
-    Returns
-    -------
-    codes : uint32 (H, W), 24 bits, the top-left neighbour in the highest
-    """
-    codes = np.empty(grey.shape, dtype=np.uint32)
-    _census_kernel(_framed(grey), codes)
     return codes
 
 

@@ -12,7 +12,9 @@ Disparities = NDArray[np.int32] | NDArray[np.float32]
 def consistent(
     view: Disparities, mirrored: Disparities, *, min_disparity: int = 0, threshold: float = 0
 ) -> NDArray[np.bool_]:
-    """Check each disparity of a view against the pixel of the other view that it points to.
+    """Check each disparity of a view against the pixel of the other view that it points to: bool (H, W).
+
+    A match that lies outside the other image is not confirmed.
 
     Parameters
     ----------
@@ -21,10 +23,6 @@ def consistent(
         view against the other is the same
     min_disparity : the disparity of index 0, pixels
     threshold : pixels by which the two may differ; 0 is the total check (Table 2)
-
-    Returns
-    -------
-    confirmed : bool (H, W); False where the match lies outside the other image
     """
     confirmed = np.empty(view.shape, np.bool_)
     _consistency_kernel(

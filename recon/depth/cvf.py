@@ -76,16 +76,9 @@ class Matches:
 
 
 def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDArray[np.float32]:
-    """Match the left image by cost-volume filtering (ID): whole disparities.
+    """Match the left image by cost-volume filtering (ID): whole disparities, float32 (H, W), pixels.
 
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
-
-    Warns
-    -----
-    NoTextureWarning
-        If an image has no texture; the disparity is NaN everywhere.
+    They are NaN where unmatched or masked out; everywhere, with a NoTextureWarning, if an image has no texture.
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
@@ -112,19 +105,11 @@ class DrParameters(IdParameters):
 
 
 def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDArray[np.float32]:
-    """Match the left image by cost-volume filtering with refinement (DR): subpixel disparities.
+    """Match the left image by cost-volume filtering with refinement (DR): subpixel disparities, float32 (H, W).
 
     As ID, then the parabola's vertex, holes filled, and the costs aggregated once more along the surface found. A
-    filled disparity is kept where the right view agrees; what only the left view sees stays unmatched.
-
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
-
-    Warns
-    -----
-    NoTextureWarning
-        If an image has no texture; the disparity is NaN everywhere.
+    filled disparity is kept where the right view agrees; what only the left view sees stays unmatched. Units and NaN
+    are those of `match_id`.
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):

@@ -8,6 +8,7 @@ PFM stores the bottom row first and its scale's sign gives the byte order (negat
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.storage.files import whole_file
 
+PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
 PREVIEW_PERCENTILES = (1.0, 99.0)  # a few wrong matches must not wash out the colours
 
@@ -49,11 +51,7 @@ def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
 
 
 def read_disparity(path: Path) -> NDArray[np.float32]:
-    """Read a disparity map.
-
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched
+    """Read a disparity map, float32 (H, W), pixels, NaN where unmatched.
 
     Raises
     ------
@@ -112,27 +110,18 @@ def _read_values(path: Path) -> NDArray[np.generic]:
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:
     content = path.read_bytes()
-    fields = content.split(maxsplit=4)[:4]
+    header = PFM_HEADER.match(content)
     try:
-        kind, width, height, scale = fields[0], int(fields[1]), int(fields[2]), float(fields[3])
-    except (IndexError, ValueError) as error:
+        if header is None:
+            raise ValueError("it has fewer than four fields")
+        kind, width, height, scale = header[1], int(header[2]), int(header[3]), float(header[4])
+    except ValueError as error:
         raise ValueError(f"{path}: is not readable as PFM: the header is damaged") from error
     if kind != b"Pf" or width < 1 or height < 1 or scale == 0:
         raise ValueError(f"{path}: is not a one-channel PFM: its header says {kind!r} {width}x{height}, scale {scale}")
     n_bytes = 4 * width * height
-    body = content[_header_length(content) :]
+    body = content[header.end() :]
     if len(body) != n_bytes:
         raise ValueError(f"{path}: holds {len(body)} bytes of disparities, {width}x{height} needs {n_bytes}")
     values = np.frombuffer(body, dtype="<f4" if scale < 0 else ">f4").reshape(height, width)
     return values[::-1].astype(np.float32)
-
-
-def _header_length(content: bytes) -> int:
-    """Return the position after the one white-space byte that ends the fourth field: floats may look like spaces."""
-    position = 0
-    for _ in range(4):
-        while content[position : position + 1].isspace():
-            position += 1
-        while position < len(content) and not content[position : position + 1].isspace():
-            position += 1
-    return position + 1

@@ -74,9 +74,7 @@ def permeabilities(guide: NDArray[np.uint8], *, sigma: float, mask: NDArray[np.b
     sigma : grey levels
     mask : bool (H, W); nothing passes its border
 
-    Source
-    ------
-    Cigla and Alatan 2013, equation 2.
+    Source: Cigla and Alatan 2013, equation 2.
     """
     passage = np.exp(-np.arange(256, dtype=np.float64) / sigma).astype(np.float32)
     passage[CLOSED] = 0

@@ -75,17 +75,7 @@ class PmParameters:
 
 
 def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDArray[np.float32]:
-    """Match the left image by PatchMatch over slanted planes (PM): float disparities.
-
-    Returns
-    -------
-    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
-
-    Warns
-    -----
-    NoTextureWarning
-        If an image has no texture; the disparity is NaN everywhere.
-    """
+    """Match the left image by PatchMatch over slanted planes (PM): float32 (H, W), units and NaN as in `match_id`."""
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if not has_texture(pair):
         return disparity

@@ -23,7 +23,9 @@ RIDGE = 1e-2  # pixels squared, towards fronto-parallel where the support is a l
 
 
 def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
-    """Fill holes with the smaller of the nearest valid disparities left and right: what is hidden lies behind.
+    """Fill holes by the smaller of the nearest valid disparities left and right, as what is hidden lies behind.
+
+    Returns float32 (H, W), dense.
 
     A row without any takes the row above, the first rows the first that has one.
 
@@ -32,10 +34,6 @@ def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: B
     disparity : float32 (H, W)
     valid : bool (H, W), at least one pixel of it True
     in_bands : see `bands.in_bands`
-
-    Returns
-    -------
-    dense : float32 (H, W)
     """
     rows = np.flatnonzero(valid.any(axis=1))
     dense = np.empty(disparity.shape, np.float32)

@@ -44,7 +44,7 @@ def aggregate_along_surface(
     n_disparities: int,
     in_bands: Bands,
 ) -> NDArray[np.float32]:
-    """Refine a surface: aggregate the costs around it along its slant and move it to the parabola's vertex.
+    """Refine a surface, float32 (H, W): aggregate costs around it along its slant, move it to the parabola's vertex.
 
     Lane k of a pixel stands for its surface + k - 3, so costs flow from pixel to pixel of a slanted surface without
     leaving their lane, and to no other surface. Costs between whole disparities are interpolated.
@@ -55,10 +55,6 @@ def aggregate_along_surface(
     surface : float32 (H, W), disparity indices
     n_disparities : how many are searched
     in_bands : see `bands.in_bands`
-
-    Returns
-    -------
-    refined : float32 (H, W), disparity indices
     """
     height, width = surface.shape
     flows = np.empty(height * width * N_KEPT, np.float32)

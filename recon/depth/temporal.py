@@ -11,7 +11,7 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -83,21 +83,6 @@ class Memory:
     strength: NDArray[np.float32]
 
 
-@dataclass
-class TemporalFilter:
-    """Filters the disparities of one sensor's frames, in their order."""
-
-    parameters: TemporalParameters = field(default_factory=TemporalParameters)
-    memory: Memory | None = None
-
-    def __call__(self, pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Filter the next frame's disparity, float32 (H, W); NaN where neither it nor the memory knows."""
-        noise = noise_level(grey_image(pair.left))
-        frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
-        self.memory = remembered(self.memory, frame, disparity, self.parameters)
-        return self.memory.disparity.copy()
-
-
 def match_sequence(
     pairs: Iterable[StereoPair],
     matcher: Callable[[StereoPair], NDArray[np.float32]],
@@ -115,19 +100,21 @@ def match_sequence(
 
     Yields
     ------
-    disparity : float32 (H, W), pixels, NaN where unknown
+    disparity : float32 (H, W), pixels, NaN where neither the matcher nor the memory knows
 
     Raises
     ------
     ValueError
         If a frame has another size than the first.
     """
-    temporal = TemporalFilter(parameters)
+    memory: Memory | None = None
     for pair in pairs:
         disparity = matcher(pair)
         is_whole = np.array_equal(disparity, np.rint(disparity), equal_nan=True)
-        filtered = temporal(pair, disparity)
-        yield np.rint(filtered) if is_whole else filtered
+        noise = noise_level(grey_image(pair.left))
+        frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
+        memory = remembered(memory, frame, disparity, parameters)
+        yield np.rint(memory.disparity) if is_whole else memory.disparity.copy()
 
 
 def remembered(
@@ -167,7 +154,7 @@ def remembered(
 
 
 def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[np.float32]:
-    """Compute how freely a memory passes between two frames; nothing passes outside the foreground.
+    """Compute how freely a memory passes between two frames, float32 (H, W), 0 to 1; not at all outside the foreground.
 
     exp(-change / sigma), where the change is that of the channel that changed most, averaged over a census window,
     because an edge that moves past changes what is seen around it; less what noise alone explains.
@@ -176,10 +163,6 @@ def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[
     ----------
     before, frame : two frames in a row
     sigma : grey levels
-
-    Returns
-    -------
-    passage : float32 (H, W), 0 to 1
     """
     change = cv2.absdiff(before.guide, frame.guide)
     most = change if change.ndim == 2 else change.max(axis=2)

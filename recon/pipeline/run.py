@@ -103,13 +103,7 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run.
-
-    Raises
-    ------
-    ValueError
-        If the folder is not a finished run.
-    """
+    """Read a run, or raise a ValueError if the folder is not a finished one."""
     path = folder / RUN_FILE
     if not is_there(path):
         raise ValueError(
@@ -143,13 +137,7 @@ def address_from(folder: Path, recording: Path) -> str:
 
 
 def recorded_in(run: Run) -> Path:
-    """Return the folder of the recording that a run was made of, if neither was moved.
-
-    Raises
-    ------
-    ValueError
-        If the run does not say.
-    """
+    """Return the folder of the recording of a run, if neither was moved; a ValueError if the run does not say."""
     if run.recording is None:
         raise ValueError(f"{run.folder / RUN_FILE}: does not say where its recording is; reconstruct again")
     return run.folder / place(run.recording)
@@ -158,7 +146,7 @@ def recorded_in(run: Run) -> Path:
 def write_run(
     run: Run, *, options: Mapping[str, Any], timings: Mapping[str, float], warnings: Sequence[str]
 ) -> dict[str, Any]:
-    """Write ``run.json``, which makes a folder a run, and the capture's description beside it.
+    """Write ``run.json``, which makes a folder a run, with the capture's description beside it, and return its content.
 
     Parameters
     ----------
@@ -166,11 +154,6 @@ def write_run(
     options : of the reconstruction, for JSON
     timings : seconds that each stage took at this start
     warnings : what the stages warned of, a sentence each
-
-    Returns
-    -------
-    dict
-        The content of ``run.json``.
     """
     write_capture(replace(run.capture, folder=run.folder))
     names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames]

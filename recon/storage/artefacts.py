@@ -65,18 +65,13 @@ class Artefacts:
     def make_together(
         self, names: Sequence[str], key: Mapping[str, Any], write: Callable[[list[Path]], Warnings]
     ) -> list[str]:
-        """Make files in one go, unless all are finished and of this key.
+        """Make files in one go, unless all are finished and of this key; returns the names of those made: all or none.
 
         Parameters
         ----------
         names : of the files
         key : what they are made from: inputs, parameters, code
         write : writes the files at their paths, and returns warnings
-
-        Returns
-        -------
-        list of str
-            The names of the files that had to be made: all or none.
         """
         if all(self.has(name, key) for name in names):
             return []

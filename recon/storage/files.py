@@ -61,13 +61,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises
-    ------
-    ValueError
-        If the file is missing, is not JSON, or holds something other than an object.
-    """
+    """Read a JSON object, or raise a ValueError if the file is missing, is not JSON, or holds something else."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:

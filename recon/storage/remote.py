@@ -68,13 +68,7 @@ def fetched(path: Path) -> Path:
 
 
 def stored(path: Path) -> Path:
-    """Upload a copy that was written to, and return its path; other paths as they are.
-
-    Raises
-    ------
-    OSError
-        If the file system behind the URL fails.
-    """
+    """Upload a copy that was written to, and return its path; other paths as they are. An OSError as in `fetched`."""
     url = _url(path)
     if url is not None:
         with _naming(url):

@@ -1,4 +1,4 @@
-"""What actors and objects look like: the colours of their surfaces, in the light that `lighting` puts on them.
+"""What actors, objects and the studio around them look like: the colours of their surfaces, in their light.
 
 Every colour is a function of the place on the body at rest, so that texture moves with the surface. Noise of
 several wavelengths is faded out where a pixel is too coarse to hold it (`fp`, a pixel's footprint in mm), so nothing
@@ -343,7 +343,7 @@ def vertex_albedo(
     volume: NDArray[np.float32],
     footprint: float,
 ) -> NDArray[np.float32]:
-    """Compute the colours of vertices without any light.
+    """Compute the colours of vertices without any light: float32 (N, 3), linear RGB.
 
     Parameters
     ----------
@@ -352,10 +352,6 @@ def vertex_albedo(
     looks : float64 (M, N_LOOK), see `looks`
     volume : float32 (S, S, S), noise
     footprint : mm, features below this size are averaged away
-
-    Returns
-    -------
-    float32 (N, 3), linear RGB
     """
     colours = np.empty((len(places), 3), np.float32)
     for i in range(len(places)):
@@ -417,16 +413,14 @@ def shade(
 ) -> NDArray[np.float32]:
     """Colour the window in which a camera sees the actors.
 
+    Returns float32 (h, w, 4): linear RGB of the covered part, and the covered share.
+
     Parameters
     ----------
     column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
     lit : float32 (N, 7), as from `lighting.lit`
     owners : int (M,), the row of `looks` per face
     spread : size of a pixel at a depth of 1 mm
-
-    Returns
-    -------
-    float32 (h, w, 4): linear RGB of the covered part, and the covered share
     """
     offset_x = (0.0, -0.125, 0.375, -0.375, 0.125)
     offset_y = (0.0, -0.375, -0.125, 0.125, 0.375)
@@ -458,3 +452,62 @@ def shade(
             result[y, x, 0], result[y, x, 1], result[y, x, 2] = red / n, green / n, blue / n
             result[y, x, 3] = covered / 4.0
     return result
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def room_plate(
+    slopes: NDArray[np.float64],
+    camera_to_world: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    spread: float,
+    radius: float,
+    floor_y: float,
+    curtain: NDArray[np.float64],
+    floor: NDArray[np.float64],
+    volume: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Colour the empty studio, a floor and a curtain that hangs around it: linear, float32 (H, W, 3).
+
+    Parameters
+    ----------
+    slopes : float64 (H, W, 2), x / z and y / z of every pixel's ray in the camera
+    camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
+    spread : size of a pixel at a distance of 1 mm
+    radius, floor_y : mm, of the curtain around the world's y axis, and of the floor
+    curtain, floor : float64 (3,), linear colours
+    volume : float32 (S, S, S), noise
+    """
+    height, width = slopes.shape[0], slopes.shape[1]
+    colours = np.empty((height, width, 3), np.float32)
+    for row in range(height):
+        for column in range(width):
+            cx, cy = slopes[row, column, 0], slopes[row, column, 1]
+            dx = camera_to_world[0, 0] * cx + camera_to_world[0, 1] * cy + camera_to_world[0, 2]
+            dy = camera_to_world[1, 0] * cx + camera_to_world[1, 1] * cy + camera_to_world[1, 2]
+            dz = camera_to_world[2, 0] * cx + camera_to_world[2, 1] * cy + camera_to_world[2, 2]
+            a, b = dx * dx + dz * dz, eye[0] * dx + eye[2] * dz
+            t = (-b + np.sqrt(b * b - a * (eye[0] * eye[0] + eye[2] * eye[2] - radius * radius))) / a
+            on_floor = dy < 0.0 and (floor_y - eye[1]) / dy < t
+            if on_floor:
+                t = (floor_y - eye[1]) / dy
+            x, y, z = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
+            fp = t * spread
+            if on_floor:
+                tone = 1.0 + 0.10 * _layer(volume, x, 0.0, z, 260.0, fp) + 0.12 * _layer(volume, x, 3.0, z, 60.0, fp)
+                tone += 0.14 * _layer(volume, x, 7.0, z, 14.0, fp) + 0.18 * _layer(volume, x, 11.0, z, 5.0, fp)
+                tone += 0.20 * _layer(volume, x, 15.0, z, 2.3, fp)
+                pool = 0.42 + 0.95 * np.exp(-(x * x + z * z) / 5.0e6)
+                near_wall = _step(radius - np.sqrt(x * x + z * z), -50.0, 500.0)
+                light = pool * (0.55 + 0.45 * near_wall)
+                r, g, bl = floor[0] * tone * light, floor[1] * tone * light, floor[2] * tone * light
+            else:
+                arc = np.arctan2(x, z) * radius
+                sway = 60.0 * _noise(volume, arc / 420.0, y / 1400.0, 0.3)
+                pleat = np.sin(6.2831853 * (arc + sway) / 190.0) + 0.35 * np.sin(6.2831853 * (arc - 0.5 * sway) / 73.0)
+                tone = 0.80 + 0.17 * pleat + 0.08 * _layer(volume, arc, y, 5.0, 120.0, fp)
+                tone += 0.09 * _layer(volume, arc, 0.4 * y, 5.0, 17.0, fp) + 0.12 * _layer(volume, arc, y, 9.0, 4.5, fp)
+                fall = 0.55 + 0.30 * _step(y, -200.0, 1600.0) - 0.10 * _step(y, 2000.0, 3200.0)
+                fall *= 0.55 + 0.45 * _step(y - floor_y, -60.0, 260.0)
+                r, g, bl = curtain[0] * tone * fall, curtain[1] * tone * fall, curtain[2] * tone * fall
+            colours[row, column, 0], colours[row, column, 1], colours[row, column, 2] = r, g, bl
+    return colours

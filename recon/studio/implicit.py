@@ -239,16 +239,14 @@ def project_to_surface(table: NDArray[np.float64], points: NDArray[np.float64]) 
 def grid_distance(
     table: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64], zs: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Compute distances on a rectilinear grid; blocks far from the surface hold one rough value.
+    """Compute distances, float32 (X, Y, Z), mm, negative inside, on a rectilinear grid.
+
+    Blocks far from the surface hold one rough value.
 
     Parameters
     ----------
     table : float64 (P, N_COLUMNS), see `part_table`
     xs, ys, zs : float64 (X,), (Y,), (Z,), the grid's coordinates, mm
-
-    Returns
-    -------
-    float32 (X, Y, Z), mm, negative inside
     """
     result = np.empty((len(xs), len(ys), len(zs)), np.float32)
     n = len(table)

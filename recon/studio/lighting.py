@@ -2,7 +2,6 @@
 
 Light changes slowly over a body, so it is computed at the vertices and interpolated between them; `appearance` computes
 colours at every pixel. Lights are rows as in `looks`.
-
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ def lit(surface: NDArray[np.float32], lights: NDArray[np.float64], eye: NDArray[
     Parameters
     ----------
     surface : float32 (N, 11), per vertex: place at rest, normal, place in the world, openness, share of the key light
-    lights : float64 (2 + lights, 6), as in `looks.Light.table`
+    lights : float64 (2 + lights, 6), as in `looks.light_table`
     eye : float64 (3,), mm, the camera's centre
 
     Returns

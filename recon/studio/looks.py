@@ -2,7 +2,6 @@
 
 The row of a look: 0 kind, 1-15 five colours (linear), 16 pattern, 17 sleeve, 18 long hair, 19 how far the eyes are
 closed, 20 shift, 21-23 half size.
-
 """
 
 from __future__ import annotations
@@ -17,6 +16,16 @@ N_LOOK = 32  # numbers that describe one look
 
 PERSON, BALL, BOX, SPHERE, CUBOID = 0.0, 1.0, 2.0, 3.0, 4.0
 PLAID, STRIPES, KNIT, PRINT = 0.0, 1.0, 2.0, 3.0
+
+# Soft studio light: a key light that casts shadows, a fill and a rim light, and light from all around. Directions point
+# towards the light; powers are linear RGB at normal incidence on a white surface.
+LIGHTS = (
+    ((-0.55, 0.72, 0.62), (0.92, 0.89, 0.84)),
+    ((0.75, 0.35, 0.60), (0.36, 0.37, 0.40)),
+    ((0.15, 0.65, -0.80), (0.34, 0.34, 0.37)),
+)
+LIGHT_ABOVE, LIGHT_BELOW = (0.52, 0.53, 0.55), (0.22, 0.20, 0.19)
+SOFTNESS = 0.25
 
 Colour = tuple[float, float, float]
 
@@ -49,26 +58,13 @@ class Look:
     shift: float = 0.0
 
 
-@dataclass(frozen=True)
-class Light:
-    """Soft studio light: a key light that casts shadows, a fill and a rim light, and light from all around.
-
-    Directions point towards the light; powers are linear RGB at normal incidence on a white surface.
-    """
-
-    directions: tuple[Colour, ...] = ((-0.55, 0.72, 0.62), (0.75, 0.35, 0.60), (0.15, 0.65, -0.80))
-    powers: tuple[Colour, ...] = ((0.92, 0.89, 0.84), (0.36, 0.37, 0.40), (0.34, 0.34, 0.37))
-    above: Colour = (0.52, 0.53, 0.55)
-    below: Colour = (0.22, 0.20, 0.19)
-    softness: float = 0.25
-
-    def table(self) -> NDArray[np.float64]:
-        """Convert the light to rows, float64 (2 + lights, 6): above and below, then directions and powers."""
-        rows: list[tuple[float, ...]] = [(*self.above, *self.below), (self.softness, 0.0, 0.0, 0.0, 0.0, 0.0)]
-        for direction, power in zip(self.directions, self.powers, strict=True):
-            unit = np.asarray(direction) / np.linalg.norm(direction)
-            rows.append((*map(float, unit), *power))
-        return np.array(rows)
+def light_table() -> NDArray[np.float64]:
+    """Return the lights as rows, float64 (2 + lights, 6): above and below, softness, then directions and powers."""
+    rows: list[tuple[float, ...]] = [(*LIGHT_ABOVE, *LIGHT_BELOW), (SOFTNESS, 0.0, 0.0, 0.0, 0.0, 0.0)]
+    for direction, power in LIGHTS:
+        unit = np.asarray(direction) / np.linalg.norm(direction)
+        rows.append((*map(float, unit), *power))
+    return np.array(rows)
 
 
 def linear(colour: Colour) -> NDArray[np.float64]:

@@ -1,7 +1,6 @@
 """The scenes that can be recorded: actors, objects, and how they move.
 
 A scene's motion is a function of the phase, 0 to 1, and returns to its start: any number of frames makes a loop.
-
 """
 
 from __future__ import annotations

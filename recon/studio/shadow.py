@@ -77,17 +77,13 @@ def key_share(
     faces: NDArray[np.int32],
     direction: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Compute the share of the key light that reaches each vertex, soft at the shadow's edge.
+    """Compute the share of the key light, float32 (N,), 0 to 1, that reaches each vertex, soft at the shadow's edge.
 
     Parameters
     ----------
     vertices, normals : float64 (N, 3), mm, world
     faces : int32 (M, 3)
     direction : float64 (3,), towards the light
-
-    Returns
-    -------
-    float32 (N,), 0 to 1
     """
     nearest, frame = cast(vertices, faces, direction)
     return np.asarray(_key_share(vertices + LIFT_MM * normals, nearest, frame))

@@ -194,7 +194,7 @@ def skin(
     weights: NDArray[np.float64],
     transforms: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Move rest vertices with their bones (linear blend skinning).
+    """Move rest vertices with their bones (linear blend skinning): float64 (N, 3), mm, in the person's frame.
 
     Parameters
     ----------
@@ -202,10 +202,6 @@ def skin(
     bones : int64 (N, 4), indices into BONES
     weights : float64 (N, 4), rows sum to one
     transforms : float64 (B, 3, 4), see `pose`
-
-    Returns
-    -------
-    float64 (N, 3), mm, the person's frame
     """
     moved = np.empty((len(vertices), 3))
     for i in range(len(vertices)):

@@ -20,14 +20,13 @@ from recon.studio import truth
 from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose
 from recon.studio.lighting import lit
-from recon.studio.looks import Light, noise_volume
+from recon.studio.looks import light_table, noise_volume
 from recon.studio.rasterise import Visibility, see
 from recon.studio.rigs import arc_rig, between, distorted, disturbed
-from recon.studio.room import Room
 from recon.studio.scenes import SCENES, Scene
 from recon.studio.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.stage import Stage, Staged
-from recon.studio.views import View, empty_view
+from recon.studio.views import FLOOR_Y_MM, View, empty_view
 from recon.workers import Progress, no_progress
 
 BOUNDS_MARGIN_MM = 15.0
@@ -137,7 +136,7 @@ class _Recording:
         if parameters.distortion:
             self._rig = distorted(self._rig, parameters.distortion, self._rng(6))
         self._noise = noise_volume(self._rng(2))
-        self._lights, self._room, self._curve = Light().table(), Room(), display_curve()
+        self._lights, self._curve = light_table(), display_curve()
         self._towards_key = self._lights[2, :3]
 
     def make(self, progress: Progress) -> Capture:
@@ -166,9 +165,7 @@ class _Recording:
     def _empty_view(self, named: tuple[str, Camera]) -> View:
         name, camera = named
         index = list(self._cameras()).index(name)
-        view = empty_view(
-            name, camera, self._room, self._noise, self._rng(3, index), spread=self._parameters.exposure_spread
-        )
+        view = empty_view(name, camera, self._noise, self._rng(3, index), spread=self._parameters.exposure_spread)
         if not name.startswith("held_out"):
             self._expose(view, np.zeros((0, 0, 4), np.float32), (0, 0), None, self._key(index, 0), "plate")
         return view
@@ -176,7 +173,7 @@ class _Recording:
     def _record_frame(self, frame: int) -> NDArray[np.float64]:
         """Write all that belongs to a frame; return the actors' extent (2, 3), mm."""
         staged = self._stage.at(frame / self._parameters.n_frames)
-        floor = floor_shade(staged.vertices, self._room.floor_y, self._towards_key)
+        floor = floor_shade(staged.vertices, FLOOR_Y_MM, self._towards_key)
         for index, view in enumerate(self._views):
             if view.name.startswith("held_out") and frame != HELD_OUT_FRAME:
                 continue

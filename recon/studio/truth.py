@@ -62,7 +62,7 @@ def _quantise(
 
 
 def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArray[np.float32]:
-    """Read a sensor's true depth.
+    """Read a sensor's true depth, float32 (H, W): z in the camera's frame, mm, NaN where no actor is.
 
     Parameters
     ----------
@@ -70,10 +70,6 @@ def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArr
     sensor_id : such as S1
     side : left or right
     frame : number, from 0
-
-    Returns
-    -------
-    float32 (H, W), z in the camera's frame, mm, NaN where no actor is
 
     Raises
     ------

@@ -11,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.rig import Camera
+from recon.studio.appearance import room_plate
 from recon.studio.exposure import plate_values
-from recon.studio.room import Room, room_plate
+from recon.studio.looks import linear
 from recon.studio.shadow import FLOOR_CELLS, FLOOR_HALF_MM
+
+CURTAIN_MM = 3900.0  # radius of the curtain around the world's y axis; the sensors stand inside
+FLOOR_Y_MM = 0.0
+CURTAIN, FLOOR = (0.36, 0.42, 0.46), (0.40, 0.37, 0.34)  # sRGB, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,7 @@ class View:
 
 
 def empty_view(
-    name: str, camera: Camera, room: Room, noise: NDArray[np.float32], rng: np.random.Generator, *, spread: float
+    name: str, camera: Camera, noise: NDArray[np.float32], rng: np.random.Generator, *, spread: float
 ) -> View:
     """Make a camera with its own exposure and white balance, and its picture of the empty studio.
 
@@ -54,7 +59,6 @@ def empty_view(
     ----------
     name : the camera's folder in the capture
     camera : its calibration
-    room : the empty studio
     noise : float32 (S, S, S), for the room's texture
     rng : draws exposure and white balance
     spread : standard deviation of the exposure, share; a quarter of it for the white balance
@@ -62,11 +66,12 @@ def empty_view(
     exposure, red, blue = 1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25)
     gains = exposure * np.array([red, 1.0, blue])
     slopes = pixel_slopes(camera)
+    axes = np.ascontiguousarray(camera.rotation.T)
     plate = room_plate(
-        slopes, np.ascontiguousarray(camera.rotation.T), camera.centre, 1.0 / camera.K[0, 0], room.radius,
-        room.floor_y, np.power(room.curtain, 2.2), np.power(room.floor, 2.2), room.shift, noise,
-    )  # fmt: skip
-    return View(name, camera, gains, plate_values(plate, gains), _floor_cells(camera, slopes, room.floor_y))
+        slopes, axes, camera.centre, 1.0 / camera.K[0, 0], CURTAIN_MM, FLOOR_Y_MM, linear(CURTAIN), linear(FLOOR), noise
+    )
+    cells = _cells_below(slopes, axes, camera.centre, FLOOR_Y_MM, FLOOR_CELLS, FLOOR_HALF_MM)
+    return View(name, camera, gains, plate_values(plate, gains), cells)
 
 
 def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
@@ -78,13 +83,6 @@ def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
     exact = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-8)
     slopes = cv2.undistortPoints(pixels.reshape(-1, 1, 2), camera.K, camera.dist, criteria=exact)
     return np.asarray(slopes, dtype=np.float64).reshape(height, width, 2)
-
-
-def _floor_cells(camera: Camera, slopes: NDArray[np.float64], floor_y: float) -> NDArray[np.float32]:
-    cells: NDArray[np.float32] = _cells_below(
-        slopes, np.ascontiguousarray(camera.rotation.T), camera.centre, floor_y, FLOOR_CELLS, FLOOR_HALF_MM
-    )
-    return cells
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -7,8 +7,6 @@ gives a motion; the motion that brings most of the cloud onto the model wins.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,10 +31,9 @@ class Super4PCSParameters:
     delta : mm, how far from the model its points may lie; also the tolerance of congruence
     overlap : share of the cloud that belongs to the model; the widest bases are this share of the cloud's extent
     n_samples : points of the cloud and of the model that are used
-    n_trials : bases that are tried, unless time runs out
+    n_trials : bases that are tried
     n_congruent : congruent bases that are checked per trial
-    seconds : time budget; without one, None, the same seed gives the same result on every machine
-    seed : of samples and bases
+    seed : of samples and bases; the same one gives the same result on every machine
     """
 
     delta: float
@@ -44,7 +41,6 @@ class Super4PCSParameters:
     n_samples: int = 400
     n_trials: int = 30
     n_congruent: int = 2000
-    seconds: float | None = None
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -67,25 +63,16 @@ class Registration:
     ----------
     cloud_from_model : float64 (4, 4)
     overlap : share of the sampled cloud within delta of the model
-    n_trials : bases that were tried
-    n_checked : motions that were checked
-    is_out_of_time : whether the time budget ended the search
     candidates : float64 (C, 4, 4), cloud_from_model of the best motions, best first; they may be nearly alike
     """
 
     cloud_from_model: NDArray[np.float64]
     overlap: float
-    n_trials: int
-    n_checked: int
-    is_out_of_time: bool
     candidates: NDArray[np.float64]
 
 
 def super4pcs(
-    model: NDArray[np.floating],
-    cloud: NDArray[np.floating],
-    parameters: Super4PCSParameters,
-    clock: Callable[[], float] = time.monotonic,
+    model: NDArray[np.floating], cloud: NDArray[np.floating], parameters: Super4PCSParameters
 ) -> Registration:
     """Register a model to a cloud.
 
@@ -93,38 +80,31 @@ def super4pcs(
     ----------
     model, cloud : floating (M, 3) and (N, 3), mm
     parameters : of the search
-    clock : seconds, for the time budget
 
     Raises
     ------
     ValueError
         If either has too few points, or no base of the cloud is congruent to one of the model.
     """
-    started, rng = clock(), np.random.default_rng(parameters.seed)
+    rng = np.random.default_rng(parameters.seed)
     model_sample = _spread(model, parameters.n_samples, rng)
     cloud_sample = _spread(cloud, parameters.n_samples, rng)
     near, low, cell = _surroundings(np.asarray(model, dtype=np.float64), parameters.delta)
     best: list[tuple[float, NDArray[np.float64]]] = []
-    n_checked, n_trials = 0, 0
     for _ in range(parameters.n_trials):
-        if parameters.seconds is not None and clock() - started > parameters.seconds:
-            break
-        n_trials += 1
         motions = _motions(_base(cloud_sample, model_sample, parameters, rng), model_sample, parameters, rng)
         if not len(motions):
             continue
         shares = overlaps(motions, cloud_sample, near, low, cell)
-        n_checked += len(motions)
         best += [(float(shares[index]), motions[index]) for index in np.argsort(-shares, kind="stable")[:PER_TRIAL]]
     best.sort(key=lambda candidate: -candidate[0])
     if not best or best[0][0] <= 0:
         raise ValueError(
-            f"no base of the cloud is congruent to one of the model in {n_trials} trials; delta "
+            f"no base of the cloud is congruent to one of the model in {parameters.n_trials} trials; delta "
             f"{parameters.delta:g} mm may be too small, or the model is not in the cloud"
         )
     candidates = np.stack([np.linalg.inv(np.vstack([motion, (0, 0, 0, 1)])) for _, motion in best[:N_CANDIDATES]])
-    is_out_of_time = n_trials < parameters.n_trials
-    return Registration(candidates[0], best[0][0], n_trials, n_checked, is_out_of_time, candidates)
+    return Registration(candidates[0], best[0][0], candidates)
 
 
 def _motions(

@@ -141,13 +141,7 @@ class Board:
 
 
 def parse_board(text: str) -> Board:
-    """Parse a board such as `chessboard:9x6:25` or `charuco:11x8:30:22`.
-
-    Raises
-    ------
-    CaptureError
-        If the text is neither.
-    """
+    """Parse a board such as `chessboard:9x6:25` or `charuco:11x8:30:22`, or raise a CaptureError if it is neither."""
     kind, _, rest = text.partition(":")
     parts = rest.split(":")
     try:

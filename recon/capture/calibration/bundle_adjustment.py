@@ -2,7 +2,6 @@
 
 Source: Triggs et al., "Bundle adjustment - a modern synthesis" (1999), sections 4 and 6: Gauss-Newton steps damped
 after Levenberg and Marquardt, the boards' unknowns eliminated first, since each of them meets only the cameras'.
-
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def adjusted(
     *,
     fixed: str,
 ) -> tuple[Cameras, Poses]:
-    """Refine cameras and boards: poses, focal lengths, principal points and distortion.
+    """Refine cameras and boards, and return both: poses, focal lengths, principal points and distortion.
 
     Parameters
     ----------
@@ -62,10 +61,6 @@ def adjusted(
         stay zero, and k3 stays as it is
     boards : initial `world_from_board`, float64 (4, 4), by name
     fixed : the camera that does not move, which ties down the world; its lens is refined as the others'
-
-    Returns
-    -------
-    The cameras and the boards' poses.
     """
     cameras, boards = dict(cameras), dict(boards)
     free = {name: _free_unknowns(camera, is_fixed=name == fixed) for name, camera in cameras.items()}
@@ -94,17 +89,13 @@ def adjusted(
 
 
 def reprojection_error(sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]) -> float:
-    """Compute the root mean square distance between seen and projected corners.
+    """Compute the root mean square distance between seen and projected corners, pixels.
 
     Parameters
     ----------
     sighting : corners (N, 2) and the board's points (N, 3)
     camera : the camera that saw them
     world_from_board : float64 (4, 4), the board's pose
-
-    Returns
-    -------
-    pixels
     """
     return float(np.sqrt((_errors(sighting, camera, world_from_board) ** 2).sum(axis=1).mean()))
 

@@ -3,7 +3,6 @@
 Pictures of the same instant have the same name in every camera's folder, or the same number in every camera's video.
 Beside the file, `<its name>_report/` holds
 `report.json`, `corners/<sensor>/<side>/<image>.jpg` and `rectified/<sensor>.jpg`, a pair with epipolar lines.
-
 """
 
 from __future__ import annotations

@@ -189,17 +189,13 @@ def calibrate_pair(
 def calibrate_rig(
     board: Board, pairs: Sequence[PairCalibration], views: Mapping[str, tuple[Views, Views]]
 ) -> tuple[PairCalibration, ...]:
-    """Chain sensors into one world by the instants they share, then refine all cameras together.
+    """Chain sensors into one world by the instants they share, then refine all together; returns the errors left, too.
 
     Parameters
     ----------
     board : the board in the images
     pairs : the sensors, each calibrated by itself
     views : corners by image, left and right, of every sensor
-
-    Returns
-    -------
-    The sensors in one world, with the errors that are left.
 
     Raises
     ------

@@ -78,16 +78,11 @@ def check_capture(capture_folder: Path) -> CheckReport:
     problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
     problems += [problem for check in checks for problem in check.problems]
     if not problems:
-        problems += _disagreements(capture_folder, draft, checks)
+        problems += disagreements(list(_comparisons(capture_folder, draft, checks)))
     warnings = [*count_warnings(capture_folder, draft.cameras, n_frames), *continuity_warnings(glances)]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(check.report for check in checks)
     return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
-
-
-def _disagreements(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[str]:
-    """Say one sentence for every two neighbouring sensors that see the same points in different places."""
-    return disagreements(list(_comparisons(folder, draft, checks)))
 
 
 def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:

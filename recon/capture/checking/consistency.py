@@ -3,7 +3,6 @@
 Two sensors triangulate the points that both see. Where these points are apart, one single fault is sought that brings
 most of them together: both focal lengths of a sensor wrong alike, its cameras turned towards each other, or a sensor
 that was moved as a whole. Which of two was moved, only a third can tell: the one with which it agrees was not.
-
 """
 
 from __future__ import annotations
@@ -234,9 +233,7 @@ def _moved(
 
     It is then made the best one for all that follow it.
 
-    Source
-    ------
-    Fischler, Bolles, "Random sample consensus", 1981; the move of a triple: Arun, Huang, Blostein, 1987.
+    Source: Fischler, Bolles, "Random sample consensus", 1981; the move of a triple: Arun, Huang, Blostein, 1987.
     """
     rng = np.random.default_rng(SEED)
     best, move = 0, np.eye(4)

@@ -70,9 +70,7 @@ def joined(several: list[Matches]) -> Matches:
 def epipolar_errors(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
     """Measure how far matches are from the calibration's epipolar lines, signed, float64 (N,), pixels.
 
-    Source
-    ------
-    Sampson's distance: Hartley, Zisserman, "Multiple view geometry", 2nd edition, equation 11.9.
+    Source of Sampson's distance: Hartley, Zisserman, "Multiple view geometry", 2nd edition, equation 11.9.
     """
     relative = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
     x, y, z = relative[:3, 3]

@@ -112,9 +112,7 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
 def noise_level(grey: NDArray[np.floating]) -> float:
     """Estimate the standard deviation of a picture's noise, (H, W), grey levels; edges hardly count.
 
-    Source
-    ------
-    Immerkaer, "Fast noise variance estimation", 1996, with a median in place of the mean.
+    Source: Immerkaer, "Fast noise variance estimation", 1996, with a median in place of the mean.
     """
     residue = cv2.filter2D(np.asarray(grey, dtype=np.float32), -1, NOISE_KERNEL)
     return float(np.median(np.abs(residue))) / NORMAL_MEDIAN

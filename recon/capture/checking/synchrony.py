@@ -1,7 +1,6 @@
 """Synchrony: whether all cameras recorded the same instants.
 
 Motion makes all cameras' pictures change at the same time; where one camera's changes come later, it is late.
-
 """
 
 from __future__ import annotations

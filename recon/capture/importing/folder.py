@@ -15,10 +15,7 @@ from recon.capture.images import CaptureError
 def new_folder(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
 
-    Raises
-    ------
-    CaptureError
-        If `out` exists and is not an empty folder.
+    A CaptureError says that `out` exists and is not an empty folder.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise CaptureError(f"{out}: exists already; choose another folder or remove it first")

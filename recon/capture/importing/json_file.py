@@ -10,7 +10,6 @@ and `left_file`, `right_file`: lists of files, or objects from the shot's name t
 
 Convention: X_a = R_a_from_b X_b + t_a_from_b; pixel centres at integers; camera frames as OpenCV. Without a pose the
 world is the first left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
-
 """
 
 from __future__ import annotations

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
+from recon.capture.format import Capture, CaptureError
 from recon.capture.images import read_image
-from recon.capture.importing.folder import new_folder
-from recon.capture.pictures import copy_file
+from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, write_recording
+from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
 from recon.rig import Camera, bounds_corners, rigid
 
@@ -72,30 +72,21 @@ def import_middlebury(
     """
     listing = _listing(source)
     views = _read_views(listing)
-    if n_frames < 1:
-        raise CaptureError(f"n_frames is {n_frames}, expected at least 1")
+    options = ImportOptions(name=name, n_frames=n_frames)
     _check_listed(listing, views, pairs, n_frames)
     motions = [_motion(views, pairs[0][0], frame) for frame in range(n_frames)]
     tight = _published_bounds(listing) if bounds is None else check_bounds(bounds)
     for frame, motion in enumerate(motions):
         _check_motion(views, pairs, frame, motion, tight)
-    sensors = tuple(_sensor(f"S{number}", views, pair) for number, pair in enumerate(pairs, start=1))
-    held_out = tuple(_held_out(views, {view for pair in pairs for view in pair}))
-    with new_folder(out) as folder:
-        capture = Capture(
-            folder=folder,
-            name=name or listing.name.removesuffix("_par.txt"),
-            kind="scene",
-            fps=fps,
-            n_frames=n_frames,
-            bounds=tight if bounds is not None else _swept(tight, motions),
-            object={},
-            sensors=sensors,
-            held_out=held_out,
-        )
-        _copy_images(capture, views, pairs)
-        write_capture(capture)
-    return replace(capture, folder=out)
+    unused = [view for number, view in sorted(views.items()) if not any(number in pair for pair in pairs)]
+    recording = Recording(
+        listing.name.removesuffix("_par.txt"),
+        tuple(_sensor(f"S{number}", views, pair, n_frames) for number, pair in enumerate(pairs, start=1)),
+        fps=fps,
+        bounds=tight if bounds is not None else _swept(tight, motions),
+        held_out=tuple((view.camera, view.path) for view in unused),
+    )
+    return write_recording(out, recording, options)
 
 
 def _listing(source: Path) -> Path:
@@ -202,25 +193,6 @@ def _swept(bounds: NDArray[np.float64], motions: Iterable[NDArray[np.float64]]) 
     return np.stack([swept.min(axis=0) - margin, swept.max(axis=0) + margin])
 
 
-def _sensor(sensor_id: str, views: Mapping[int, _View], pair: tuple[int, int]) -> SensorStream:
-    left, right = (
-        CameraStream(views[view].camera, f"{sensor_id}/{side}/{{frame:04d}}{views[view].path.suffix}")
-        for side, view in zip(("left", "right"), pair, strict=True)
-    )
-    return SensorStream(sensor_id, left, right)
-
-
-def _held_out(views: Mapping[int, _View], used: set[int]) -> Iterable[HeldOut]:
-    for number in sorted(views.keys() - used):
-        yield HeldOut(views[number].camera, f"held_out/{views[number].path.name}", frame=0)
-
-
-def _copy_images(capture: Capture, views: Mapping[int, _View], pairs: Sequence[tuple[int, int]]) -> None:
-    for stream, pair in zip(capture.sensors, pairs, strict=True):
-        for camera, view in zip((stream.left, stream.right), pair, strict=True):
-            for frame in range(capture.n_frames):
-                copy_file(views[view + frame].path, image_path(capture.folder, camera.image, frame))
-    paths = {view.path.name: view.path for view in views.values()}
-    for photograph in capture.held_out:
-        target = capture.folder / photograph.image
-        copy_file(paths[target.name], target)
+def _sensor(sensor_id: str, views: Mapping[int, _View], pair: tuple[int, int], n_frames: int) -> SensorSource:
+    left, right = (Pictures(tuple(views[view + frame].path for frame in range(n_frames))) for view in pair)
+    return SensorSource(sensor_id, views[pair[0]].camera, views[pair[1]].camera, (left, right))

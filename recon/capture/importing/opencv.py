@@ -65,10 +65,7 @@ def import_opencv(source: Path, out: Path, options: ImportOptions | None = None)
 def write_calibration(path: Path, rig: Rig) -> None:
     """Write a rig as an OpenCV file, flat for one sensor, lengths in mm; `import_opencv` reads it.
 
-    Raises
-    ------
-    CaptureError
-        If the name does not end in one of SUFFIXES.
+    A CaptureError says that the name does not end in one of SUFFIXES.
     """
     if path.suffix not in SUFFIXES:
         raise CaptureError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(SUFFIXES)}")

@@ -2,7 +2,6 @@
 
 An importer only finds cameras and names of pictures. Here pictures are counted and copied, lengths become millimetres,
 and the world is turned so that y is up.
-
 """
 
 from __future__ import annotations
@@ -91,13 +90,7 @@ class Recording:
 
 
 def parse_unit(text: str) -> float:
-    """Parse a unit, its name or a number, to millimetres.
-
-    Raises
-    ------
-    CaptureError
-        If it is neither one of UNITS_MM nor a positive number.
-    """
+    """Parse a unit, one of UNITS_MM or a positive number, to millimetres, or raise a CaptureError if it is neither."""
     try:
         length = UNITS_MM[text] if text in UNITS_MM else float(text)
     except ValueError:

@@ -21,7 +21,7 @@ SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
 
 
 def evidence_of(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
-    """Measure how much each pixel looks like foreground.
+    """Measure how much each pixel of (left, right) looks like foreground: float32 (H, W) each, grey levels.
 
     By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
     of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
@@ -33,14 +33,8 @@ def evidence_of(capture: Capture, stream: SensorStream, frame: int, method: str)
     frame : number, from 0
     method : "threshold" or "plate"
 
-    Returns
-    -------
-    left, right : float32 (H, W), grey levels
-
-    Source
-    ------
-    The shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background subtraction and
-    shadow detection", 1999, brightness and chromaticity distortion.
+    Source of the shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background
+    subtraction and shadow detection", 1999, brightness and chromaticity distortion.
     """
     images = read_frame(capture, stream.id, frame)
     if method == "threshold":
@@ -56,17 +50,13 @@ def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArr
 
 
 def found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
-    """Choose the evidence above which a pixel is foreground from some frames of a sensor.
+    """Choose the evidence, grey levels, above which a pixel is foreground from some frames of a sensor.
 
     Parameters
     ----------
     capture : the capture
     stream : a sensor of it
     method : "threshold" or "plate"
-
-    Returns
-    -------
-    grey levels
     """
     frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
     evidence = np.concatenate(
@@ -94,10 +84,8 @@ def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
     CaptureError
         If all pixels are equally bright.
 
-    Source
-    ------
-    The two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root of
-    brightness, in which shot noise is equally strong everywhere; the valley: ours.
+    Source of the two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root
+    of brightness, in which shot noise is equally strong everywhere; the valley is ours.
     """
     counts = np.asarray(histogram, dtype=np.float64)
     level = np.sqrt(np.arange(256))

@@ -77,7 +77,7 @@ def repatterned(
 def cut(
     picture: NDArray[np.uint8], seeds: NDArray[np.uint8], rounds: int, models: Models | None = None
 ) -> tuple[NDArray[np.bool_], Models]:
-    """Cut out the foreground by GrabCut.
+    """Cut out the foreground by GrabCut; returns it, bool (H, W), and the colours learnt.
 
     Parameters
     ----------
@@ -86,13 +86,7 @@ def cut(
     rounds : iterations
     models : colours to begin with, None to learn them from the seeds
 
-    Returns
-    -------
-    The foreground, bool (H, W), and the colours learnt.
-
-    Source
-    ------
-    Rother, Kolmogorov, Blake, "GrabCut - interactive foreground extraction using iterated graph cuts", 2004.
+    Source: Rother, Kolmogorov, Blake, "GrabCut - interactive foreground extraction using iterated graph cuts", 2004.
     """
     rows, columns = np.nonzero(seeds != cv2.GC_BGD)
     window = np.s_[

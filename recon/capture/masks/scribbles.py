@@ -73,9 +73,7 @@ def propagated(
     key_frames : strokes by frame, uint8 (H, W)
     n_frames : of the camera
 
-    Source
-    ------
-    Flow: Kroeger, Timofte, Dai, Van Gool, "Fast optical flow using dense inverse search", 2016.
+    Source of the flow: Kroeger, Timofte, Dai, Van Gool, "Fast optical flow using dense inverse search", 2016.
     """
     keys = sorted(key_frames)
     for number, key in enumerate(keys):

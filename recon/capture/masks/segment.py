@@ -61,7 +61,6 @@ def segment_capture(
     *,
     method: str | None = None,
     threshold: float | None = None,
-    clean_up: CleanUp | None = None,
     scribbles: Path | None = None,
     progress: Progress = no_progress,
 ) -> Capture:
@@ -87,7 +86,7 @@ def segment_capture(
     if scribbles is not None:
         masks = _by_scribbles(capture, read_scribbles(scribbles, capture))
     else:
-        masks = _by_evidence(capture, _method(capture, method), threshold, clean_up)
+        masks = _by_evidence(capture, _method(capture, method), threshold)
     n_pictures = len(SIDES) * len(capture.sensors) * capture.n_frames
     with _staged(folder) as staging:
         for n_done, (stream, side, frame, mask) in enumerate(masks, start=1):
@@ -102,8 +101,8 @@ def segment_capture(
     return segmented
 
 
-def _by_evidence(capture: Capture, method: str, threshold: float | None, clean_up: CleanUp | None) -> Iterator[_Mask]:
-    clean_up = clean_up or METHODS[method]
+def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iterator[_Mask]:
+    clean_up = METHODS[method]
     for stream in capture.sensors:
         limit = found_threshold(capture, stream, method) if threshold is None else threshold
         for frame in range(capture.n_frames):

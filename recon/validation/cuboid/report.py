@@ -23,6 +23,15 @@ from recon.validation.page import (
 from recon.validation.pictures import error_picture, face_map, in_a_row, png
 
 COLOUR_SHARE = 98  # percentile of the errors at which the colours end, if that is within the table's threshold
+EDGES = (
+    "An end is measured at a visible face, or where the points of the other faces end (outline); at an outline, "
+    "what the reconstruction loses along the silhouette counts as error."
+)
+FLATNESS = (
+    "Root mean square distance of a face's points from the plane fitted to them, without points beyond "
+    f"{FLATNESS_CUT:g} robust standard deviations (scale), whose share is given. Tilt is the angle between this "
+    "plane and the box's face."
+)
 TABLES = ("reconstructions", "faces", "angles", "edges", "table", "curve", "measures")
 
 
@@ -47,11 +56,11 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
     )
     sections = [
         Section("What was measured", what, _overview(report)),
-        Section("Edges", _edges_text(), report["edges"]),
+        Section("Edges", EDGES, report["edges"]),
         Section(
             "Angles", "Inside the box, between the planes fitted to each face, against 90 degrees.", report["angles"]
         ),
-        Section("Flatness", _flatness_text(), report["faces"]),
+        Section("Flatness", FLATNESS, report["faces"]),
         Section(
             "Inliers against the threshold",
             "Signed error of a point: its distance to the fitted box's surface, positive outside.",
@@ -75,21 +84,6 @@ def _overview(report: Mapping[str, Any]) -> list[dict[str, Any]]:
             shown["centre_mm"] = ",\u00a0".join(f"{value:.2f}" for value in shown["centre_mm"])
         rows.append(shown)
     return rows
-
-
-def _edges_text() -> str:
-    return (
-        "An end is measured at a visible face, or where the points of the other faces end (outline); at an outline, "
-        "what the reconstruction loses along the silhouette counts as error."
-    )
-
-
-def _flatness_text() -> str:
-    return (
-        "Root mean square distance of a face's points from the plane fitted to them, without points beyond "
-        f"{FLATNESS_CUT:g} robust standard deviations (scale), whose share is given. Tilt is the angle between this "
-        "plane and the box's face."
-    )
 
 
 def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out: Path) -> Section:

@@ -7,7 +7,6 @@ consensus of spheres through three points, then Gauss-Newton steps with Tukey's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,13 @@ from numpy.typing import NDArray
 from recon.validation.clouds import UNITS_MM, FitError, checked_points
 from recon.validation.sampling import first_in_cells, subsample, thinned
 from recon.validation.sphere.kernels import local_consensus
-from recon.validation.sphere.model import SphereFit, SphereParameters, band_of
+from recon.validation.sphere.model import SphereFit, band_of
 from recon.validation.sphere.refinement import refine_sphere
 
 CELL_SHARE = 1 / 12  # of the radius: one point a cell is searched, so that dense walls count by their area
 SEED_SHARE = 0.6  # of the radius: spacing of the points that spheres are tried through
 N_CANDIDATES = 8
+N_TRIALS, N_TRIALS_PER_UNIT = 16, 32  # spheres tried through every seed point
 RIVAL = 0.5  # of the best sphere's score: from there on another one counts as a second ball
 APART = 1.5  # times the radius: centres farther apart are two balls, which cannot be nearer than twice the radius
 WIDE = 2.2  # radii; a ball by itself extends over two
@@ -30,13 +30,14 @@ class TwoSpheresError(FitError):
     """A cloud holds more than one sphere of the radius."""
 
 
-def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SphereParameters | None = None) -> SphereFit:
+def fit_sphere(points: NDArray[np.floating], radius: float, seed: int = 1) -> SphereFit:
     """Find the one sphere of a known radius in a cloud.
 
     Parameters
     ----------
     points : floating (N, 3), mm; anything else may be in the cloud besides the sphere
     radius : mm
+    seed : of the sample and the trials
 
     Raises
     ------
@@ -45,38 +46,30 @@ def fit_sphere(points: NDArray[np.floating], radius: float, parameters: SpherePa
     FitError
         If no sphere of this radius is there, or two are. The message says what was found instead.
     """
-    points, parameters = checked_points(points, radius, "radius"), parameters or SphereParameters()
-    sample = subsample(points, parameters.seed)
+    points = checked_points(points, radius, "radius")
     try:
-        return _fit(points, sample, radius, parameters)
+        return _fit(points, subsample(points, seed), radius, seed)
     except TwoSpheresError:
         raise
     except FitError as error:
-        raise with_fitting_unit(error, points, radius, parameters) from error
+        raise with_fitting_unit(error, points, radius, seed) from error
 
 
-def check_alone(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> None:
-    """Refuse a sphere if the cloud holds another one that is about as good.
+def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
+    """Refuse, by a TwoSpheresError, a sphere if the cloud holds another one that is about as good.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
     fit : the sphere
-    parameters : of the search for others
-
-    Raises
-    ------
-    TwoSpheresError
-        If there is another one.
+    seed : of the search for others
     """
-    even = thinned(subsample(points, parameters.seed), CELL_SHARE * fit.radius)
-    spheres, _ = _good_spheres(even, fit.radius, parameters)
+    even = thinned(subsample(points, seed), CELL_SHARE * fit.radius)
+    spheres, _ = _good_spheres(even, fit.radius, seed)
     _check_single([fit, *(other for other in spheres if _are_apart(fit, other))])
 
 
-def with_fitting_unit(
-    error: FitError, points: NDArray[np.float32], radius: float, parameters: SphereParameters
-) -> FitError:
+def with_fitting_unit(error: FitError, points: NDArray[np.float32], radius: float, seed: int) -> FitError:
     """Return the error that no sphere was found, with the unit in which there would be one, if there is such a unit.
 
     Parameters
@@ -84,22 +77,22 @@ def with_fitting_unit(
     error : of the search
     points : float32 (N, 3), mm
     radius : mm
-    parameters : of the search
+    seed : of the search
     """
-    unit = _fitting_unit(subsample(points, parameters.seed), radius, parameters)
+    unit = _fitting_unit(subsample(points, seed), radius, seed)
     return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}") if unit else error
 
 
 def _fit(
-    points: NDArray[np.float32], sample: NDArray[np.float32], radius: float, parameters: SphereParameters
+    points: NDArray[np.float32], sample: NDArray[np.float32], radius: float, seed: int, n_trials: int = N_TRIALS
 ) -> SphereFit:
-    spheres, reasons = _good_spheres(thinned(sample, CELL_SHARE * radius), radius, parameters)
+    spheres, reasons = _good_spheres(thinned(sample, CELL_SHARE * radius), radius, seed, n_trials)
     if not spheres:
         extent = " x ".join(f"{length:.3g}" for length in np.ptp(sample, axis=0))
         best = f"; the best candidate: {reasons[0]}" if reasons else ""
         raise FitError(f"no sphere of radius {radius:g} mm in a cloud of {extent} mm{best}")
     _check_single(spheres)
-    return refine_sphere(points, spheres[0].centre, radius, parameters, sample)
+    return refine_sphere(points, spheres[0].centre, radius, sample)
 
 
 def _check_single(spheres: Sequence[SphereFit]) -> None:
@@ -115,17 +108,17 @@ def _are_apart(fit: SphereFit, other: SphereFit) -> bool:
 
 
 def _good_spheres(
-    even: NDArray[np.float32], radius: float, parameters: SphereParameters
+    even: NDArray[np.float32], radius: float, seed: int, n_trials: int = N_TRIALS
 ) -> tuple[list[SphereFit], list[str]]:
     """Return the spheres in an even cloud that are about as good as the best, and why other candidates are none."""
     spheres: list[SphereFit] = []
     reasons: list[str] = []
     least = 0.0
-    for centre, score in _candidates(even, radius, parameters):
+    for centre, score in _candidates(even, radius, seed, n_trials):
         if score < least or any(np.linalg.norm(centre - fit.centre) < APART * radius for fit in spheres):
             continue
         try:
-            fit = refine_sphere(even, centre, radius, parameters, even)
+            fit = refine_sphere(even, centre, radius, even)
         except FitError as error:
             reasons.append(str(error))
             continue
@@ -136,13 +129,12 @@ def _good_spheres(
 
 
 def _candidates(
-    even: NDArray[np.float32], radius: float, parameters: SphereParameters
+    even: NDArray[np.float32], radius: float, seed: int, n_trials: int
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Return the centres and scores of the most promising spheres, best first, from points that are evenly spread."""
     even = even.astype(np.float64)
     seeds = first_in_cells(even, SEED_SHARE * radius)
-    band = band_of(radius, parameters)
-    centres, scores = local_consensus(even, seeds, radius, band, parameters.n_trials, parameters.seed)
+    centres, scores = local_consensus(even, seeds, radius, band_of(radius), n_trials, seed)
     chosen: list[tuple[NDArray[np.float64], float]] = []
     for index in np.argsort(-scores, kind="stable"):
         if not scores[index] > 0 or len(chosen) == N_CANDIDATES:
@@ -152,7 +144,7 @@ def _candidates(
     return chosen
 
 
-def _fitting_unit(sample: NDArray[np.float32], radius: float, parameters: SphereParameters) -> str | None:
+def _fitting_unit(sample: NDArray[np.float32], radius: float, seed: int) -> str | None:
     """Return the unit in which the cloud would hold a sphere of the radius, if there is one."""
     if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
         return None
@@ -161,7 +153,7 @@ def _fitting_unit(sample: NDArray[np.float32], radius: float, parameters: Sphere
             continue
         scaled = sample * np.float32(length)
         try:
-            _fit(scaled, scaled, radius, replace(parameters, n_trials=32))
+            _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT)
         except FitError:
             continue
         return unit

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sampling import subsample
-from recon.validation.sphere.model import SphereFit, SphereParameters
+from recon.validation.sphere.model import SphereFit
 from recon.validation.sphere.refinement import moved_centre
 
 N_SECTORS = 8
@@ -69,17 +69,16 @@ class Finding:
     is_remark: bool = False
 
 
-def examine_parts(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters | None = None) -> Parts:
+def examine_parts(points: NDArray[np.float32], fit: SphereFit, seed: int = 1) -> Parts:
     """Leave out the parts of a cap in turn, and compare their errors.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
     fit : their sphere
-    parameters : of that fit
+    seed : of the sample
     """
-    parameters = parameters or SphereParameters()
-    sample = subsample(points, parameters.seed)
+    sample = subsample(points, seed)
     near = sample[np.abs(fit.errors(sample)) < 0.25 * fit.radius]
     offsets = (near - fit.centre) / np.linalg.norm(near - fit.centre, axis=1, keepdims=True)
     axis = offsets.mean(axis=0) / np.linalg.norm(offsets.mean(axis=0))
@@ -88,9 +87,9 @@ def examine_parts(points: NDArray[np.float32], fit: SphereFit, parameters: Spher
     sector = np.minimum(((turn + np.pi) / (2 * np.pi) * N_SECTORS).astype(int), N_SECTORS - 1)
     polar = offsets @ axis
     is_outer = polar < np.median(polar)
-    reference = moved_centre(near, fit, parameters)
-    sectors = [moved_centre(near[sector != k], fit, parameters) for k in range(N_SECTORS)]
-    rings = [moved_centre(near[is_outer], fit, parameters), moved_centre(near[~is_outer], fit, parameters)]
+    reference = moved_centre(near, fit)
+    sectors = [moved_centre(near[sector != k], fit) for k in range(N_SECTORS)]
+    rings = [moved_centre(near[is_outer], fit), moved_centre(near[~is_outer], fit)]
     return Parts(
         max(float(np.linalg.norm(centre - reference)) for centre in sectors),
         max(float(np.linalg.norm(centre - reference)) for centre in rings),

@@ -8,52 +8,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError, checked_points
-from recon.validation.sampling import fibonacci_sphere
+from recon.validation.sampling import fibonacci_sphere, subsample
 from recon.validation.sphere.consensus import check_alone, fit_sphere, with_fitting_unit
-from recon.validation.sphere.model import SphereFit, SphereParameters
+from recon.validation.sphere.model import SphereFit
 from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 
 MODEL_POINTS = 3000
 
 
-def fit_robust(points: NDArray[np.float32], radius: float, seed: int) -> SphereFit:
-    """Take the consensus of spheres through three points, then refine it robustly.
-
-    Parameters
-    ----------
-    points : float32 (N, 3), mm
-    radius : mm
-    seed : of samples and trials
-
-    Raises
-    ------
-    ValueError
-        As `fit_sphere`.
-    """
-    return fit_sphere(points, radius, SphereParameters(seed=seed))
-
-
 def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> SphereFit:
-    """Register the ideal sphere's points by Super4PCS as in the paper, then refine as `fit_robust` does.
+    """Register the ideal sphere's points by Super4PCS as in the paper, then refine and raise as `fit_sphere` does.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
     radius : mm
     seed : of samples and trials
-
-    Raises
-    ------
-    ValueError
-        As `fit_sphere`.
     """
-    points, parameters = checked_points(points, radius, "radius"), SphereParameters(seed=seed)
+    points = checked_points(points, radius, "radius")
     try:
-        fit = refine_sphere(points, _registered(points, radius, seed), radius, parameters)
+        fit = refine_sphere(points, _registered(points, radius, seed), radius, subsample(points, seed))
     except FitError as error:
-        raise with_fitting_unit(error, points, radius, parameters) from error
-    check_alone(points, fit, parameters)
+        raise with_fitting_unit(error, points, radius, seed) from error
+    check_alone(points, fit, seed)
     return fit
 
 
@@ -67,6 +45,6 @@ def _registered(points: NDArray[np.float32], radius: float, seed: int) -> NDArra
 
 
 METHODS: dict[str, Callable[[NDArray[np.float32], float, int], SphereFit]] = {
-    "robust": fit_robust,
+    "robust": fit_sphere,
     "super4pcs": fit_super4pcs,
 }

@@ -1,4 +1,4 @@
-"""Settings of an evaluation and of a fit, and a fitted sphere."""
+"""Settings of an evaluation, and a fitted sphere."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from recon.validation.measures import Subject
 from recon.validation.sphere.kernels import signed_errors
 
 BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's table 4, for its 150 mm
+# Tukey's constant in standard deviations of the inliers; a million points need no efficiency, so it is tighter than the
+# usual 4.685, and clusters near the surface pull less.
+CUTOFF = 2.5
 
 
 @dataclass(frozen=True)
@@ -39,25 +42,6 @@ class SphereSettings:
     keep: tuple[str, ...] = ()
     drop: tuple[str, ...] = ()
     subject: Subject = field(default_factory=Subject)
-    seed: int = 1
-
-
-@dataclass(frozen=True)
-class SphereParameters:
-    """How a sphere is looked for.
-
-    Parameters
-    ----------
-    band : mm, within which of the surface a point counts for a sphere; None for a twelfth of the radius
-    cutoff : Tukey's constant in standard deviations of the inliers; a million points need no efficiency, so it is
-        tighter than the usual 4.685 and clusters near the surface pull less
-    n_trials : spheres tried through every seed point
-    seed : of the sample and the trials
-    """
-
-    band: float | None = None
-    cutoff: float = 2.5
-    n_trials: int = 16
     seed: int = 1
 
 
@@ -94,20 +78,12 @@ class SphereFit:
         return errors
 
 
-def surface_share(points: NDArray[np.floating], fit: SphereFit, parameters: SphereParameters | None = None) -> float:
-    """Return the share of points that lie on a sphere, where all of them ought to.
-
-    Parameters
-    ----------
-    points : floating (N, 3), mm
-    fit : the sphere
-    parameters : of its fit
-    """
-    parameters = parameters or SphereParameters()
-    on_surface = np.abs(fit.errors(points)) < max(band_of(fit.radius, parameters), parameters.cutoff * fit.scale)
+def surface_share(points: NDArray[np.floating], fit: SphereFit) -> float:
+    """Return the share of points (N, 3), mm, that lie on a sphere, where all of them ought to."""
+    on_surface = np.abs(fit.errors(points)) < max(band_of(fit.radius), CUTOFF * fit.scale)
     return float(np.mean(on_surface)) if len(points) else 0.0
 
 
-def band_of(radius: float, parameters: SphereParameters) -> float:
+def band_of(radius: float) -> float:
     """Return how far from a sphere's surface a point may lie and still count for it, mm."""
-    return parameters.band or BAND_SHARE * radius
+    return BAND_SHARE * radius

@@ -20,13 +20,7 @@ N_DIRECTIONS = 400
 
 
 def check_fit(fit: SphereFit) -> None:
-    """Refuse a fit whose numbers are not those of a ball.
-
-    Raises
-    ------
-    FitError
-        With the number that is off, and by how much.
-    """
+    """Refuse, by a FitError with the number that is off, a fit whose numbers are not those of a ball."""
     at = f"at {np.round(fit.centre, 1).tolist()} mm"
     if fit.surface_share < MIN_SHARE:
         raise FitError(f"{at} only {fit.surface_share:.0%} of the points around it lie on it, not {MIN_SHARE:.0%}")
@@ -42,12 +36,9 @@ def check_fit(fit: SphereFit) -> None:
 
 
 def check_bending(offsets: NDArray[np.floating], fit: SphereFit) -> None:
-    """Refuse a fit whose surface, at offsets (N, 3) from its centre, bends more along one direction than another.
+    """Refuse, by a FitError, a fit whose surface bends more along one direction than another.
 
-    Raises
-    ------
-    FitError
-        If it does.
+    The surface's points have offsets (N, 3) from the centre.
     """
     stretch = _stretch(offsets, fit.radius)
     if stretch > MAX_STRETCH * fit.radius:

@@ -14,7 +14,7 @@ from recon.validation.measures import TABLE_THRESHOLD, inlier_ratios
 from recon.validation.sampling import subsample
 from recon.validation.sphere.exclusion import Parts, examine_parts
 from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.model import SphereFit, SphereParameters, SphereSettings, surface_share
+from recon.validation.sphere.model import SphereFit, SphereSettings, surface_share
 from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.sphere.visibility import meets_sphere, missing_share
 
@@ -74,7 +74,7 @@ def measure_reconstruction(file: CloudFile, settings: SphereSettings) -> Measure
             counted = points[meets_sphere(points, viewpoint, fit.centre, fit.radius)]
             fit = replace(fit, surface_share=surface_share(counted, fit))
             missing = missing_share(counted, viewpoint, fit.centre, fit.radius)
-        parts = examine_parts(counted, fit, SphereParameters(seed=settings.seed))
+        parts = examine_parts(counted, fit, settings.seed)
     except FitError as error:
         return MeasuredSphere(file, len(counted), failure=str(error))
     except ValueError as error:
@@ -106,7 +106,7 @@ def _combined_errors(spheres: Sequence[MeasuredSphere], settings: SphereSettings
     middle = np.median([sphere.columns["centre_mm"] for sphere in spheres], axis=0)
     even = np.concatenate([subsample(cloud, settings.seed) for cloud in clouds])
     try:
-        fit = refine_sphere(even, middle, settings.radius, SphereParameters(seed=settings.seed))
+        fit = refine_sphere(even, middle, settings.radius, subsample(even, settings.seed))
     except FitError:
         offsets = [cloud - middle.astype(np.float32) for cloud in clouds]
         return np.concatenate([np.linalg.norm(offset, axis=1) - np.float32(settings.radius) for offset in offsets])

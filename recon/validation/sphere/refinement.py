@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import MIN_POINTS, FitError
-from recon.validation.sampling import subsample
 from recon.validation.sphere.kernels import signed_errors, tukey_sums
-from recon.validation.sphere.model import SphereFit, SphereParameters, band_of
+from recon.validation.sphere.model import CUTOFF, SphereFit, band_of
 from recon.validation.sphere.plausibility import check_bending, check_fit, coverage
 
 FINAL_STEPS = 1  # over all points
@@ -19,11 +18,7 @@ NEAR = 1.5  # times the radius: what lies around a sphere
 
 
 def refine_sphere(
-    points: NDArray[np.float32],
-    centre: NDArray[np.float64],
-    radius: float,
-    parameters: SphereParameters,
-    sample: NDArray[np.float32] | None = None,
+    points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, sample: NDArray[np.float32]
 ) -> SphereFit:
     """Return the sphere near `centre` that suits the points best, checked for plausibility.
 
@@ -32,29 +27,27 @@ def refine_sphere(
     points : float32 (N, 3), mm
     centre : float64 (3,), mm, to start from
     radius : mm
-    parameters : of the fit
-    sample : float32 (M, 3), mm, of the points; most steps use it, and it is drawn where it is not given
+    sample : float32 (M, 3), mm, of the points; most steps use it
 
     Raises
     ------
     FitError
         If the steps do not converge or what they reach is not a sphere of this radius.
     """
-    sample = subsample(points, parameters.seed) if sample is None else sample
-    band = band_of(radius, parameters)
-    centre, scale, steps = _converged(sample, centre, radius, parameters)
+    band = band_of(radius)
+    centre, scale, steps = _converged(sample, centre, radius)
     if len(points) > len(sample):
         for _ in range(FINAL_STEPS):
-            centre = _step(points, centre, radius, parameters.cutoff * scale)
+            centre = _step(points, centre, radius, CUTOFF * scale)
     errors = signed_errors(sample, centre, radius)
-    on_surface = np.abs(errors) < max(band, parameters.cutoff * scale)
+    on_surface = np.abs(errors) < max(band, CUTOFF * scale)
     near = errors < (NEAR - 1) * radius
     if np.count_nonzero(on_surface) < MIN_POINTS:
         raise FitError(f"only {np.count_nonzero(on_surface)} points lie on it, expected at least {MIN_POINTS}")
     fit = SphereFit(
         centre=centre,
         radius=radius,
-        free_radius=_free_radius(sample, centre, radius, scale, parameters),
+        free_radius=_free_radius(sample, centre, radius, scale),
         scale=scale,
         coverage=coverage(sample[on_surface] - centre),
         surface_share=float(np.count_nonzero(on_surface) / np.count_nonzero(near)),
@@ -66,23 +59,14 @@ def refine_sphere(
     return fit
 
 
-def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: SphereParameters) -> NDArray[np.float64]:
-    """Return the centre (3,), mm, to which other points move a fit that keeps its cutoff.
+def moved_centre(points: NDArray[np.float32], fit: SphereFit) -> NDArray[np.float64]:
+    """Return the centre (3,), mm, to which other points (N, 3), mm, move a fit that keeps its cutoff.
 
-    Parameters
-    ----------
-    points : float32 (N, 3), mm
-    fit : to start from
-    parameters : of that fit
-
-    Raises
-    ------
-    FitError
-        If the points do not determine it.
+    A FitError says that the points do not determine it.
     """
     centre = fit.centre
     for _ in range(MAX_STEPS):
-        moved = _step(points, centre, fit.radius, parameters.cutoff * fit.scale)
+        moved = _step(points, centre, fit.radius, CUTOFF * fit.scale)
         change, centre = float(np.linalg.norm(moved - centre)), moved
         if change < STEP_MM:
             break
@@ -90,17 +74,17 @@ def moved_centre(points: NDArray[np.float32], fit: SphereFit, parameters: Sphere
 
 
 def _converged(
-    sample: NDArray[np.float32], centre: NDArray[np.float64], radius: float, parameters: SphereParameters
+    sample: NDArray[np.float32], centre: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], float, int]:
     """Return the centre, the inliers' scale and the number of steps; each step estimates the scale anew."""
-    band = band_of(radius, parameters)
+    band = band_of(radius)
     for step in range(1, MAX_STEPS + 1):
         errors = np.abs(signed_errors(sample, centre, radius))
         inliers = errors[errors < 2 * band]
         if len(inliers) < MIN_POINTS:
             raise FitError(f"only {len(inliers)} points lie near it, expected at least {MIN_POINTS}")
         scale = max(1.4826 * float(np.median(inliers)), SMALLEST_SCALE * radius)
-        cutoff = max(parameters.cutoff * scale, band if step <= 3 else 0.0)
+        cutoff = max(CUTOFF * scale, band if step <= 3 else 0.0)
         moved = _step(sample, centre, radius, cutoff)
         change = float(np.linalg.norm(moved - centre))
         centre = moved
@@ -117,15 +101,9 @@ def _step(
     return centre + _solved(matrix[:3, :3], right[:3], n)
 
 
-def _free_radius(
-    points: NDArray[np.float32],
-    centre: NDArray[np.float64],
-    radius: float,
-    scale: float,
-    parameters: SphereParameters,
-) -> float:
+def _free_radius(points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, scale: float) -> float:
     """Return the radius that, with its centre, suits the points best; NaN where there is none."""
-    free, cutoff = radius, max(parameters.cutoff * scale, 0.25 * band_of(radius, parameters))
+    free, cutoff = radius, max(CUTOFF * scale, 0.25 * band_of(radius))
     for _ in range(MAX_STEPS):
         matrix, right, n = _system(points, centre, free, cutoff)
         try:

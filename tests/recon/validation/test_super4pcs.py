@@ -72,21 +72,6 @@ def test_a_model_of_any_shape_is_found_among_outliers(seed: int) -> None:
     assert np.linalg.norm(off, axis=1).mean() < 25.0  # near enough for a refinement; the shape is 300 mm long
 
 
-@pytest.mark.slow
-def test_every_trial_is_made_unless_the_time_is_over() -> None:
-    model = shape(1000)
-    parameters = Super4PCSParameters(delta=8.0, n_trials=7)
-    found = super4pcs(model, model, parameters)
-    assert found.n_trials == 7
-    assert not found.is_out_of_time
-    ticks = iter(range(100))
-    stopped = super4pcs(
-        model, model, Super4PCSParameters(delta=8.0, n_trials=7, seconds=2.5), clock=lambda: float(next(ticks))
-    )
-    assert stopped.n_trials == 2
-    assert stopped.is_out_of_time
-
-
 def test_the_same_seed_gives_the_same_registration() -> None:
     first, second = (super4pcs(shape(800), shape(800, 1), Super4PCSParameters(delta=8.0, n_trials=5)) for _ in range(2))
     assert np.array_equal(first.cloud_from_model, second.cloud_from_model)
