@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from tempfile import SpooledTemporaryFile
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 
+from app.operations.manage import study_summary
 from app.store.audit import audit_records
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Study, StudyCounts, all_studies, progress_by_study, progress_of
+from app.store.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
@@ -29,22 +29,10 @@ from app.web.analyst.openapi_examples import ANALYSIS, STUDY
 from app.web.analyst.results import analysis_of
 from app.web.gates import AStudy, Store, may_read
 
+EMPTY_TABLES = ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "checks", "pairs", "measures")
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
-    **{
-        key: []
-        for key in [
-            "scores",
-            "models",
-            "triads",
-            "triads_pooled",
-            "agreement",
-            "observers",
-            "checks",
-            "pairs",
-            "measures",
-        ]
-    },
+    **{name: [] for name in EMPTY_TABLES},
     "warnings": ["there are no votes yet"],
     "settings": {},
 }
@@ -62,7 +50,7 @@ def studies(database: Store, chosen: ChosenFormat) -> Response:
     with database.reading() as connection:
         listed = all_studies(connection)
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-    rows = [_summary(study, progress[study.id]) for study in listed]
+    rows = [study_summary(study, progress[study.id]) for study in listed]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
@@ -73,7 +61,7 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
         progress = progress_of(connection, study.id)
-    whole = {**_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
+    whole = {**study_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
     return json_object(whole, chosen)
 
 
@@ -217,14 +205,3 @@ def _columns(first: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[st
 def _analysis(database: Database, study: Study) -> Mapping[str, Any]:
     analysis = analysis_of(database, study.id)
     return EMPTY_ANALYSIS if analysis is None else analysis
-
-
-def _summary(study: Study, progress: StudyCounts) -> dict[str, Any]:
-    return {
-        "slug": study.slug,
-        "name": study.name,
-        "state": study.standing,
-        "exposure_s": study.exposure_s,
-        "created_at": study.created_at.isoformat(),
-        **asdict(progress),
-    }
