@@ -21,24 +21,17 @@ FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}
 LARGEST_BYTES = 256 * 1024 * 1024  # of a model; a browser holds two
 LONGEST_HEADER = 8192
 LIMIT_SHARE = 95  # percentile of the errors where the colour scale ends, as in the reports
-SCALARS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "<i2",
-    "ushort": "<u2",
-    "int": "<i4",
-    "uint": "<u4",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "<i2",
-    "uint16": "<u2",
-    "int32": "<i4",
-    "uint32": "<u4",
-    "float": "<f4",
-    "double": "<f8",
-    "float32": "<f4",
-    "float64": "<f8",
+SHORT_NAMES = {
+    "char": "int8",
+    "uchar": "uint8",
+    "short": "int16",
+    "ushort": "uint16",
+    "int": "int32",
+    "uint": "uint32",
+    "float": "float32",
+    "double": "float64",
 }
+SCALARS = SHORT_NAMES | {name: name for name in SHORT_NAMES.values()}
 TRIANGLE = np.dtype([("count", "u1"), ("index", "<i4", (3,))])
 FACE_LISTS = tuple(f"property list {count} {kind} vertex_ind{end}" for count in ("uchar", "uint8")
                    for kind in ("int", "uint", "int32", "uint32") for end in ("ices", "ex"))  # fmt: skip
@@ -142,7 +135,7 @@ def _described(lines: list[str]) -> tuple[np.dtype[np.void], int, int]:
             raise ValueError(f"has {line[:80]!r} in its header, expected points with numbers and lists of three points")
     if not counts["vertex"] or not {"x", "y", "z"} <= {name for name, _ in fields}:
         raise ValueError("holds no points with x, y and z")
-    return np.dtype(fields), counts["vertex"], counts["face"]
+    return np.dtype(fields).newbyteorder("<"), counts["vertex"], counts["face"]
 
 
 def _error_limit(path: Path, points: NDArray[np.void]) -> float | None:
