@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from recon.approaches import parse_approach
 from recon.cloud import merge_clouds
 from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from math import comb
 from typing import Any
@@ -28,11 +28,11 @@ class Agreement:
     """Kendall's u with its test; all None where the design does not allow it."""
 
     u: float | None
-    minimum: float | None
+    u_min: float | None
     chi2: float | None
     df: float | None
     p_value: float | None
-    n_votes_per_pair: int | None
+    votes_per_pair: int | None
 
 
 NO_AGREEMENT = Agreement(None, None, None, None, None, None)
@@ -133,18 +133,7 @@ def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
         if len(part):
             counts = count_pairs(only_compared(part))
             kendall_u = NO_AGREEMENT if _has_repeats(part) else agreement(counts)
-            rows.append(
-                {
-                    "dataset": name,
-                    "u": kendall_u.u,
-                    "u_min": kendall_u.minimum,
-                    "chi2": kendall_u.chi2,
-                    "df": kendall_u.df,
-                    "p_value": kendall_u.p_value,
-                    "votes_per_pair": kendall_u.n_votes_per_pair,
-                    "transitivity": transitivity(counts),
-                }
-            )
+            rows.append({"dataset": name, **asdict(kendall_u), "transitivity": transitivity(counts)})
     return rows
 
 

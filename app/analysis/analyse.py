@@ -160,7 +160,7 @@ def _measure_rows(
     if not settings.measures:
         return []
     if not settings.bootstrap:
-        compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed=())))
+        compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed_factors=())))
     with_scores = [
         comparison for comparison in compared if comparison.comparison == ALL and comparison.fit.scores is not None
     ]

@@ -15,6 +15,7 @@ Row = Mapping[str, Any]
 
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
 PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+DIVERGING = ["#b35806", "#f7f7f7", "#2166ac"]  # of a matrix
 INK, FAINT = "#222222", "#d9d9d9"
 FONT = "Liberation Sans, Arial, sans-serif"
 COLUMNS = 3  # panels in a row
@@ -102,29 +103,31 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
     scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
-    values = [cell for row in pairs for cell in _cells(row)]
-    items = _by_score(scores)
-    base = alt.Chart(alt.Data(values=values)).encode(
-        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
-        y=alt.Y("item:N", sort=items, title="preferred …"),
-    )
-    cells = base.mark_rect(stroke="#ffffff").encode(
-        color=alt.Color(
-            "share:Q",
-            title=["share", "preferred"],
-            scale=alt.Scale(domain=[0, 0.5, 1], range=["#b35806", "#f7f7f7", "#2166ac"]),
-            legend=alt.Legend(format="%"),
-        )
-    )
-    text = base.mark_text(fontSize=11).encode(
-        text="label:N",
-        color=alt.condition("abs(datum.share - 0.5) > 0.3", alt.value("#ffffff"), alt.value(INK)),
+    color = alt.Color(
+        "share:Q",
+        title=["share", "preferred"],
+        scale=alt.Scale(domain=[0, 0.5, 1], range=DIVERGING),
+        legend=alt.Legend(format="%"),
     )
     title = alt.TitleParams(
         "Preferences" if dataset == "all" else f"Preferences, {dataset}",
         subtitle="number of votes for the row's item; the colour counts ties half",
     )
-    return (cells + text).properties(width=alt.Step(46), height=alt.Step(30), title=title)
+    values = [cell for row in pairs for cell in _cells(row)]
+    return _matrix(values, _by_score(scores), color, "label:N", "abs(datum.share - 0.5) > 0.3").properties(title=title)
+
+
+def _matrix(values: Sequence[Row], items: Sequence[str], color: alt.Color, text: str | alt.Text, is_dark: str) -> Any:
+    """Draw a coloured cell with a text for each pair of items; the text is white where `is_dark` holds."""
+    base = alt.Chart(alt.Data(values=values)).encode(
+        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
+        y=alt.Y("item:N", sort=items, title="preferred …"),
+    )
+    cells = base.mark_rect(stroke="#ffffff").encode(color=color)
+    texts = base.mark_text(fontSize=11).encode(
+        text=text, color=alt.condition(is_dark, alt.value("#ffffff"), alt.value(INK))
+    )
+    return (cells + texts).properties(width=alt.Step(46), height=alt.Step(30))
 
 
 def _cells(row: Row) -> list[dict[str, Any]]:
@@ -151,28 +154,15 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
     scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
-    values = [cell for row in pairs for cell in _residuals(row)]
-    items = _by_score(scores)
-    base = alt.Chart(alt.Data(values=values)).encode(
-        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
-        y=alt.Y("item:N", sort=items, title="preferred …"),
-    )
-    cells = base.mark_rect(stroke="#ffffff").encode(
-        color=alt.Color(
-            "residual:Q",
-            title="residual (sd)",
-            scale=alt.Scale(domain=[-3, 0, 3], range=["#b35806", "#f7f7f7", "#2166ac"], clamp=True),
-        )
-    )
-    text = base.mark_text(fontSize=11).encode(
-        text=alt.Text("residual:Q", format="+.1f"),
-        color=alt.condition("abs(datum.residual) > 1.8", alt.value("#ffffff"), alt.value(INK)),
+    color = alt.Color(
+        "residual:Q", title="residual (sd)", scale=alt.Scale(domain=[-3, 0, 3], range=DIVERGING, clamp=True)
     )
     title = alt.TitleParams(
         "Residuals of the model",
         subtitle=["standard deviations by which the row's item was", "preferred more often than its score says"],
     )
-    return (cells + text).properties(width=alt.Step(46), height=alt.Step(30), title=title)
+    values, text = [cell for row in pairs for cell in _residuals(row)], alt.Text("residual:Q", format="+.1f")
+    return _matrix(values, _by_score(scores), color, text, "abs(datum.residual) > 1.8").properties(title=title)
 
 
 def _residuals(row: Row) -> list[dict[str, Any]]:

@@ -89,7 +89,7 @@ def analyse_file(
     if items is not None:
         known = read_items(items)
         _chosen(known, factors, "factor", items)
-        settings = settings.with_factors(known, analysed=tuple(factors or known))
+        settings = replace(settings, factors=known, analysed_factors=tuple(factors or known))
     elif factors:
         raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
     if measures is not None:

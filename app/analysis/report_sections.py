@@ -7,8 +7,45 @@ from typing import Any
 
 Analysis = Mapping[str, Any]
 Figures = Mapping[str, dict[str, str]]
+Row = Mapping[str, Any]
 
 ROWS = 80  # rows of a table; the CSV files hold the rest
+HEADINGS = {  # of columns; others have their name in analysis.json
+    "ci_high": "to",
+    "ci_low": "from",
+    "circular_expected_ties": "expected with ties broken",
+    "dataset_a": "dataset",
+    "dataset_b": "and",
+    "flags": "unusual",
+    "g2": "G2",
+    "kendall": "Kendall",
+    "log_nu": "tie parameter",
+    "log_theta": "tie parameter",
+    "loglik": "log-likelihood",
+    "loglik_per_vote_left_out": "log-likelihood per vote",
+    "model": "in the model of",
+    "moderate": "moderate violated",
+    "n": "points",
+    "n_datasets": "datasets",
+    "n_items": "items",
+    "n_participants": "participants",
+    "n_triples": "triples",
+    "n_votes": "votes",
+    "name": "test",
+    "order_effect": "order effect",
+    "p_holm": "p (Holm)",
+    "p_participant": "p (participants)",
+    "p_value": "p",
+    "pairs_correct": "in order",
+    "pairs_different": "pairs that differ",
+    "pearson": "Pearson",
+    "pearson_monotone": "monotone",
+    "pearson_x2": "Pearson X2",
+    "spearman": "Spearman",
+    "strong": "strong violated",
+    "tie_rate": "tie rate",
+    "weak": "weak violated",
+}
 
 
 def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
@@ -40,92 +77,62 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
 
 
 def _section(
-    title: str, text: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], figures: Sequence[dict[str, str]] = ()
+    title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[dict[str, str]] = ()
 ) -> dict[str, Any]:
-    table = {"title": "", "columns": columns, "rows": rows[:ROWS]}
+    """Return a section with one table of these columns of the rows."""
+    headings = [HEADINGS.get(column, column) for column in columns]
+    cells = [[row[column] for column in columns] for row in rows[:ROWS]]
+    table = {"title": "", "columns": headings, "rows": cells}
     rest = f" The first {ROWS} of {len(rows)} rows." if len(rows) > ROWS else ""
     return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [table]}
 
 
 def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     parameter = "log_theta" if analysis["settings"]["ties"] == "rao-kupper" else "log_nu"
-    rows = [
-        (
-            *(row["comparison"], row["dataset"], row["n_votes"], row.get(parameter), row["order_effect"]),
-            *(row["loglik"], row["pearson_x2"], row["df"], row["p_value"], row["status"]),
-        )
-        for row in analysis["models"]
-    ]
+    rows = [{parameter: None, **row} for row in analysis["models"]]
     text = (
         "A small p-value of Pearson's X2 says that one score per item does not explain the votes. With several votes "
         "per person it also reacts to the similarity of a person's votes."
     )
     shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
-    columns = [
-        "comparison",
-        "dataset",
-        "votes",
-        "tie parameter",
-        "order effect",
-        "log-likelihood",
-        "Pearson X2",
-        "df",
-        "p",
-        "status",
-    ]
-    return _section("Model", text, columns, rows, shown)
+    columns = ["comparison", "dataset", "n_votes", parameter, "order_effect", "loglik", "pearson_x2", "df", "p_value"]
+    return _section("Model", text, [*columns, "status"], rows, shown)
 
 
 def _factors(analysis: Analysis) -> dict[str, Any]:
     rows = [
-        (
-            *(row["factor"], row["level"], row["dataset"], row["effect"]),
-            *(row["se"] if row["se_participant"] is None else row["se_participant"], row["ci_low"], row["ci_high"]),
-        )
+        row | {"error": row["se"] if row["se_participant"] is None else row["se_participant"]}
         for row in analysis["effects"]
     ]
     text = (
         "What each level of a factor adds to the score when all pairs are used (additive model); the levels of a "
         "factor sum to zero. The scores of single factors above use only the pairs that differ in nothing else."
     )
-    return _section("Factors together", text, ["factor", "level", "dataset", "effect", "error", "from", "to"], rows)
+    columns = ["factor", "level", "dataset", "effect", "error", "ci_low", "ci_high"]
+    return _section("Factors together", text, columns, rows)
 
 
 def _tests(analysis: Analysis) -> dict[str, Any]:
-    rows = [
-        (
-            *(row["name"], row["model"], row["dataset"], row["g2"], row["df"]),
-            *(row["p_value"], row["p_participant"], row["p_holm"]),
-        )
-        for row in analysis["tests"]
-    ]
     text = (
         "G2 is the likelihood-ratio statistic, which treats votes as independent; p (participants) is the Wald test "
         "with participants as the sample. Holm's correction covers the tests of one kind on single datasets, or on all "
         "together, and uses p (participants) where it exists."
     )
-    columns = ["test", "in the model of", "dataset", "G2", "df", "p (votes)", "p (participants)", "p (Holm)"]
+    columns = ["name", "model", "dataset", "g2", "df", "p (votes)", "p_participant", "p_holm"]
+    rows = [row | {"p (votes)": row["p_value"]} for row in analysis["tests"]]
     return _section("Tests", text, columns, rows)
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
-    rows = [
-        (
-            *(row["measure"], row["dataset"], row["n"]),
-            *(_with_interval(row, name) for name in ("pearson", "pearson_monotone", "spearman", "kendall")),
-            *(row["pairs_different"], _with_interval(row, "pairs_correct")),
-        )
-        for row in analysis["measures"]
-    ]
     text = (
         "How well objective measures predict the scores. The monotone correlation is taken after fitting the best "
         "monotone curve; the last column is the share of significantly different pairs that the measure puts in the "
         "right order. Over all datasets, measure and score are relative to their dataset's mean. Intervals: 95 %, "
         "from resampling participants, over all datasets also datasets."
     )
-    columns = [
-        *("measure", "dataset", "points", "Pearson", "monotone", "Spearman", "Kendall", "pairs that differ", "in order")
-    ]
+    correlations = ("pearson", "pearson_monotone", "spearman", "kendall")
+    rows = [row | {n: _with_interval(row, n) for n in (*correlations, "pairs_correct")} for row in analysis["measures"]]
+    columns = ["measure", "dataset", "n", *correlations, "pairs_different", "pairs_correct"]
     shown = [figure for name, figure in figures.items() if name.startswith("measure_")]
     return _section("Objective measures", text, columns, rows, shown)
 
@@ -139,34 +146,26 @@ def _with_interval(row: Mapping[str, Any], name: str) -> str | None:
 
 def _excluded(analysis: Analysis) -> dict[str, Any]:
     everybody = {(r["comparison"], r["dataset"], r["item"]): r["score"] for r in analysis["scores_with_excluded"]}
-    keys = [(row["comparison"], row["dataset"], row["item"]) for row in analysis["scores"]]
-    rows = [(*key, row["score"], everybody.get(key)) for key, row in zip(keys, analysis["scores"], strict=True)]
+    rows = [
+        row | {"score with all votes": everybody.get((row["comparison"], row["dataset"], row["item"]))}
+        for row in analysis["scores"]
+    ]
     text = f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them."
-    return _section("Exclusions", text, ["comparison", "dataset", "item", "score", "score with all votes"], rows)
+    columns = ["comparison", "dataset", "item", "score", "score with all votes"]
+    return _section("Exclusions", text, columns, rows)
 
 
 def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
-    rows = [
-        (
-            *(row["grouping"], row["group"], row["n_participants"], row["dataset"], row["item"], row["score"]),
-            *(row["ci_low"], row["ci_high"], row["status"]),
-        )
-        for row in analysis["groups"]
-    ]
     text = (
         "Scores of each group of participants alone. The tests above (group …) tell whether groups differ; a "
         "difference that was not planned before the study is a question for the next one."
     )
-    columns = ["grouping", "group", "participants", "dataset", "item", "score", "from", "to", "status"]
+    columns = ["grouping", "group", "n_participants", "dataset", "item", "score", "ci_low", "ci_high", "status"]
     shown = [figure for name, figure in figures.items() if name.startswith("group_")]
-    return _section("Groups of participants", text, columns, rows, shown)
+    return _section("Groups of participants", text, columns, analysis["groups"], shown)
 
 
 def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
-    rows = [
-        (row["dataset_a"], row["dataset_b"], row["n_items"], row["pearson"], row["spearman"], row["kendall"])
-        for row in analysis["dataset_agreement"]
-    ]
     w_test = analysis["dataset_concordance"]
     overall = (
         ""
@@ -178,24 +177,19 @@ def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
         "Correlation of the scores of two datasets over the items they share. Errors of the scores lower these "
         f"correlations; the test above tells whether the datasets differ beyond them.{overall}"
     )
-    columns = ["dataset", "and", "items", "Pearson", "Spearman", "Kendall"]
-    return _section("Agreement between datasets", text, columns, rows)
+    columns = ["dataset_a", "dataset_b", "n_items", "pearson", "spearman", "kendall"]
+    return _section("Agreement between datasets", text, columns, analysis["dataset_agreement"])
 
 
 def _agreement(analysis: Analysis) -> dict[str, Any]:
-    rows = [
-        (
-            *(row["dataset"], row["u"], row["p_value"]),
-            *((row["transitivity"] or {}).get(name) for name in ("weak", "moderate", "strong", "n_triples")),
-        )
-        for row in analysis["agreement"]
-    ]
+    violations = ("weak", "moderate", "strong", "n_triples")
+    rows = [row | (row["transitivity"] or dict.fromkeys(violations)) for row in analysis["agreement"]]
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
         "complete designs without ties. The next columns count the triples of items that violate weak, moderate and "
         "strong stochastic transitivity; without weak transitivity no scores fit the preferences."
     )
-    columns = ["dataset", "u", "p", "weak violated", "moderate violated", "strong violated", "triples"]
+    columns = ["dataset", "u", "p_value", *violations]
     return _section("Agreement", text, columns, rows)
 
 
@@ -209,13 +203,9 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         f"by {with_cycles} of {len(pooled)} participants. They exclude nobody: where stimuli look alike, honest votes "
         "contradict each other."
     )
-    rows = [
-        (row["participant"], row["n_datasets"], row["circular"], row["circular_expected_ties"], row["p_value"])
-        for row in pooled
-    ]
     shown = [figures["triads"]] if "triads" in figures else []
-    columns = ["participant", "datasets", "circular", "expected with ties broken", "p"]
-    return _section("Circular triads", text, columns, rows, shown)
+    columns = ["participant", "n_datasets", "circular", "circular_expected_ties", "p_value"]
+    return _section("Circular triads", text, columns, pooled, shown)
 
 
 def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -224,10 +214,7 @@ def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         f"{len(flagged)} of {len(analysis['observers'])} participants have something unusual about their votes; all "
         "numbers are in observers.csv. A flag is a reason to look, not to exclude."
     )
-    rows = [
-        (row["participant"], row["n_votes"], row["tie_rate"], row["loglik_per_vote_left_out"], "; ".join(row["flags"]))
-        for row in flagged
-    ]
+    rows = [row | {"flags": "; ".join(row["flags"])} for row in flagged]
     shown = [figures["response_times"]] if "response_times" in figures else []
-    columns = ["participant", "votes", "tie rate", "log-likelihood per vote", "unusual"]
+    columns = ["participant", "n_votes", "tie_rate", "loglik_per_vote_left_out", "flags"]
     return _section("Participants", text, columns, rows, shown)

@@ -211,18 +211,9 @@ def pair_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 def triads_row(row: Triads) -> dict[str, Any]:
     """Return the circular triads of a participant on a dataset."""
-    named = asdict(row)
-    return {
-        "participant": named["participant"],
-        "dataset": named["dataset"],
-        "n_items": named["n_items"],
-        "complete": named["complete"],
-        "circular": named["circular"],
-        "circular_expected_ties": named["expected_ties"],
-        "circular_max": named["maximum"],
-        "zeta": named["zeta"],
-        "p_value": named["p_value"],
-    }
+    shown = asdict(row)
+    del shown["broken"]
+    return shown
 
 
 def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
@@ -235,7 +226,7 @@ def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
             "participant": participant,
             "n_datasets": len(by_dataset),
             "circular": sum(row.circular for row in by_dataset),
-            "circular_expected_ties": sum(row.expected_ties for row in by_dataset),
+            "circular_expected_ties": sum(row.circular_expected_ties for row in by_dataset),
             "p_value": pooled_p_value(by_dataset),
         }
         for participant, by_dataset in by_participant.items()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from app.analysis.penalised import PENALTIES
@@ -23,7 +23,7 @@ class AnalysisSettings:
     bootstrap : replicates over participants; 0 for none
     seed : for the bootstrap
     factors : factor -> item -> level, all factors of the items
-    analysed : the factors to report on; all by default
+    analysed_factors : the factors to report on; all by default
     measures : objective measure -> dataset -> item -> value
     groups : grouping -> participant -> group, whose scores are compared
     penalty : the estimate where no maximum exists: `firth` or `ridge`
@@ -36,7 +36,7 @@ class AnalysisSettings:
     bootstrap: int = 0
     seed: int = 0
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    analysed: tuple[str, ...] | None = None
+    analysed_factors: tuple[str, ...] | None = None
     measures: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     groups: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     penalty: str = "firth"
@@ -50,35 +50,16 @@ class AnalysisSettings:
             raise ValueError(f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}")
         if self.bootstrap < 0:
             raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
-        unknown = [factor for factor in self.analysed or () if factor not in self.factors]
+        unknown = [factor for factor in self.analysed_factors or () if factor not in self.factors]
         if unknown:
             raise ValueError(f"the factor {unknown[0]!r} is not among {', '.join(self.factors) or 'none'}")
 
     @property
     def comparisons(self) -> tuple[str, ...]:
         """The factors to report on."""
-        return tuple(self.factors) if self.analysed is None else self.analysed
-
-    def with_factors(self, factors: Mapping[str, Mapping[str, str]], *, analysed: tuple[str, ...]) -> AnalysisSettings:
-        """Return the settings with these factors."""
-        return replace(self, factors=factors, analysed=analysed)
+        return tuple(self.factors) if self.analysed_factors is None else self.analysed_factors
 
     def as_dict(self) -> dict[str, Any]:
         """Return the settings as they are written to analysis.json."""
-        return {
-            "ties": self.ties,
-            "order_effect": self.order_effect,
-            "bootstrap": self.bootstrap,
-            "seed": self.seed,
-            "factors": {name: dict(levels) for name, levels in self.factors.items()},
-            "analysed_factors": list(self.comparisons),
-            "measures": {
-                name: {dataset: dict(values) for dataset, values in by_dataset.items()}
-                for name, by_dataset in self.measures.items()
-            },
-            "groups": {name: dict(group_by_participant) for name, group_by_participant in self.groups.items()},
-            "penalty": self.penalty,
-            "by_dataset": self.by_dataset,
-            "exclude": list(self.exclude),
-            "interval_level": LEVEL,
-        }
+        changes = {"analysed_factors": list(self.comparisons), "exclude": list(self.exclude), "interval_level": LEVEL}
+        return asdict(self) | changes

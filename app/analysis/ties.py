@@ -51,7 +51,7 @@ class TieModel:
     is_canonical: bool
 
 
-def davidson_probabilities(d: Array, t: Array) -> Array:
+def _davidson_probabilities(d: Array, t: Array) -> Array:
     """Return P(win), P(loss), P(tie), float64 (3, …, C), proportional to exp(d/2), exp(-d/2), exp(t).
 
     Source
@@ -65,28 +65,16 @@ def davidson_probabilities(d: Array, t: Array) -> Array:
     return np.stack([win / total, loss / total, tie / total])
 
 
-def davidson_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-likelihood of each pair, float64 (…, C).
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _davidson_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return the log-likelihood of each pair, float64 (…, C)."""
     win = np.exp(d / 2)
     total = win + 1 / win + np.exp(t)
     result: Array = (wins - losses) * d / 2 + ties * t - (wins + losses + ties) * np.log(total)
     return result
 
 
-def davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
-    """Return the derivatives: observed less expected statistics (win - loss) / 2 and tie, and their covariance.
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
+    """Return the derivatives: observed less expected statistics (win - loss) / 2 and tie, and their covariance."""
     win = np.exp(d / 2)
     loss = 1 / win
     tie = np.exp(t)
@@ -104,7 +92,7 @@ def davidson_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: A
     )
 
 
-def rao_kupper_probabilities(d: Array, t: Array) -> Array:
+def _rao_kupper_probabilities(d: Array, t: Array) -> Array:
     """Return P(win) = logistic(d - t), P(loss) = logistic(-d - t) and P(tie), the rest, float64 (3, …, C).
 
     Source
@@ -115,26 +103,14 @@ def rao_kupper_probabilities(d: Array, t: Array) -> Array:
     return np.stack([win, loss, np.expm1(2 * t) * win * loss])
 
 
-def rao_kupper_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
-    """Return the log-likelihood of each pair, float64 (…, C), with P(tie) = (theta^2 - 1) P(win) P(loss).
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _rao_kupper_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:
+    """Return the log-likelihood of each pair, float64 (…, C), with P(tie) = (theta^2 - 1) P(win) P(loss)."""
     result: Array = -(wins + ties) * np.logaddexp(0, t - d) - (losses + ties) * np.logaddexp(0, t + d)
     return result + np.where(ties > 0, ties * np.log(np.maximum(np.expm1(2 * t), np.finfo(float).tiny)), 0)
 
 
-def rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
-    """Return the derivatives in d and log theta.
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:
+    """Return the derivatives in d and log theta."""
     not_win, not_loss = 1 / (1 + np.exp(d - t)), 1 / (1 + np.exp(-d - t))
     decay = np.exp(-2 * t)
     first = (wins + ties) * not_win
@@ -149,7 +125,7 @@ def rao_kupper_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties:
     )
 
 
-def binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one signature for all models)
+def _binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one signature for all models)
     """Return P(win) = logistic(d), P(loss), and 0 for ties, float64 (3, …, C).
 
     Source
@@ -160,26 +136,14 @@ def binomial_probabilities(d: Array, t: Array) -> Array:  # noqa: ARG001 (one si
     return np.stack([win, loss, np.zeros_like(win)])
 
 
-def binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:  # noqa: ARG001
-    """Return the log-likelihood of each pair, float64 (…, C); ties do not enter.
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Array:  # noqa: ARG001
+    """Return the log-likelihood of each pair, float64 (…, C); ties do not enter."""
     result: Array = -wins * np.logaddexp(0, -d) - losses * np.logaddexp(0, d)
     return result
 
 
-def binomial_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:  # noqa: ARG001
-    """Return the derivatives in d; those in t are zero.
-
-    Parameters
-    ----------
-    d, t : float64 (…, C), log-odds
-    wins, losses, ties : float64 (…, C), votes
-    """
+def _binomial_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:  # noqa: ARG001
+    """Return the derivatives in d; those in t are zero."""
     win = 1 / (1 + np.exp(-d))
     n = wins + losses
     nothing = np.zeros_like(win)
@@ -200,22 +164,28 @@ def _dropped(wins: Array, losses: Array, ties: Array) -> tuple[Array, Array, Arr
 
 TIE_MODELS = {
     "davidson": TieModel(
-        _as_they_are, davidson_probabilities, davidson_loglik, davidson_derivatives, "log_nu", -0.5, is_canonical=True
+        _as_they_are,
+        _davidson_probabilities,
+        _davidson_loglik,
+        _davidson_derivatives,
+        "log_nu",
+        -0.5,
+        is_canonical=True,
     ),
     "rao-kupper": TieModel(
         _as_they_are,
-        rao_kupper_probabilities,
-        rao_kupper_loglik,
-        rao_kupper_derivatives,
+        _rao_kupper_probabilities,
+        _rao_kupper_loglik,
+        _rao_kupper_derivatives,
         "log_theta",
         0.0,
         is_canonical=False,
     ),
     "half": TieModel(
-        _half_each, binomial_probabilities, binomial_loglik, binomial_derivatives, None, 0.0, is_canonical=True
+        _half_each, _binomial_probabilities, _binomial_loglik, _binomial_derivatives, None, 0.0, is_canonical=True
     ),
     "drop": TieModel(
-        _dropped, binomial_probabilities, binomial_loglik, binomial_derivatives, None, 0.0, is_canonical=True
+        _dropped, _binomial_probabilities, _binomial_loglik, _binomial_derivatives, None, 0.0, is_canonical=True
     ),
 }
 # Without ties in the data, every model has its maximum where ties are impossible, and equals this one.

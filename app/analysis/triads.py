@@ -34,9 +34,9 @@ class Triads:
     n_items : items that this participant compared
     complete : was every pair of them compared? If not, only triples with three votes count
     circular : strict cycles, three preferences without a tie
-    expected_ties : expected number of cycles if a coin broke every tie; equals `circular` without ties
-    maximum : largest possible number; None for an incomplete design
-    zeta : coefficient of consistence 1 - expected_ties / maximum
+    circular_expected_ties : expected number of cycles if a coin broke every tie; equals `circular` without ties
+    circular_max : largest possible number; None for an incomplete design
+    zeta : coefficient of consistence 1 - circular_expected_ties / circular_max
     p_value : probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties
     broken : share of the ways of breaking the ties that give 0, 1, 2, … cycles; empty if the design is incomplete, or
         has too many ties
@@ -47,8 +47,8 @@ class Triads:
     n_items: int
     complete: bool
     circular: int
-    expected_ties: float
-    maximum: int | None
+    circular_expected_ties: float
+    circular_max: int | None
     zeta: float | None
     p_value: float | None
     broken: tuple[float, ...] = ()
@@ -111,8 +111,8 @@ def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -
         n_items=n,
         complete=complete,
         circular=circular,
-        expected_ties=expected,
-        maximum=maximum,
+        circular_expected_ties=expected,
+        circular_max=maximum,
         zeta=1 - expected / maximum if maximum else None,
         p_value=None if broken is None else p_value(n, broken),
         broken=() if broken is None else tuple(broken.tolist()),
@@ -138,8 +138,8 @@ def _triads_of_few(participant: str, dataset: str, votes: VotesTable) -> Triads:
         n_items=n,
         complete=False,
         circular=round(_sparse_triangles(strict)),
-        expected_ties=_sparse_triangles(chance),
-        maximum=None,
+        circular_expected_ties=_sparse_triangles(chance),
+        circular_max=None,
         zeta=None,
         p_value=None,
     )

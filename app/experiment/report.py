@@ -77,45 +77,27 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
     names = sorted(results.answers["abilities"])
     scores = {dataset: results.scores("all", dataset) for dataset in {name.split("/")[0] for name in names}}
     put_in = np.array([results.answers["abilities"][name] for name in names])
-    came_out = np.array([scores[name.split("/")[0]][name.split("/")[1]] for name in names])
-    rank = spearman(put_in, came_out)
-    checks = [
-        {
-            "question": f"Rank correlation of the {len(names)} videos' scores with the quality put in",
-            "put_in": "1",
-            "came_out": f"{rank:.3f}",
-            "agrees": rank >= AGREEMENT,
-        }
-    ]
+    measured = np.array([scores[name.split("/")[0]][name.split("/")[1]] for name in names])
+    rank = spearman(put_in, measured)
+    question = f"Rank correlation of the {len(names)} videos' scores with the quality put in"
+    checks = [_check(question, "1", f"{rank:.3f}", agrees=rank >= AGREEMENT)]
     best, preferred = (next(iter(ranked("all", "all"))) for ranked in (results.truth, results.scores))
-    checks.append(
-        {
-            "question": "The preferred approach",
-            "put_in": best,
-            "came_out": preferred,
-            "agrees": preferred == best or {best, preferred} in results.alike("all", "all"),
-        }
-    )
+    agrees = preferred == best or {best, preferred} in results.alike("all", "all")
+    checks.append(_check("The preferred approach", best, preferred, agrees=agrees))
     for comparison, question in QUESTIONS.items():
-        truth, scored = results.truth(comparison, "all"), results.scores(comparison, "all")
-        checks.append(
-            {
-                "question": question,
-                "put_in": order_text(truth),
-                "came_out": order_text(scored, results.alike(comparison, "all")),
-                "agrees": not _contradictions(results, comparison, truth),
-            }
-        )
-    failed = screened_out(results)
-    checks.append(
-        {
-            "question": "People whom the screening stops",
-            "put_in": "1, who lacks a cone",
-            "came_out": f"{len(failed)}: {', '.join(sorted({test for _, test in failed})) or 'nobody'}",
-            "agrees": [test for _, test in failed] == ["colour"],
-        }
-    )
+        truth = results.truth(comparison, "all")
+        came_out = order_text(results.scores(comparison, "all"), results.alike(comparison, "all"))
+        agrees = not _contradictions(results, comparison, truth)
+        checks.append(_check(question, order_text(truth), came_out, agrees=agrees))
+    failed = [test for _, test in screened_out(results)]
+    came_out = f"{len(failed)}: {', '.join(sorted(set(failed))) or 'nobody'}"
+    question = "People whom the screening stops"
+    checks.append(_check(question, "1, who lacks a cone", came_out, agrees=failed == ["colour"]))
     return checks
+
+
+def _check(question: str, put_in: str, came_out: str, *, agrees: bool) -> dict[str, Any]:
+    return {"question": question, "put_in": put_in, "came_out": came_out, "agrees": agrees}
 
 
 def _contradictions(results: Results, comparison: str, truth: Mapping[str, float]) -> list[str]:

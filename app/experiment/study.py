@@ -25,7 +25,7 @@ from app.operations.manage import add_own_token, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate_study
-from app.study.options import StudyOptions, parse_options
+from app.study.options import parse_options
 
 NAME = "The paper's study"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
@@ -42,7 +42,7 @@ LACKING = 8  # how many people come before the one who lacks a cone
 SEED = 1
 TIMEOUT_S = 300.0
 
-OPTIONS = {
+OPTIONS = {  # practice, the questions of table 3, and a screening that stops those who fail
     "optional_stages": ["screening", "practice", "interview"],
     "screening": {"on_failure": "stop", "colour_misses": 2},  # of 5: by slips alone nobody misses more
     "questions": [
@@ -97,7 +97,7 @@ class StudyPart:
             return
         for file in settings.data_dir.glob("study.sqlite*"):  # of a start that was interrupted; films stay
             file.unlink()
-        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=study_options(), progress=progress)
+        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=parse_options(OPTIONS), progress=progress)
         (study,) = list_studies(settings)
         abilities = true_abilities(self.measures())
         with running_server(settings) as url:
@@ -110,11 +110,6 @@ class StudyPart:
     def answers(self) -> dict[str, Any]:
         """Read what the people answered, and the truth that was put in."""
         return read_json(self.settings().data_dir / ANSWERS_FILE)
-
-
-def study_options() -> StudyOptions:
-    """Return the study's options: practice, the questions of table 3, and a screening that stops those who fail."""
-    return parse_options(OPTIONS)
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:

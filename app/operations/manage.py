@@ -64,14 +64,17 @@ def export_study(settings: Settings, slug: str) -> str:
     """Return a study as a study file, to be imported on another server beside its stimulus set."""
     with opened_store(settings) as database:
         study = _study(database, slug)
-    return write_study_file(
-        StudyFile(
-            name=study.name,
-            manifest_sha256=study.manifest_sha256,
-            exposure_s=study.exposure_s,
-            seed=study.seed,
-            options=parse_options(study.options),
-        )
+    return write_study_file(study_file_of(study))
+
+
+def study_file_of(study: studies.Study) -> StudyFile:
+    """Return the content of a study's file."""
+    return StudyFile(
+        name=study.name,
+        manifest_sha256=study.manifest_sha256,
+        exposure_s=study.exposure_s,
+        seed=study.seed,
+        options=parse_options(study.options),
     )
 
 
@@ -89,17 +92,22 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
         listed = studies.all_studies(connection)
         progress = studies.progress_by_study(connection)  # read second: it then covers every study listed
         return [
-            {
-                "slug": study.slug,
-                "name": study.name,
-                "state": study.standing,
-                "exposure_s": study.exposure_s,
-                "created_at": study.created_at.isoformat(),
-                **asdict(progress[study.id]),
-                "invitations": [invitation.code for invitation in invitations_of(connection, study.id)],
-            }
+            study_summary(study, progress[study.id])
+            | {"invitations": [invitation.code for invitation in invitations_of(connection, study.id)]}
             for study in listed
         ]
+
+
+def study_summary(study: studies.Study, progress: studies.StudyCounts) -> dict[str, Any]:
+    """Return a study's name, state and progress, for lists."""
+    return {
+        "slug": study.slug,
+        "name": study.name,
+        "state": study.standing,
+        "exposure_s": study.exposure_s,
+        "created_at": study.created_at.isoformat(),
+        **asdict(progress),
+    }
 
 
 def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import httpx
@@ -112,7 +113,7 @@ def simulate(
     started, n_votes = time.perf_counter(), 0
     people = [Person()] * participants if isinstance(participants, int) else participants
     with httpx.Client(base_url=base_url, timeout=TIMEOUT_S) as client:
-        study = _ask(client, "GET", f"/api/v1/studies/{slug}", token).json()
+        study = _ask(client, token, "GET", f"/api/v1/studies/{slug}").json()
         items = sorted({row["item"] for row in study["conditions"]})
         if abilities is None:
             abilities = dict(
@@ -131,7 +132,7 @@ def simulate(
             for _ in _votes(client, slug, session, token, preference, rngs[0]):
                 n_votes += 1
                 progress(f"votes of participant {number + 1} of {len(people)}", n_votes, total)
-            now = _ask(client, "GET", "/api/v1/session", session["token"]).json()
+            now = _ask(client, session["token"], "GET", "/api/v1/session").json()
             pass_stages(client, session | now, answers=person.answers)
     seconds = time.perf_counter() - started
     return {
@@ -191,10 +192,6 @@ def simulate_study(
     )
 
 
-def _take_screening(client: httpx.Client, token: str, observer: Observer, rng: np.random.Generator) -> None:
-    take_screening(lambda method, path, body: _ask(client, method, path, token, body), observer, rng)
-
-
 def begin(
     client: httpx.Client,
     slug: str,
@@ -204,7 +201,7 @@ def begin(
 ) -> dict[str, Any]:
     """Begin a session and pass the stages before the trials; `observer` takes the screening."""
     admission = {"invitation": invitation, "key": str(uuid.uuid4())}
-    session: dict[str, Any] = _ask(client, "POST", f"/api/v1/studies/{slug}/sessions", None, admission).json()
+    session: dict[str, Any] = _ask(client, None, "POST", f"/api/v1/studies/{slug}/sessions", admission).json()
     return pass_stages(client, session, observer, rng)
 
 
@@ -219,12 +216,12 @@ def pass_stages(
     """Complete the stages before the trials, or after them up to the end."""
     rng = rng or np.random.default_rng()
     while session["stage"] not in (TRIAL, FINISHED, SCREENED_OUT):
-        asked = _ask(client, "GET", "/api/v1/session/asked", session["token"]).json()
+        asked = _ask(client, session["token"], "GET", "/api/v1/session/asked").json()
         if session["stage"] == SCREENING:
-            _take_screening(client, session["token"], observer, rng)
+            take_screening(partial(_ask, client, session["token"]), observer, rng)
         data = {"simulated": True, **stage_data(session["stage"], asked, answers)}
         path = f"/api/v1/session/stages/{session['stage']}"
-        session = session | _ask(client, "PUT", path, session["token"], {"data": data}).json()
+        session = session | _ask(client, session["token"], "PUT", path, {"data": data}).json()
     return session
 
 
@@ -252,13 +249,13 @@ def _some_answer(question: Mapping[str, Any]) -> Any:
 def trials_of(client: httpx.Client, slug: str, session: str, token: str) -> list[dict[str, Any]]:
     """Fetch what each of a session's trials compares, as an analyst."""
     path = f"/api/v1/studies/{slug}/trials?session={session}"
-    rows: list[dict[str, Any]] = _ask(client, "GET", path, token).json()
+    rows: list[dict[str, Any]] = _ask(client, token, "GET", path).json()
     return rows
 
 
 def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | None:
     """Fetch the next trial; None when none is left."""
-    answer = _ask(client, "GET", "/api/v1/session/trials/next", session_token)
+    answer = _ask(client, session_token, "GET", "/api/v1/session/trials/next")
     return None if answer.status_code == 204 else answer.json()
 
 
@@ -267,7 +264,7 @@ def vote(
 ) -> None:
     """Send a vote, with looks and pauses such as people make."""
     body = {"id": str(uuid.uuid4()), "choice": choice, "viewing": viewing(trial, rng)}
-    _ask(client, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", session_token, body)
+    _ask(client, session_token, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", body)
 
 
 def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
@@ -288,7 +285,7 @@ def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any
 
 
 def _ask(
-    client: httpx.Client, method: str, path: str, token: str | None, body: Mapping[str, Any] | None = None
+    client: httpx.Client, token: str | None, method: str, path: str, body: Mapping[str, Any] | None = None
 ) -> httpx.Response:
     headers = {"Authorization": f"Bearer {token}"} if token else {}
     try:

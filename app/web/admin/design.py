@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -25,16 +24,6 @@ REPLICATES = 200  # simulated studies; gives the power to about 3 %
 HALVES = ("top", "bottom")
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
-
-
-@dataclass(frozen=True)
-class Power:
-    """Power of a number of participants to detect a difference, as shares of studies."""
-
-    participants: int
-    effect_jod: float
-    one_dataset: float
-    pooled: float
 
 
 @router.get("/design")
@@ -67,11 +56,12 @@ def design_page(
 
 
 @lru_cache(maxsize=64)
-def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> Power:
+def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> tuple[float, float]:
+    """Return the power in one dataset and over all, as shares of studies."""
     from app.analysis.power import StudyPlan, power
 
     single, pooled = (power(StudyPlan(conditions, n, participants), effect_jod, 1, REPLICATES) for n in (1, datasets))
-    return Power(participants, effect_jod, single, pooled)
+    return single, pooled
 
 
 @router.get("/stimuli")

@@ -11,6 +11,7 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
 from app.operations.create import EXPOSURE_BOUNDS_S
+from app.operations.manage import study_file_of
 from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, lock_study, progress_of
@@ -124,16 +125,6 @@ def edit_file(
     except (tomllib.TOMLDecodeError, ValueError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return _save(database, study, wanted, revision, actor)
-
-
-def study_file_of(study: Study) -> StudyFile:
-    return StudyFile(
-        name=study.name,
-        manifest_sha256=study.manifest_sha256,
-        exposure_s=study.exposure_s,
-        seed=study.seed,
-        options=parse_options(study.options),
-    )
 
 
 def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:

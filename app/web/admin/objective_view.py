@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from app.intake.reports import EVERY_DATASET
-from app.web.admin.results_view import NOTHING, decimal, unique
+from app.web.admin.results_view import NOTHING, decimal, scores_by_comparison, unique, with_interval
 
 MOST_ROWS = 100  # of a table on the page; the file holds all
 TITLES = {
@@ -29,81 +28,36 @@ CAPTIONS = {
 NUMBERS_OF = {"psnr": "views"}  # figures whose table has another name
 
 
-@dataclass(frozen=True)
-class FigureView:
-    """A figure of a report: its picture, and every file to download it as."""
-
-    caption: str
-    picture: str
-    files: Mapping[str, str]  # kind -> file name
-
-
-@dataclass(frozen=True)
-class TableView:
-    """The first rows of a report's table."""
-
-    name: str
-    file: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    n_rows: int
-
-
-@dataclass(frozen=True)
-class ReportView:
-    title: str
-    subject: str
-    digest: str
-    figures: Sequence[FigureView]
-    pictures: Sequence[FigureView]
-    tables: Sequence[TableView]
-
-
-@dataclass(frozen=True)
-class MeasureLine:
-    """How well an attached measure predicts the scores; `contradiction`: people prefer what it calls worse."""
-
-    name: str
-    contradiction: str
-    points: int
-    spearman: str
-    pearson: str
-    in_order: str
-
-
-@dataclass(frozen=True)
-class BesideScores:
-    """The conditions of a dataset by falling score, with their measures."""
-
-    dataset: str
-    measures: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-def report_view(record: Mapping[str, Any], folder: Path) -> ReportView:
-    """Return a report for its page; its files are in the folder."""
+def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a report for its page: figures with every file to download them as, single pictures, and tables. Its files
+    are in the folder.
+    """
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     stems = {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
-    figures = [_figure(stem, names) for stem in sorted(stems)]
     singles = [name for name in names if name.endswith(".png") and name.removesuffix(".png") not in stems]
-    pictures = [FigureView(_caption(name.removesuffix(".png")), name, {"png": name}) for name in singles]
-    tables = [_table(folder / name) for name in names if name.endswith(".csv")]
-    title = TITLES.get(record["kind"], str(record["kind"]).capitalize())
-    subject = str(record["subject"]).replace(f"{EVERY_DATASET}: ", "every dataset: ")
-    return ReportView(title, subject, record["digest"], figures, pictures, tables)
+    return {
+        "title": TITLES.get(record["kind"], str(record["kind"]).capitalize()),
+        "subject": str(record["subject"]).replace(f"{EVERY_DATASET}: ", "every dataset: "),
+        "digest": record["digest"],
+        "figures": [_figure(stem, names) for stem in sorted(stems)],
+        "pictures": [{"caption": _caption(name.removesuffix(".png")), "picture": name} for name in singles],
+        "tables": [_table(folder / name) for name in names if name.endswith(".csv")],
+    }
 
 
-def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[MeasureLine]:
-    """Return a line per measure: over all datasets, or for the only one."""
+def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return a line per measure, over all datasets or for the only one: how well it predicts the scores, and whether
+    people prefer what it calls worse.
+    """
     last = {row["measure"]: row for row in rows}
     directions = {row["measure"]: row["direction"] for row in measurements}
     return [
-        MeasureLine(
-            name,
-            _contradiction(row, directions.get(name)),
-            row["n"],
-            *(_with_interval(row, key) for key in ("spearman", "pearson", "pairs_correct")),
-        )
+        {
+            "name": name,
+            "contradiction": _contradiction(row, directions.get(name)),
+            "points": row["n"],
+            **{key: with_interval(row, key, key) for key in ("spearman", "pearson", "pairs_correct")},
+        }
         for name, row in last.items()
     ]
 
@@ -118,10 +72,11 @@ def _contradiction(row: Mapping[str, Any], direction: str | None) -> str:
     return ""
 
 
-def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[BesideScores]:
+def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return each dataset's conditions, best first, with their measures."""
     values = {(row["dataset"], row["approach"], row["measure"]): row["value"] for row in measurements}
     units = {row["measure"]: row["unit"] for row in measurements}
+    scores = scores_by_comparison(analysis).get("all", {})
     shown = []
     for dataset in unique(row["dataset"] for row in measurements):
         measured = [measure for measure in units if any(key[0] == dataset and key[2] == measure for key in values)]
@@ -132,29 +87,31 @@ def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[st
                 decimal(row["score"]),
                 *(_value(values.get((dataset, row["item"], name))) for name in measured),
             )
-            for row in _by_score(analysis, dataset)
+            for row in scores.get(dataset, ())
         ]
-        shown.append(BesideScores(dataset, heads, rows))
+        shown.append({"dataset": dataset, "measures": heads, "rows": rows})
     return shown
 
 
-def _figure(stem: str, names: Sequence[str]) -> FigureView:
+def _figure(stem: str, names: Sequence[str]) -> dict[str, Any]:
     files = {kind: f"{stem}.{kind}" for kind in ("svg", "png", "pdf") if f"{stem}.{kind}" in names}
     if (numbers := f"{NUMBERS_OF.get(stem, stem)}.csv") in names:
         files["csv"] = numbers
-    return FigureView(_caption(stem), f"{stem}.svg", files)
+    return {"caption": _caption(stem), "picture": f"{stem}.svg", "files": files}
 
 
 def _caption(stem: str) -> str:
     return CAPTIONS.get(stem, stem.replace("_", " ").capitalize())
 
 
-def _table(path: Path) -> TableView:
+def _table(path: Path) -> dict[str, Any]:
+    """Return a table with its first rows."""
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.reader(file)
         columns = [name.replace("_", " ") for name in next(reader, [])]
         rows = [[_cell(cell) for cell in row] for row in islice(reader, MOST_ROWS)]
-        return TableView(_caption(path.stem), path.name, columns, rows, len(rows) + sum(1 for _ in reader))
+        n_rows = len(rows) + sum(1 for _ in reader)
+    return {"name": _caption(path.stem), "file": path.name, "columns": columns, "rows": rows, "n_rows": n_rows}
 
 
 def _cell(text: str) -> str:
@@ -167,14 +124,3 @@ def _cell(text: str) -> str:
 
 def _value(value: float | None) -> str:
     return NOTHING if value is None else f"{value:.4g}".replace("-", "−")
-
-
-def _by_score(analysis: Mapping[str, Any], dataset: str) -> list[Mapping[str, Any]]:
-    rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
-    return sorted(rows, key=lambda row: -(row["score"] if row["score"] is not None else float("-inf")))
-
-
-def _with_interval(row: Mapping[str, Any], key: str) -> str:
-    low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
-    interval = "" if low is None else f" ({decimal(low)} to {decimal(high)})"
-    return f"{decimal(row[key])}{interval}"

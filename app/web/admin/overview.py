@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
 from typing import Any
@@ -32,25 +31,6 @@ AWAY = timedelta(minutes=30)
 PACE_MINUTES = 60
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
-
-
-@dataclass(frozen=True)
-class Line:
-    """A participant's row in the monitor."""
-
-    participant: str
-    stage: str
-    n_votes: int
-    n_trials: int
-    n_voided: int
-    connection: str
-    last_at: datetime
-    excluded: bool
-    flags: tuple[str, ...]
-
-    @property
-    def percent(self) -> int:
-        return round(100 * self.n_votes / self.n_trials) if self.n_trials else 0
 
 
 class SharedMonitor:
@@ -124,30 +104,19 @@ def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[
     flagged = flags.of(study.id, people, moment, patience_s)
     lines = [_line(row, flagged.get(row["participant"], ()), moment) for row in people]
     stages = (*parse_options(study.options).way, WITHDRAWN)
-    by_stage = [(stage, sum(line.stage == stage for line in lines)) for stage in stages]
+    by_stage = [(stage, sum(line["stage"] == stage for line in lines)) for stage in stages]
     return {
-        "lines": sorted(lines, key=lambda line: (line.stage in (FINISHED, WITHDRAWN), -line.last_at.timestamp())),
+        "lines": sorted(lines, key=lambda line: (line["stage"] in (FINISHED, WITHDRAWN), -line["last_at"].timestamp())),
         "by_stage": [(stage, n) for stage, n in by_stage if n or stage != WITHDRAWN],
         "pace": pace,
         "peak": max([*pace, 1]),
-        "n_here": sum(line.connection == "here" for line in lines),
-        "n_voided": sum(line.n_voided for line in lines),
+        "n_voided": sum(line["n_voided"] for line in lines),
     }
 
 
-def _line(row: dict[str, Any], flags: tuple[str, ...], moment: datetime) -> Line:
+def _line(row: dict[str, Any], flags: tuple[str, ...], moment: datetime) -> dict[str, Any]:
     last_at = max(filter(None, (row["started_at"], row["last_served_at"], row["last_vote_at"], row["finished_at"])))
-    return Line(
-        row["participant"],
-        row["stage"],
-        row["n_votes"],
-        row["n_trials"],
-        row["n_voided"],
-        _connection(row["stage"], moment - last_at),
-        last_at,
-        row["excluded"],
-        flags,
-    )
+    return {**row, "connection": _connection(row["stage"], moment - last_at), "last_at": last_at, "flags": flags}
 
 
 def _connection(stage: str, silent: timedelta) -> str:

@@ -42,8 +42,8 @@ def results_page(
         "everybody": everybody,
         "digest": snapshot.digest,
         "figures": [(name, caption) for name, caption in figures_of(snapshot) if not name.startswith("measure_")],
-        "results": results_view(analysis) if analysis else None,
-        "n_excluded": analysis["votes"]["excluded"] if analysis else 0,
+        "analysis": analysis,
+        **(results_view(analysis) if analysis else {}),
     }
     return study_page(request, "results", person, study, context)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
@@ -14,7 +13,7 @@ from app.operations.create import create_study, duplicate_study, slugify
 from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
-from app.store.studies import Standing, Study, StudyCounts, all_studies, progress_by_study, set_standing
+from app.store.studies import Standing, all_studies, progress_by_study, set_standing
 from app.study.options import LONGEST_TEXT, parse_options
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import start_job
@@ -29,24 +28,13 @@ EXPOSURE_S = Form(ge=0.1, le=3600, allow_inf_nan=False)
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
 
-@dataclass(frozen=True)
-class Card:
-    """A study in the list, with its progress."""
-
-    study: Study
-    progress: StudyCounts
-
-
 @router.get("")
 def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
     afterwards.add_task(load_analysis)  # a study's pages come next
     with database.reading() as connection:
         listed = all_studies(connection)
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-    cards = [Card(study, progress[study.id]) for study in listed]
-    current = [card for card in cards if card.study.standing != "archived"]
-    archived = [card for card in cards if card.study.standing == "archived"]
-    return page(request, "studies", person, {"cards": current, "archived": archived})
+    return page(request, "studies", person, {"studies": listed, "progress_by_study": progress})
 
 
 @router.get("/studies/new")

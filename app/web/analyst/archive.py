@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import IO, Any
 
+from app.operations.manage import study_file_of
 from app.store.audit import audit_records
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
@@ -18,8 +19,7 @@ from app.store.screening import screening_records
 from app.store.studies import Study, study_by_id
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
-from app.study.options import parse_options
-from app.study.study_file import StudyFile, write_study_file
+from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
 from app.web.analyst.results import given_of, snapshot_of_given
@@ -38,7 +38,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             assert study is not None, "studies are never deleted"
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
-            files.write("study.toml", _study_file(study))
+            files.write("study.toml", write_study_file(study_file_of(study)))
             given = given_of(connection, study.id)
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
@@ -113,16 +113,3 @@ def _dictionary(study: Study) -> str:
         rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
         parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
     return "".join(parts)
-
-
-def _study_file(study: Study) -> str:
-    options = parse_options(study.options)
-    return write_study_file(
-        StudyFile(
-            name=study.name,
-            manifest_sha256=study.manifest_sha256,
-            exposure_s=study.exposure_s,
-            seed=study.seed,
-            options=options,
-        )
-    )

@@ -6,10 +6,11 @@ import csv
 import hashlib
 import io
 import json
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import islice
+from itertools import count, islice
 from tempfile import SpooledTemporaryFile
 from typing import IO, Annotated, Any, Literal
 
@@ -64,12 +65,14 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Tab
     one by one, and a temporary file takes what exceeds a little memory: a million votes need no more memory than
     ten.
     """
-    columns, counted = list(columns), CountedRows(rows)
+    columns, numbers = list(columns), count()
+    counted = (row for row, _ in zip(rows, numbers, strict=False))
     end = None if chosen.limit is None else chosen.offset + chosen.limit
     page = islice(counted, chosen.offset, end)
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
     WRITERS[chosen.format](content, page, columns)
-    headers = {"X-Total-Count": str(counted.count_to_the_end())}
+    deque(counted, maxlen=0)  # the rows after the page
+    headers = {"X-Total-Count": str(next(numbers))}
     if chosen.format != "json":
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
     return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers, beside=headers["X-Total-Count"])
@@ -82,7 +85,10 @@ def streamed(
     headers: Mapping[str, str],
     beside: str = "",
 ) -> Response:
-    """Return a temporary file's content as `tagged` does, and close it when sent; `beside` enters the entity tag."""
+    """Return a temporary file's content with its digest as entity tag, or 304 if the client has it; close it when sent.
+
+    `beside` enters the entity tag.
+    """
     content.seek(0)
     whole = hashlib.file_digest(content, "sha256")
     whole.update(beside.encode())
@@ -96,38 +102,13 @@ def streamed(
     )
 
 
-class CountedRows:
-    """Rows that are counted as they pass."""
-
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        self._rows, self._n = iter(rows), 0
-
-    def __iter__(self) -> CountedRows:
-        return self
-
-    def __next__(self) -> Mapping[str, Any]:
-        row = next(self._rows)
-        self._n += 1
-        return row
-
-    def count_to_the_end(self) -> int:
-        """Count all rows, also those not yet taken."""
-        for _ in self:
-            pass
-        return self._n
-
-
 def json_object(content: Mapping[str, Any], chosen: TableRequest) -> Response:
-    """Return an object as JSON, unless the client has it already."""
-    return tagged(json_bytes(content), MEDIA_TYPES["json"], chosen, {})
-
-
-def tagged(content: bytes, media_type: str, chosen: TableRequest, headers: Mapping[str, str]) -> Response:
-    """Return content with its digest as entity tag; 304 if the client has it."""
-    digest = hashlib.sha256(content).hexdigest()
+    """Return an object as JSON with its digest as entity tag; 304 if the client has it."""
+    text = json_bytes(content)
+    digest = hashlib.sha256(text).hexdigest()
     if is_known(chosen, digest):
         return unchanged(digest)
-    return Response(content, media_type=media_type, headers={**_own_headers(digest), **headers})
+    return Response(text, media_type=MEDIA_TYPES["json"], headers=_own_headers(digest))
 
 
 def is_known(chosen: TableRequest, digest: str) -> bool:
@@ -160,15 +141,18 @@ def json_bytes(content: Any) -> bytes:
 
 def csv_text(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """Write CSV by RFC 4180: missing values empty, nested values as JSON, formulas disarmed by an apostrophe."""
-    text = io.StringIO()
-    _write_csv_rows(text, rows, columns)
-    return text.getvalue()
+    out = io.BytesIO()
+    write_csv(out, rows, columns)
+    return out.getvalue().decode()
 
 
 def write_csv(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
     """Write CSV to a file, as `csv_text`."""
     text = io.TextIOWrapper(out, encoding="utf-8", newline="")
-    _write_csv_rows(text, rows, columns)
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow([_cell(row.get(column)) for column in columns])
     text.detach()
 
 
@@ -199,13 +183,6 @@ WRITERS: dict[Format, Callable[[IO[bytes], Iterable[Mapping[str, Any]], Sequence
     "csv": write_csv,
     "parquet": write_parquet,
 }
-
-
-def _write_csv_rows(text: IO[str], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(row.get(column)) for column in columns])
 
 
 def _array(pyarrow: Any, values: Sequence[Any]) -> Any:

@@ -2,49 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from tempfile import SpooledTemporaryFile
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 
+from app.operations.manage import study_summary
 from app.store.audit import audit_records
 from app.store.designs import conditions_of, datasets_of
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
-from app.store.studies import Study, StudyCounts, all_studies, progress_by_study, progress_of
+from app.store.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
-from app.web.analyst.formats import IN_MEMORY, ChosenFormat, flattened, json_object, streamed, table
+from app.web.analyst.formats import IN_MEMORY, ChosenFormat, TableRequest, flattened, json_object, streamed, table
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
 from app.web.analyst.results import analysis_of
 from app.web.gates import AStudy, Store, may_read
 
+EMPTY_TABLES = ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "checks", "pairs", "measures")
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
-    **{
-        key: []
-        for key in [
-            "scores",
-            "models",
-            "triads",
-            "triads_pooled",
-            "agreement",
-            "observers",
-            "checks",
-            "pairs",
-            "measures",
-        ]
-    },
+    **{name: [] for name in EMPTY_TABLES},
     "warnings": ["there are no votes yet"],
     "settings": {},
 }
@@ -62,7 +50,7 @@ def studies(database: Store, chosen: ChosenFormat) -> Response:
     with database.reading() as connection:
         listed = all_studies(connection)
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-    rows = [_summary(study, progress[study.id]) for study in listed]
+    rows = [study_summary(study, progress[study.id]) for study in listed]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
@@ -73,7 +61,7 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
         progress = progress_of(connection, study.id)
-    whole = {**_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
+    whole = {**study_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
     return json_object(whole, chosen)
 
 
@@ -109,55 +97,43 @@ def trials(
 @router.get("/studies/{slug}/participants", responses=table_answers(columns.PARTICIPANTS), dependencies=PERSONAL_TOO)
 def participants(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List all participants who have begun, with progress and exclusions."""
-    with database.reading() as connection:
-        return table(
-            participant_records(connection, study.id), columns.PARTICIPANTS, chosen, f"{study.slug}-participants"
-        )
+    return _records(participant_records, database, study, chosen, "participants")
 
 
 @router.get("/studies/{slug}/screening", responses=table_answers(columns.SCREENING), dependencies=PERSONAL_TOO)
 def screening(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the screening's results, a row per participant and test. It is a screening, not a diagnosis."""
-    with database.reading() as connection:
-        return table(screening_records(connection, study.id), columns.SCREENING, chosen, f"{study.slug}-screening")
+    return _records(screening_records, database, study, chosen, "screening")
 
 
 @router.get("/studies/{slug}/questionnaire", responses=table_answers(columns.QUESTIONNAIRE), dependencies=PERSONAL_TOO)
 def questionnaire(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the answers of the interview, a row per participant and question."""
-    with database.reading() as connection:
-        rows = questionnaire_records(connection, study.id)
-    return table(rows, columns.QUESTIONNAIRE, chosen, f"{study.slug}-questionnaire")
+    return _records(questionnaire_records, database, study, chosen, "questionnaire")
 
 
 @router.get("/studies/{slug}/scores", responses=table_answers(columns.SCORES), dependencies=READING)
 def scores(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Fit scores to the votes so far: natural log-odds that sum to zero in each comparison and dataset."""
-    rows = _analysis(database, study)["scores"]
-    return table(rows, _columns(columns.SCORES, rows), chosen, f"{study.slug}-scores")
+    return _results(database, study, chosen, "scores")
 
 
 @router.get("/studies/{slug}/triads", responses=table_answers(columns.TRIADS), dependencies=READING)
 def triads(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Count circular triads by participant and dataset."""
-    rows = _analysis(database, study)["triads"]
-    return table(rows, _columns(columns.TRIADS, rows), chosen, f"{study.slug}-triads")
+    return _results(database, study, chosen, "triads")
 
 
 @router.get("/studies/{slug}/observers", responses=table_answers(columns.OBSERVERS), dependencies=READING)
 def observers(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Flag what is unusual about each participant's votes, with the numbers behind it."""
-    rows = _analysis(database, study)["observers"]
-    return table(rows, _columns(columns.OBSERVERS, rows), chosen, f"{study.slug}-observers")
+    return _results(database, study, chosen, "observers")
 
 
 @router.get("/studies/{slug}/validation", responses=table_answers(columns.MEASUREMENTS), dependencies=READING)
 def validation(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the objective measures attached to the study, which the analysis compares with the scores."""
-    with database.reading() as connection:
-        return table(
-            measurement_records(connection, study.id), columns.MEASUREMENTS, chosen, f"{study.slug}-validation"
-        )
+    return _records(measurement_records, database, study, chosen, "validation")
 
 
 @router.get("/studies/{slug}/analysis", responses=object_answers(ANALYSIS, tables_too=True), dependencies=READING)
@@ -209,22 +185,24 @@ def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | 
     return (row for row in rows if all(value is None or row[key] == value for key, value in wanted.items()))
 
 
-def _columns(first: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the documented columns, then any others of the rows."""
-    return list(dict.fromkeys([*first, *(key for row in rows for key in row)]))
+def _records(
+    read: Callable[[Transaction, int], Iterable[Mapping[str, Any]]],
+    database: Database,
+    study: Study,
+    chosen: TableRequest,
+    name: str,
+) -> Response:
+    with database.reading() as connection:
+        return table(read(connection, study.id), columns.TABLES[name], chosen, f"{study.slug}-{name}")
+
+
+def _results(database: Database, study: Study, chosen: TableRequest, name: str) -> Response:
+    """Send rows of the analysis: the documented columns, then any others of the rows."""
+    rows = _analysis(database, study)[name]
+    names = dict.fromkeys([*columns.TABLES[name], *(key for row in rows for key in row)])
+    return table(rows, names, chosen, f"{study.slug}-{name}")
 
 
 def _analysis(database: Database, study: Study) -> Mapping[str, Any]:
     analysis = analysis_of(database, study.id)
     return EMPTY_ANALYSIS if analysis is None else analysis
-
-
-def _summary(study: Study, progress: StudyCounts) -> dict[str, Any]:
-    return {
-        "slug": study.slug,
-        "name": study.name,
-        "state": study.standing,
-        "exposure_s": study.exposure_s,
-        "created_at": study.created_at.isoformat(),
-        **asdict(progress),
-    }

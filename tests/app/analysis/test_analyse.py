@@ -216,7 +216,7 @@ def test_wrong_settings_are_refused() -> None:
     with pytest.raises(ValueError, match="bootstrap is -1"):
         AnalysisSettings(bootstrap=-1)
     with pytest.raises(ValueError, match="the factor 'depth' is not among none"):
-        AnalysisSettings(analysed=("depth",))
+        AnalysisSettings(analysed_factors=("depth",))
     with pytest.raises(ValueError, match="'nobody'"):
         analyse(study(), AnalysisSettings(exclude=("nobody",)))
 

@@ -133,7 +133,7 @@ def test_agreement_is_one_if_all_agree_and_least_if_they_are_split() -> None:
     assert agreement(count_pairs(panel_of("aaaa"))).u == pytest.approx(1, abs=1e-12)
     split = agreement(count_pairs(panel_of("aabb")))
     assert split.u == pytest.approx(-1 / 3, abs=1e-12)
-    assert split.minimum == pytest.approx(-1 / 3, abs=1e-12)
+    assert split.u_min == pytest.approx(-1 / 3, abs=1e-12)
     ties = panel_of("aaa")
     tied = VotesTable(**{**vars(ties), "choice": np.where(np.arange(9) == 0, 2, ties.choice).astype(np.int8)})
     assert agreement(count_pairs(tied)).u is None
@@ -151,7 +151,7 @@ def test_agreement_and_transitivity_have_the_reference_values(real_data: Path, n
     if "kendall_u" in expected:
         wanted, own = expected["kendall_u"], agreement(counts)
         assert own.u == pytest.approx(wanted["u"], abs=1e-10)
-        assert own.minimum == pytest.approx(wanted["min_u"], abs=1e-10)
+        assert own.u_min == pytest.approx(wanted["min_u"], abs=1e-10)
         assert own.chi2 == pytest.approx(wanted["chi2"], abs=1e-5)
         assert own.df == pytest.approx(wanted["df"], abs=1e-10)
         assert own.p_value == pytest.approx(wanted["p"], abs=1e-10)

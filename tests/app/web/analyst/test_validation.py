@@ -128,7 +128,7 @@ def test_a_measure_that_people_contradict_is_named(
     correlations = {"spearman": 0.0, "pearson": 0.0, "pairs_correct": 0.5}
     row = {"measure": "weight", "n": 6, **correlations, "spearman_low": low, "spearman_high": high}
     (line,) = measure_lines([row], [{"measure": "weight", "direction": direction}])
-    assert line.contradiction == said
+    assert line["contradiction"] == said
 
 
 @pytest.mark.parametrize(
