@@ -64,7 +64,7 @@ def read_ply(path: Path) -> PlyData:
     try:
         ply = _parsed(path)
     except Exception as error:  # numpy's own errors come through where values do not fit a property
-        raise ValueError(f"{path}: is not a whole PLY file: {error or type(error).__name__}") from error
+        raise ValueError(f"{path}: is not a whole PLY file: {str(error) or type(error).__name__}") from error
     if "vertex" not in ply or not ply["vertex"].count:
         raise ValueError(f"{path}: holds no points")
     return ply
