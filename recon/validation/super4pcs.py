@@ -55,26 +55,10 @@ class Super4PCSParameters:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
-    """Where a model is in a cloud.
-
-    Parameters
-    ----------
-    cloud_from_model : float64 (4, 4)
-    overlap : share of the sampled cloud within delta of the model
-    candidates : float64 (C, 4, 4), cloud_from_model of the best motions, best first; they may be nearly alike
-    """
-
-    cloud_from_model: NDArray[np.float64]
-    overlap: float
-    candidates: NDArray[np.float64]
-
-
 def super4pcs(
     model: NDArray[np.floating], cloud: NDArray[np.floating], parameters: Super4PCSParameters
-) -> Registration:
-    """Register a model to a cloud.
+) -> NDArray[np.float64]:
+    """Register a model to a cloud: cloud_from_model, float64 (C, 4, 4), of the best motions; they may be nearly alike.
 
     Parameters
     ----------
@@ -103,8 +87,7 @@ def super4pcs(
             f"no base of the cloud is congruent to one of the model in {parameters.n_trials} trials; delta "
             f"{parameters.delta:g} mm may be too small, or the model is not in the cloud"
         )
-    candidates = np.stack([np.linalg.inv(np.vstack([motion, (0, 0, 0, 1)])) for _, motion in best[:N_CANDIDATES]])
-    return Registration(candidates[0], best[0][0], candidates)
+    return np.stack([np.linalg.inv(np.vstack([motion, (0, 0, 0, 1)])) for _, motion in best[:N_CANDIDATES]])
 
 
 def _motions(

@@ -204,7 +204,7 @@ def _candidates(
     for trial in range(N_SEEDS):
         parameters = Super4PCSParameters(delta=delta, overlap=0.8, n_samples=600, seed=seed + trial)
         try:
-            places += list(super4pcs(model, cloud, parameters).candidates)
+            places += list(super4pcs(model, cloud, parameters))
         except ValueError as error:
             reason = error
     places = [place for k, place in enumerate(places) if not _is_near(place, places[:k], diagonal)]

@@ -39,7 +39,7 @@ def _registered(points: NDArray[np.float32], radius: float, seed: int) -> NDArra
     """Return where Super4PCS puts the middle of the ideal sphere, float64 (3,), mm."""
     model, parameters = radius * fibonacci_sphere(MODEL_POINTS), Super4PCSParameters(delta=radius / 12, seed=seed)
     try:
-        return super4pcs(model, points, parameters).cloud_from_model[:3, 3]
+        return super4pcs(model, points, parameters)[0, :3, 3]
     except ValueError as error:
         raise FitError(str(error)) from error
 
