@@ -117,7 +117,7 @@ class Board:
         flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
         is_found, pixels = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
         if not is_found:
-            raise CaptureError("the board is not is_found; all of it has to be in the picture")
+            raise CaptureError("the board is not found; all of it has to be in the picture")
         corners = self._refined(grey, np.reshape(pixels, (-1, 2)).astype(np.float32))
         is_turned = not self.is_symmetric and self._is_turned_round(grey, corners)
         return Corners(np.arange(len(corners)), corners[::-1] if is_turned else corners)

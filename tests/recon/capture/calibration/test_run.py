@@ -233,6 +233,11 @@ def test_nothing_is_written_of_a_calibration_that_cannot_be_made(
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
 
 
+def test_an_empty_picture_is_said_to_show_no_chessboard() -> None:
+    with pytest.raises(CaptureError, match="the board is not found; all of it has to be in the picture"):
+        parse_board("chessboard:9x6:25").find(np.full((120, 160), 90, dtype=np.uint8))
+
+
 def test_nothing_is_written_when_no_board_is_found(tmp_path: Path) -> None:
     for side in ("left", "right"):
         (tmp_path / "images" / side).mkdir(parents=True)
