@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import StereoPair, match_id, match_sequence
-from recon.depth.temporal import Frame, Memory, TemporalParameters, remembered, temporal_permeability
+from recon.depth import StereoPair, match_id
+from recon.depth.temporal import Frame, Memory, TemporalParameters, match_sequence, remembered, temporal_permeability
 
 SHAPE = (6, 7)
 STILL = Frame(np.full((*SHAPE, 3), 90, np.uint8), 1.0, None)
