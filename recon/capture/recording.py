@@ -24,13 +24,7 @@ FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
 
 @dataclass(frozen=True, eq=False)
 class CameraStream:
-    """A camera and where its images lie.
-
-    Parameters
-    ----------
-    camera : Camera
-    image : pattern relative to the capture's folder ("S1/left/{frame:04d}.png"), or a video's name
-    """
+    """A camera, and the pattern of its images in the folder ("S1/left/{frame:04d}.png"), or the name of its video."""
 
     camera: Camera
     image: str

@@ -89,12 +89,7 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
 
 @dataclass(frozen=True)
 class DrParameters(IdParameters):
-    """Parameters of DR: those of ID, and of the refinement.
-
-    Parameters
-    ----------
-    fill_threshold : pixels by which a filled disparity may differ from the other view's to be kept
-    """
+    """Parameters of DR: those of ID, and the pixels by which a filled disparity may differ from the other view's."""
 
     fill_threshold: float = 1.0
 

@@ -25,9 +25,7 @@ RIDGE = 1e-2  # pixels squared, towards fronto-parallel where the support is a l
 def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
     """Fill holes by the smaller of the nearest valid disparities left and right, as what is hidden lies behind.
 
-    Returns float32 (H, W), dense.
-
-    A row without any takes the row above, the first rows the first that has one.
+    A row without any takes the row above, the first rows the first that has one; the result is dense, float32 (H, W).
 
     Parameters
     ----------

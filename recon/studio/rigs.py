@@ -19,13 +19,7 @@ MISALIGNED_DEG = 0.25  # standard deviation of a mounted camera's direction
 
 @dataclass(frozen=True)
 class Field:
-    """The place that every camera must show.
-
-    Parameters
-    ----------
-    centre : mm
-    width, height : mm
-    """
+    """The place that every camera must show, mm."""
 
     centre: tuple[float, float, float]
     width: float

@@ -27,12 +27,7 @@ TAU = 2 * np.pi
 
 @dataclass(frozen=True)
 class Actor:
-    """A person, and where they stand.
-
-    Parameters
-    ----------
-    place : mm, on the floor; turn_deg : about y, 0 faces +z
-    """
+    """A person, and where they stand: a place on the floor, mm, and a turn about y, 0 faces +z."""
 
     build: Build
     look: Look

@@ -101,12 +101,7 @@ def reprojection_error(sighting: Sighting, camera: Camera, world_from_board: NDA
 
 
 class _System:
-    """Normal equations: the free unknowns of every camera, the pose of every board.
-
-    Parameters
-    ----------
-    free : by camera, bool (N_POSE + N_LENS,)
-    """
+    """Normal equations: the free unknowns of every camera, bool (N_POSE + N_LENS,), and the pose of every board."""
 
     def __init__(self, free: Mapping[str, NDArray[np.bool_]], boards: Sequence[str]) -> None:
         ends = np.cumsum([0, *(int(which.sum()) for which in free.values())])

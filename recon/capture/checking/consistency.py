@@ -57,12 +57,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two sensors say about the points that both see.
-
-    Parameters
-    ----------
-    explanation : why they are apart, None if they are not
-    """
+    """What two sensors say about the points that both see, and why these are apart, None if they are not."""
 
     sensors: tuple[str, str]
     n_points: int
