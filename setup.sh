@@ -79,11 +79,13 @@ install_python_packages() {
 # all browser code. Without them everything works but live updates, interactive figures, the 3D view and that check, so a
 # machine that cannot reach npm's registry is set up all the same.
 install_browser_packages() {
+  local unreachable=$venv/.npm-unreachable  # for the test of the wheel, which needs them
+  rm -f "$unreachable"
   frontend/vendor.sh "$venv/bin/python" || {
     echo "setup: npm could not install the browser packages (see above; its registry must be reachable)." >&2
     echo "setup: going on without: pages do not update by themselves and have no 3D view, and \`make check\` fails at the" >&2
     echo "setup: types of browser code, until you run this again." >&2
-    mkdir -p static/vendor && touch static/vendor/.unreachable  # the tests of what needs them skip
+    touch "$unreachable"
   }
 }
 
