@@ -20,7 +20,8 @@ from sqlalchemy import (
     false,
 )
 
-from app.store.schema import UtcDateTime, digest, key, metadata, reference, required
+from app.store.engine import UtcDateTime
+from app.store.schema import digest, key, metadata, reference, required
 
 study = Table(
     "study",

@@ -91,8 +91,8 @@ def is_secure(request: Request) -> bool:
 
 
 def vote_writer(request: Request) -> VoteWriter:
-    found: VoteWriter = request.app.state.votes
-    return found
+    writer: VoteWriter = request.app.state.votes
+    return writer
 
 
 def now(request: Request) -> datetime:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NotRequired, cast
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
@@ -12,6 +12,7 @@ from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
 from app.study.technique import Technique
 from app.study.trial import Half
+from app.study.valid_vote import without_unknowns
 from app.web.participant.session import UUID, Strict
 
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: whoever leaves a trial open overnight has still seen it
@@ -120,18 +121,7 @@ class ViewingBody(TypedDict):
     display: NotRequired[DisplayBody | None]
 
 
-def _without_nulls(viewing: ViewingBody) -> ViewingBody:
-    """Null is what a client does not know, too."""
-    dwells = viewing.get("dwell_ms")
-    for part in (viewing, *viewing["switches"], *([dwells] if dwells else [])):
-        known = cast(dict[str, Any], part)
-        if None in known.values():
-            for name in [name for name, value in known.items() if value is None]:
-                del known[name]
-    return viewing
-
-
-Viewing = Annotated[ViewingBody, AfterValidator(_without_nulls)]
+Viewing = Annotated[ViewingBody, AfterValidator(without_unknowns)]
 
 
 class VoidBody(Strict):

@@ -46,7 +46,7 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
     with database.reading() as connection:
         (of,) = all_studies(connection)
         one, other = (participant_labelled(connection, of.id, label) for label in ("P001", "P002"))
-    votes = [voter.ballot(number) for number in range(2) for voter in voters]
+    votes = [voter.vote(number) for number in range(2) for voter in voters]
     changes: list[Callable[[Connection], object]] = [
         lambda connection: exclude(connection, one, "looked away", "Eva", NOW),
         lambda connection: undo_exclusion(connection, one, "Eva", NOW),
@@ -73,12 +73,12 @@ def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n
     (voter,) = seed_voters(database, 1, 3)
     with database.reading() as connection:
         (of,) = all_studies(connection)
-    keep_votes(database, [voter.ballot(0)])
+    keep_votes(database, [voter.vote(0)])
     before = snapshot_of(database, of.id)
     with database.writing() as connection:
         connection.execute(vote.delete())
-    later = voter.ballot(0)
-    keep_votes(database, [replace(later, sent=replace(later.sent, choice="b"), received_at=NOW + timedelta(days=1))])
+    later = voter.vote(0)
+    keep_votes(database, [replace(later, choice="b", received_at=NOW + timedelta(days=1))])
     assert snapshot_of(database, of.id) != before
     assert n_read() == 2
 
