@@ -18,13 +18,13 @@ from app.store.studies import Study, all_studies
 from app.store.tables import vote
 from app.store.vote_records import keep_votes, vote_records
 from app.web.analyst import results
-from app.web.analyst.results import given_of, grouped_snapshot_of, snapshot_of, snapshot_of_given
+from app.web.analyst.results import Results, grouped_results_of, results_of
 from tests.seeded_studies import NOW, seed_voters
 
 
 @pytest.fixture
 def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
-    """How often all votes were read since this was asked last; they are not analysed, which takes long."""
+    """How often all votes were read since this was asked last; they are kept as they are, since analysing takes long."""
     reads: list[int] = []
 
     def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
@@ -37,33 +37,33 @@ def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
         return n
 
     monkeypatch.setattr(results, "vote_records", noted)
-    monkeypatch.setattr(results, "_analysed", lambda *_: {})
+    monkeypatch.setattr(results, "_analysed", lambda rows, inputs: {"rows": rows, **inputs})
     return count
 
 
 def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Database, n_read: Callable[[], int]) -> None:
     voters = seed_voters(database, 2, 3)
     with database.reading() as connection:
-        (of,) = all_studies(connection)
-        one, other = (participant_labelled(connection, of.id, label) for label in ("P001", "P002"))
+        (study,) = all_studies(connection)
+        first, second = (participant_labelled(connection, study.id, label) for label in ("P001", "P002"))
     votes = [voter.vote(number) for number in range(2) for voter in voters]
     changes: list[Callable[[Connection], object]] = [
-        lambda connection: exclude(connection, one, "looked away", "Eva", NOW),
-        lambda connection: undo_exclusion(connection, one, "Eva", NOW),
-        lambda connection: exclude(connection, one, "slept", "Eva", NOW),
-        lambda connection: replace_measurements(connection, of.id, [_measure(1.0)], NOW),
-        lambda connection: replace_measurements(connection, of.id, [_measure(2.0)], NOW),
-        lambda connection: withdraw_participant(connection, one, NOW),
-        lambda connection: erase(connection, other, NOW),
+        lambda connection: exclude(connection, first, "looked away", "Eva", NOW),
+        lambda connection: undo_exclusion(connection, first, "Eva", NOW),
+        lambda connection: exclude(connection, first, "slept", "Eva", NOW),
+        lambda connection: replace_measurements(connection, study.id, [_measure(1.0)], NOW),
+        lambda connection: replace_measurements(connection, study.id, [_measure(2.0)], NOW),
+        lambda connection: withdraw_participant(connection, first, NOW),
+        lambda connection: erase(connection, second, NOW),
     ]
-    digests = [_looked_at(database, of, n_read)]
+    digests = [_looked_at(database, study, n_read)]
     for ballot in votes:
         keep_votes(database, [ballot])
-        digests.append(_looked_at(database, of, n_read))
+        digests.append(_looked_at(database, study, n_read))
     for change in changes:
         with database.writing() as connection:
             change(connection)
-        digests.append(_looked_at(database, of, n_read))
+        digests.append(_looked_at(database, study, n_read))
     before_exclusion, undone = len(votes), len(votes) + 2
     assert digests[undone] == digests[before_exclusion]
     assert len(set(digests)) == len(digests) - 1
@@ -72,33 +72,50 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
 def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n_read: Callable[[], int]) -> None:
     (voter,) = seed_voters(database, 1, 3)
     with database.reading() as connection:
-        (of,) = all_studies(connection)
+        (study,) = all_studies(connection)
     keep_votes(database, [voter.vote(0)])
-    before = snapshot_of(database, of.id)
+    before = results_of(database, study.id)
     with database.writing() as connection:
         connection.execute(vote.delete())
     later = voter.vote(0)
     keep_votes(database, [replace(later, choice="b", received_at=NOW + timedelta(days=1))])
-    assert snapshot_of(database, of.id) != before
+    after = results_of(database, study.id)
+    assert after != before
+    assert _rows(after) != _rows(before)
     assert n_read() == 2
 
 
-def _looked_at(database: Database, of: Study, n_read: Callable[[], int]) -> str:
-    """The digest of what the votes say, which is what it is when nothing was kept; votes are read once at most."""
+def test_counting_everybody_is_the_same_analysis_while_nobody_is_excluded(
+    database: Database, n_read: Callable[[], int]
+) -> None:
+    (voter,) = seed_voters(database, 1, 3)
     with database.reading() as connection:
-        anew = snapshot_of_given(given_of(connection, of.id))
+        (study,) = all_studies(connection)
+    keep_votes(database, [voter.vote(0)])
+    assert results_of(database, study.id) is results_of(database, study.id, with_excluded=True)
+    assert n_read() == 1
+
+
+def _looked_at(database: Database, study: Study, n_read: Callable[[], int]) -> str:
+    """The digest of the results, which are those of the votes as they are now; votes are read once at most."""
     n_read()
-    assert snapshot_of(database, of.id) == anew
+    now = results_of(database, study.id)
     assert n_read() <= 1
-    assert snapshot_of(database, of.id) == anew
+    with database.reading() as connection:
+        assert _rows(now) == list(vote_records(connection, study.id))
+    assert results_of(database, study.id) is now
     assert n_read() == 0
-    counting_all = snapshot_of(database, of.id, with_excluded=True)
-    grouped = grouped_snapshot_of(database, of)
+    counting_all = results_of(database, study.id, with_excluded=True)
+    grouped = grouped_results_of(database, study)
     n_read()
-    assert snapshot_of(database, of.id, with_excluded=True) == counting_all
-    assert grouped_snapshot_of(database, of) == grouped
+    assert results_of(database, study.id, with_excluded=True) is counting_all
+    assert grouped_results_of(database, study) is grouped
     assert n_read() == 0
-    return anew.digest
+    return now.digest
+
+
+def _rows(made: Results) -> list[dict[str, Any]]:
+    return list(made.analysis["rows"]) if made.analysis is not None else []
 
 
 def _measure(value: float) -> Measure:
