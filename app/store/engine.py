@@ -1,4 +1,4 @@
-"""The database: reading and writing are two kinds of transaction.
+"""The database: transactions that read or write, on SQLite or PostgreSQL.
 
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.
@@ -40,11 +40,11 @@ from app.errors import InvalidError, NotFoundError, UnavailableError
 
 log = logging.getLogger(__name__)
 
-Transaction = Connection  # what the blocks below are given, for those outside who hand it on to the store
+Transaction = Connection  # the name of a connection for modules outside the store
 
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
-POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
+POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
 
 class _FairLock:

@@ -1,4 +1,4 @@
-"""What every table is made of: the names of its keys and checks, and the kinds of its columns."""
+"""Naming of keys and checks, and the kinds of columns, for all tables."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ metadata = MetaData(naming_convention=NAMES)
 
 
 def key() -> Column[int]:
-    """The number of a row."""
+    """A primary key that counts rows."""
     return Column("id", Integer, primary_key=True)
 
 
 def reference(target: str, *, index: bool = True) -> Column[int]:
-    """The row of another table to which this one belongs."""
+    """A foreign key to another table's row."""
     return Column(f"{target}_id", ForeignKey(f"{target}.id"), nullable=False, index=index)
 
 
@@ -32,5 +32,5 @@ def required(name: str, kind: Any, **options: Any) -> Column[Any]:
 
 
 def digest(name: str, **options: Any) -> Column[str]:
-    """A SHA-256, hexadecimal."""
+    """A column for a SHA-256, hexadecimal."""
     return required(name, String(64), **options)

@@ -100,7 +100,7 @@ def keep_votes(database: Database, votes: Sequence[Vote]) -> list[KeptVote | Stu
     """
     with database.writing() as connection:
         rows = connection.execute(_TRIALS, {"trials": [sent.trial for sent in votes]})
-        trials = {row.public_id: row for row in rows}
+        trials: dict[str, Any] = {row.public_id: row for row in rows}
         refusals = [_refusal(connection, sent, trials.get(sent.trial)) for sent in votes]
         accepted = [
             (sent, trials[sent.trial]) for sent, refusal in zip(votes, refusals, strict=True) if refusal is None

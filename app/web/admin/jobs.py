@@ -79,7 +79,7 @@ def _beating(database: Database, public_id: str) -> Iterator[None]:
         while not has_ended.wait(BEATS_EVERY_S):
             try:
                 beat(database, public_id, utc_now())
-            except UnavailableError:  # logged there; the next beat may get through
+            except UnavailableError:  # already logged; the next beat may get through
                 continue
 
     thread = threading.Thread(target=run, name=f"beat-{public_id}", daemon=True)

@@ -24,7 +24,7 @@ from tests.seeded_studies import NOW, seed_voters
 
 @pytest.fixture
 def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
-    """How often all votes were read since this was asked last; they are kept as they are, since analysing takes long."""
+    """How often all votes were read since this was asked last; not analysed, as that takes long."""
     reads: list[int] = []
 
     def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
