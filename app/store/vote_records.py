@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -79,7 +79,6 @@ _OPEN_TRIAL = (
 _ENDED = select(session.c.id).where(
     session.c.id.in_(bindparam("sessions", expanding=True)), _OPEN_TRIAL.scalar_subquery().is_(None)
 )
-_VOTES = select(vote).where(vote.c.trial_id.in_(bindparam("trials", expanding=True)))
 
 
 def keep_votes(database: Database, votes: Sequence[Vote]) -> list[KeptVote | StudyError]:
@@ -99,18 +98,19 @@ def keep_votes(database: Database, votes: Sequence[Vote]) -> list[KeptVote | Stu
         If the database does not take them now. Any other error: a row that no database takes; none is kept.
     """
     with database.writing() as connection:
-        rows = connection.execute(_TRIALS, {"trials": [sent.trial for sent in votes]})
-        trials: dict[str, Any] = {row.public_id: row for row in rows}
+        ids = [sent.trial for sent in votes]
+        trials: dict[str, Any] = {row.public_id: row for row in connection.execute(_TRIALS, {"trials": ids})}
         refusals = [_refusal(connection, sent, trials.get(sent.trial)) for sent in votes]
-        accepted = [
-            (sent, trials[sent.trial]) for sent, refusal in zip(votes, refusals, strict=True) if refusal is None
-        ]
-        new_rows = [_row(sent, row) for sent, row in accepted if row.withdrawn_at is None]
-        new = set(insert_or_ignore(connection, vote, new_rows, vote.c.trial_id))
-        _end_sessions(connection, {row.session_id: sent.received_at for sent, row in accepted if row.id in new})
-        kept = _votes_on(connection, [row.id for _, row in accepted])
+        firsts: dict[str, Vote] = {}  # by trial
+        for sent, refusal in zip(votes, refusals, strict=True):
+            if refusal is None and trials[sent.trial].withdrawn_at is None:
+                firsts.setdefault(sent.trial, sent)
+        rows = [_row(sent, trials[sent.trial]) for sent in firsts.values()]
+        inserted = set(insert_or_ignore(connection, vote, rows, vote.c.trial_id))
+        new = {name: sent for name, sent in firsts.items() if trials[name].id in inserted}
+        _end_sessions(connection, {trials[name].session_id: sent.received_at for name, sent in new.items()})
         return [
-            refusal or _outcome(sent, trials[sent.trial], kept, new)
+            refusal or _outcome(connection, sent, trials[sent.trial], is_new=new.get(sent.trial) is sent)
             for sent, refusal in zip(votes, refusals, strict=True)
         ]
 
@@ -158,21 +158,18 @@ def _end_sessions(connection: Connection, last_at: Mapping[int, datetime]) -> No
         end_trials(connection, session_id, last_at[session_id])
 
 
-def _votes_on(connection: Connection, trial_ids: Sequence[int]) -> dict[int, Row[Any]]:
-    """The votes that trials have, by trial."""
-    return {row.trial_id: row for row in connection.execute(_VOTES, {"trials": trial_ids})}
-
-
-def _outcome(sent: Vote, row: Row[Any], kept: Mapping[int, Row[Any]], new: Collection[int]) -> KeptVote | StudyError:
-    """Tell the vote that its trial has now from the one that was sent."""
-    on_trial = kept.get(row.id)
+def _outcome(connection: Connection, sent: Vote, row: Row[Any], *, is_new: bool) -> KeptVote | StudyError:
+    """Tell a vote that was not inserted from the one that its trial has."""
+    if is_new:
+        return KeptVote(row.position + 1, sent.received_at, is_new=True)
+    on_trial = connection.execute(select(vote).where(vote.c.trial_id == row.id)).one_or_none()
     if on_trial is None and row.withdrawn_at is not None:
         return GoneError("You have withdrawn from the study, so this answer was not kept.")
     if on_trial is None:
         return ConflictError("This vote's id belongs to another vote.")
     if (on_trial.client_id, on_trial.choice, on_trial.viewing) != (sent.client_id, sent.choice, sent.viewing):
         return ConflictError("This trial has a vote already, and it is another one.")
-    return KeptVote(row.position + 1, on_trial.received_at, is_new=row.id in new)
+    return KeptVote(row.position + 1, on_trial.received_at, is_new=False)
 
 
 def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
