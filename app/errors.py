@@ -1,4 +1,4 @@
-"""What can go wrong in a study, told apart where a caller must; `web/problems.py` says it over HTTP."""
+"""Errors of studies, by class where callers treat them differently; `web/problems.py` answers them over HTTP."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import ClassVar, Literal
 
 
 class StimuliError(ValueError):
-    """A stimulus set cannot be used as it is: names the file and the value."""
+    """A stimulus set that cannot be used; the message names the file and the value."""
 
 
 class StudyError(Exception):
-    """A request that a study refuses, in one calm sentence that says what to do."""
+    """A refused request; `detail` is one calm sentence that says what to do."""
 
     status: ClassVar[int] = 400
 
@@ -24,7 +24,7 @@ class UnauthorisedError(StudyError):
 
 
 class NoSessionError(UnauthorisedError):
-    """A token that opens no session, or none at all."""
+    """A missing token, or one that opens no session."""
 
     def __init__(self) -> None:
         super().__init__("There is no session here. Please open your invitation again.")
@@ -35,7 +35,7 @@ class ForbiddenError(StudyError):
 
 
 class ClosedError(ForbiddenError):
-    """A study that takes nobody in, now or any more; `standing` says which of the two."""
+    """A study that takes in nobody now; `standing` says whether it pauses or is closed."""
 
     def __init__(self, detail: str, standing: Literal["paused", "closed"]) -> None:
         super().__init__(detail)
@@ -63,14 +63,14 @@ class InvalidError(StudyError):
 
 
 class UnavailableError(StudyError):
-    """What cannot be done now and may be tried again: the queue is full, or the database does not answer."""
+    """A request to send again later: the queue is full, or the database does not answer."""
 
     status = 503
     retry_after_s: ClassVar[int] = 1
 
 
 class TooManyError(StudyError):
-    """Somebody asks too often; `retry_after_s` says when they may again."""
+    """A client that asks too often; it may ask again after `retry_after_s`."""
 
     status = 429
 

@@ -1,4 +1,4 @@
-"""Videos through the ffmpeg program that imageio-ffmpeg brings."""
+"""Run ffmpeg, as imageio-ffmpeg ships it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ WORKERS = 2  # processes at once, each on one thread, so that files are reproduc
 
 
 def no_progress(*_told: str | int) -> None:
-    """Tell nobody how far the work is."""
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What a whole video was found to hold when it was decoded."""
+    """Facts about a video, measured by decoding it."""
 
     width: int
     height: int
@@ -34,7 +34,7 @@ class VideoFacts:
 
 
 def decode(path: Path) -> VideoFacts:
-    """Decode a whole video and say what was in it.
+    """Decode a whole video and return its facts.
 
     Raises
     ------
@@ -58,9 +58,9 @@ def decode(path: Path) -> VideoFacts:
 
 
 def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
-    """Run ffmpeg and return what it prints; the complaint goes before what it says went wrong."""
+    """Run ffmpeg and return its output; `complaint` begins the message of a failure."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
-    quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder tells of errors only
+    quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder prints errors only
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, env=quiet)
     if done.returncode != 0 or done.stderr.strip():
         reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[0]
@@ -69,7 +69,7 @@ def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
 
 
 def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:
-    """Run jobs that wait for a process each; the first error stops those that have not begun."""
+    """Run jobs in parallel, each waiting for a process; the first error cancels those that have not begun."""
     progress("", 0, len(jobs))
     with ThreadPoolExecutor(WORKERS) as pool:
         names = {pool.submit(job): name for name, job in jobs}

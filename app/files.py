@@ -1,4 +1,4 @@
-"""Files that are whole or absent: everything is written under a temporary name and renamed at the end."""
+"""Write files whole or not at all: under a temporary name, renamed at the end."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def packaged(name: str) -> Path:
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
 
-    The temporary name keeps the suffix, because encoders choose the format by it. Whoever writes the same file at the
-    same time, in a thread or a process, has another one; the last to end wins.
+    The temporary name keeps the suffix, because encoders choose the format by it. Threads and processes that write the
+    same file at once use different names; the last to end wins.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")

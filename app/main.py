@@ -1,8 +1,7 @@
-"""The study server, put together."""
+"""Put the study server together and run it."""
 
 from __future__ import annotations
 
-import gc
 import os
 import socket
 import tempfile
@@ -27,6 +26,7 @@ from app.films.object_store import MediaStore
 from app.operations.leftovers import remove_leftovers
 from app.operations.manage import open_store
 from app.settings import Settings
+from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import health, media
@@ -40,28 +40,52 @@ from app.web.admin import (
     objective,
     overview,
     participants,
+    results_page,
     server,
     sign_in,
     stimulus_sets,
     studies,
     users,
+    votes_page,
 )
-from app.web.admin import results_page as admin_results
-from app.web.admin import votes_page as admin_votes
 from app.web.admin.flags import Flags
 from app.web.analyst import routes
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.metrics import SHARED_FOLDER, Metrics
-from app.web.participant import pages, screening, session, trials
-from app.web.participant.votes import vote_route
+from app.web.participant import pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 from app.web.throttle import new_throttle
 
 START_TIMEOUT_S = 30
-GARBAGE_AFTER = 20_000  # objects more than before; after 700 of them, as Python does, it is a sixteenth of an answer
+ROUTERS = (
+    votes.router,
+    trials.router,
+    session.router,
+    screening.router,
+    routes.router,
+    media.router,
+    health.router,
+    sign_in.router,
+    users.router,
+    server.router,
+    stimulus_sets.router,
+    studies.router,  # before those of one study: "new" is no study
+    overview.router,
+    participants.router,
+    interview.router,
+    votes_page.router,
+    design.router,
+    invitations.router,
+    results_page.router,
+    objective.router,
+    models_page.router,
+    attach.router,
+    edit.router,
+    pages.router,
+)
 UVICORN_OPTIONS: dict[str, Any] = {
     "log_config": None,
     "log_level": "warning",
@@ -73,20 +97,22 @@ UVICORN_OPTIONS: dict[str, Any] = {
 
 
 def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
-    """The whole server on one database.
+    """Make the whole server on one database.
 
     Parameters
     ----------
     front : folder of the demo's front page; None: `/` is the participants' entrance
     """
+    database = open_store(settings)
+    votes_database = open_database(settings.url)  # whose connections no reader can take
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await run_in_threadpool(remove_leftovers, settings, app.state.clock())
         with app.state.votes, app.state.flags:
             yield
-        of_votes.dispose()
-        app.state.database.dispose()
+        votes_database.dispose()
+        database.dispose()
 
     app = FastAPI(
         title="reconstudy",
@@ -99,59 +125,38 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False, "logs": False},  # it names addresses, which hold invitations
     )
     app.state.settings = settings
-    app.state.database = open_store(settings)
-    of_votes = app.state.database.with_own_connection()
-    app.state.votes = VoteWriter(of_votes)
-    app.state.flags = Flags(app.state.database)
-    app.state.monitors = WeakValueDictionary()  # of the studies that somebody watches
+    app.state.database = database
+    app.state.votes = VoteWriter(votes_database)
+    app.state.flags = Flags(database)
+    app.state.monitors = WeakValueDictionary()  # by study, while somebody watches its live page
     app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
     app.state.throttle = new_throttle()
-    app.state.jobs = []
-    app.state.is_stopping = False  # what streams looks at it, and ends
+    app.state.is_stopping = False  # live pages end when it is set
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     if front is not None:
-        app.include_router(front_routes(front))  # before the entrance
-    app.router.routes.append(vote_route)  # routes are tried in this order, and votes are what comes most
-    for router in (
-        trials.router,
-        session.router,
-        screening.router,
-        routes.router,
-        media.router,
-        health.router,
-        sign_in.router,
-        users.router,
-        server.router,
-        stimulus_sets.router,
-        studies.router,  # before those of one study: "new" is no study
-        overview.router,
-        participants.router,
-        interview.router,
-        admin_votes.router,
-        design.router,
-        invitations.router,
-        admin_results.router,
-        objective.router,
-        models_page.router,
-        attach.router,
-        edit.router,
-        pages.router,
-    ):
+        app.include_router(front_routes(front))  # before the entrance, which has the same address
+    for router in ROUTERS:
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app)
     describe(app)
-    is_https = settings.secure_cookies
-    for middleware in (BodyLimit, SameOrigin, UnforeseenErrors):  # the last one is outermost
-        app.add_middleware(middleware)
-    app.add_middleware(RenewedSession, is_https=is_https)
+    _add_middleware(app)
+    return app
+
+
+def _add_middleware(app: FastAPI) -> None:
+    """Add what every request passes, the innermost first."""
+    is_https = app.state.settings.secure_cookies
     media_origin = app.state.media_store.origin if app.state.media_store else None
+    app.add_middleware(BodyLimit)
+    app.add_middleware(SameOrigin)
+    app.add_middleware(UnforeseenErrors)
+    app.add_middleware(RenewedSession, is_https=is_https)
     app.add_middleware(SecurityHeaders, is_https=is_https, media_origin=media_origin)
     app.add_middleware(Requests, metrics=app.state.metrics)
-    return app
 
 
 def serve(
@@ -162,57 +167,49 @@ def serve(
     workers: int = 1,
     on_start: Callable[[str], None] | None = None,
 ) -> None:
-    """Serve until interrupted; what is asked before the end is answered, and votes that wait are kept.
+    """Serve until interrupted; requests at hand are answered and waiting votes are kept.
 
     Parameters
     ----------
     port : 0 for any free one
     workers : processes that share the port; more than one on PostgreSQL only
-    on_start : told the base address once it takes connections
+    on_start : called with the base address once the server takes connections
 
     Raises
     ------
     ValueError
-        If the database does not suit, or the number of workers does not suit the database.
+        If the database cannot be used, or not by several workers.
     """
     start_logging(settings.log_format)
     if workers == 1:
-        _Server(_app_to_stay(settings), host, port, on_start).run()
+        _Server(create_app(settings), host, port, on_start).run()
     else:
         _serve_by_workers(settings, host, port, workers, on_start)
 
 
 def worker_app() -> FastAPI:
-    """The server in one of several processes; its settings come by the environment."""
+    """Make the server of one of several processes; its settings come by the environment."""
     settings = Settings()
     start_logging(settings.log_format)
-    return _app_to_stay(settings)
-
-
-def _app_to_stay(settings: Settings) -> FastAPI:
-    """The app of a process that does nothing else."""
-    app = create_app(settings)
-    gc.freeze()  # looking for garbage among all that was loaded takes 70 ms each time, in which nobody is answered
-    gc.set_threshold(GARBAGE_AFTER, *gc.get_threshold()[1:])
-    return app
+    return create_app(settings)
 
 
 def _serve_by_workers(
     settings: Settings, host: str, port: int, workers: int, on_start: Callable[[str], None] | None
 ) -> None:
-    """Workers that are started again when they die; SIGHUP replaces them one by one while the port stays open."""
+    """Start workers again when they die; SIGHUP replaces them one by one while the port stays open."""
     if settings.is_sqlite:
         raise ValueError(
             f"--workers {workers} needs PostgreSQL (RECONSTUDY_DATABASE_URL): only one process at a time can write to "
             "SQLite, and one that waits for another process waits long; see docs/operations.md"
         )
-    open_store(settings).dispose()  # what is wrong with the database is said here, not once by every worker
+    open_store(settings).dispose()  # a fault of the database is reported here, not once by every worker
     os.environ |= settings.as_environment()
     several: dict[str, Any] = {"factory": True, "workers": workers, "timeout_worker_healthcheck": START_TIMEOUT_S}
     config = uvicorn.Config("app.main:worker_app", host, port, **several, **UVICORN_OPTIONS)
     with tempfile.TemporaryDirectory(prefix="reconstudy-metrics-") as folder, config.bind_socket() as bound:
         os.environ[SHARED_FOLDER] = folder
-        bound.listen(config.backlog)  # who comes before the first worker is up waits
+        bound.listen(config.backlog)  # early requests wait for the first worker
         if on_start is not None:
             on_start(_address(bound))
         Multiprocess(config, sockets=[bound]).run()
@@ -243,7 +240,7 @@ def running_server(
 
 
 class _Server(uvicorn.Server):
-    """uvicorn that tells when, and on which port, it answers."""
+    """A uvicorn that calls `on_start` with its address, and ends live pages when it stops."""
 
     def __init__(self, app: FastAPI, host: str, port: int, on_start: Callable[[str], None] | None) -> None:
         super().__init__(uvicorn.Config(app, host, port, **UVICORN_OPTIONS))
@@ -251,7 +248,7 @@ class _Server(uvicorn.Server):
         self._app = app
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        AppStatus.should_exit = False  # of the whole process: an earlier server's end would end this one's live pages
+        AppStatus.should_exit = False  # an earlier server of this process left it set, which would end live pages
         await super().startup(sockets)
         if self.started and self._on_start is not None:
             self._on_start(_address(self.servers[0].sockets[0]))

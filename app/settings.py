@@ -1,4 +1,4 @@
-"""The server's settings, from `RECONSTUDY_*` environment variables or given by the command line."""
+"""The server's settings, from `RECONSTUDY_*` environment variables or the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 class Settings(BaseSettings):
-    """Where the server keeps what it knows, and how it meets the outside."""
+    """Where the server stores its data, and how it is reached."""
 
     model_config = SettingsConfigDict(env_prefix="RECONSTUDY_", frozen=True, extra="ignore")
 
@@ -60,6 +60,6 @@ class Settings(BaseSettings):
         return self.data_dir / "pairs"
 
     def as_environment(self) -> dict[str, str]:
-        """These settings as environment variables, for a process that is started with them."""
+        """These settings as environment variables, for a child process."""
         values = self.model_dump(mode="json", exclude_none=True)
         return {f"RECONSTUDY_{name.upper()}": str(value) for name, value in values.items()}

@@ -5,11 +5,9 @@ from __future__ import annotations
 import time
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Any
 
 import app.main
 from app.store import vote_writer
-from app.store.vote_records import KeptVote
 from tests import sqlite_disk
 
 SLOW_MS = 5.0
@@ -24,15 +22,6 @@ def slow_disk() -> None:
 def a_commit_each() -> None:
     """Keep one vote in a transaction."""
     vote_writer.LARGEST_BATCH = 1
-
-
-def no_database() -> None:
-    """Acknowledge votes without keeping them."""
-
-    def nowhere(_database: Any, ballots: Any) -> Any:
-        return [KeptVote(ballot.sent, 1, ballot.received_at, is_new=True) for ballot in ballots]
-
-    vote_writer.keep_votes = nowhere
 
 
 def jumping_clock() -> None:

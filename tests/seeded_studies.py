@@ -19,8 +19,7 @@ from app.store.invitations import insert_invitation, invitation_by_code
 from app.store.sessions import begin_session, session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
-from app.store.vote_records import Ballot
-from app.study.valid_vote import Vote
+from app.store.vote_records import Vote
 
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 
@@ -32,11 +31,11 @@ class Voter:
     token: str
     trials: Sequence[tuple[str, str]]
 
-    def ballot(self, number: int) -> Ballot:
+    def vote(self, number: int) -> Vote:
         """A vote for A on one of the trials."""
         trial, first_shown = self.trials[number]
         viewing = {"first_shown": first_shown, "shown_ms": 1000.0, "response_ms": 500.0, "switches": []}
-        return Ballot(self.token, trial, Vote(str(uuid4()), "a", viewing), NOW)
+        return Vote(self.token, trial, str(uuid4()), "a", viewing, NOW)
 
 
 def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""Models attached to a study, to look at; attaching one again replaces it."""
+"""3D models attached to a study; attaching one again replaces it."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from app.store.tables import condition, dataset, model
 
 
 def replace_models(connection: Connection, study_id: int, models: Sequence[Model], now: datetime) -> None:
-    """Store models of what the study compares, in place of earlier ones of the same."""
+    """Store models, and drop earlier ones of the same dataset, condition and kind."""
     datasets, conditions = (ids_by_name(connection, table, study_id) for table in (dataset, condition))
-    for one in models:
+    for attached in models:
         place = {
-            "dataset_id": datasets[one.dataset],
-            "condition_id": conditions[one.condition],
-            "kind": one.kind,
+            "dataset_id": datasets[attached.dataset],
+            "condition_id": conditions[attached.condition],
+            "kind": attached.kind,
         }
         connection.execute(delete(model).where(*(model.c[name] == value for name, value in place.items())))
-        facts = {name: getattr(one, name) for name in ("sha256", "n_points", "n_faces", "error_limit_mm")}
+        facts = {name: getattr(attached, name) for name in ("sha256", "n_points", "n_faces", "error_limit_mm")}
         connection.execute(insert(model).values(**place, **facts, attached_at=now))
 
 
 def model_digests(connection: Connection) -> list[str]:
-    """Of the files of every study's models."""
+    """Digests of attached models, of all studies."""
     return sorted(set(connection.scalars(select(model.c.sha256))))
 
 

@@ -11,7 +11,7 @@ from app.store.tables import report
 
 
 def replace_report(connection: Connection, study_id: int, kind: str, subject: str, digest: str, now: datetime) -> None:
-    """Store where a report's files lie."""
+    """Store the digest that names the folder of a report's files."""
     same = (report.c.study_id == study_id, report.c.kind == kind, report.c.subject == subject)
     connection.execute(delete(report).where(*same))
     values = {"study_id": study_id, "kind": kind, "subject": subject, "digest": digest, "attached_at": now}
@@ -19,7 +19,7 @@ def replace_report(connection: Connection, study_id: int, kind: str, subject: st
 
 
 def report_digests(connection: Connection) -> list[str]:
-    """Of the files of every study's reports."""
+    """Digests of attached reports, of all studies."""
     return sorted(set(connection.scalars(select(report.c.digest))))
 
 

@@ -1,4 +1,4 @@
-"""The audit log: who did what, when. Entries are added with the change that they tell of, and never altered."""
+"""The audit log: who did what, when. An entry is added in the transaction of its change and never altered."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def audit_records(
 
     Parameters
     ----------
-    study_id : None: of everything
+    study_id : None: of all studies and none
     search : a part of the actor, action or subject
     """
     rows = _entries().order_by(audit_entry.c.id.desc()).limit(limit).offset(offset)

@@ -1,4 +1,4 @@
-"""All rows of a database as a file that either kind of database takes back.
+"""Write all rows of a database to a file, and restore them into either kind of database.
 
 A ZIP archive: `backup.json` (version of the schema, and for each table the number of rows and their digest), and
 `tables/NAME.jsonl`, one JSON object a row. All tables are of one moment, and the server may run meanwhile.
@@ -31,9 +31,9 @@ SCHEMA_VERSION = 1
 ROWS_AT_ONCE = 500
 LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
 LOCKED_WITHIN_S = 30
-TABLES_NAMED = 3  # of those that stand in the way
+TABLES_NAMED = 3  # in the message about another program's tables
 VERSION_TABLE = "alembic_version"
-MISSED = {  # tables whose rows nobody loses without saying so; the others' rows belong to these
+MISSED = {  # a restore drops these rows only with --replace; all other rows belong to them
     "study": "studies",
     "experimenter": "experimenters",
     "api_token": "tokens",
@@ -42,7 +42,7 @@ MISSED = {  # tables whose rows nobody loses without saying so; the others' rows
 
 
 def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[str, int]:
-    """Write every row of one moment into an archive; the number of rows by table.
+    """Write every row, as of one moment, into an archive; returns the number of rows by table.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[st
 def read_tables(
     database: Database, archive: ZipFile, *, replace: bool = False, before_commit: Callable[[], None]
 ) -> dict[str, int]:
-    """Fill a database with the rows of an archive, all or none; the number of rows by table.
+    """Fill a database with the rows of an archive, all or none; returns the number of rows by table.
 
     An older version's rows are migrated. Whoever reads or writes meanwhile waits, and then sees the restored rows.
 
@@ -138,10 +138,9 @@ def _empty(connection: Connection, *, replace: bool) -> None:
 
 
 def _lock(connection: Connection) -> None:
-    """Take all tables from a server that may run.
+    """Lock all tables, although a server may be using them.
 
-    Whoever has begun goes first: what is taken is given back before PostgreSQL looks for a deadlock, which it might
-    end by ending a transaction of the server.
+    Its transactions go first: each attempt ends before PostgreSQL looks for deadlocks and might abort one of them.
     """
     names = metadata.tables.keys() & set(inspect(connection).get_table_names())
     if not names:
@@ -163,7 +162,7 @@ def _lock(connection: Connection) -> None:
 
 
 def _droppable(connection: Connection, *, replace: bool) -> MetaData:
-    """This program's tables that are there, unless somebody would miss what is in the database."""
+    """This program's tables in the database; raises if they hold rows that somebody would miss."""
     names = set(inspect(connection).get_table_names())
     _refuse_tables_of_others(connection, names)
     present = MetaData()
@@ -174,7 +173,7 @@ def _droppable(connection: Connection, *, replace: bool) -> MetaData:
 
 
 def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:
-    """Another program's table may have the name of one of ours: what is dropped must be ours as a whole."""
+    """Raise unless every table is ours: another program's table may have the same name as one of ours."""
     strange = names - {*metadata.tables, VERSION_TABLE}
     if names and MigrationContext.configure(connection).get_current_revision() not in revisions():
         strange = names
@@ -187,19 +186,19 @@ def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:
 
 
 def _held(connection: Connection, present: MetaData) -> str:
-    """What a database holds, in words; empty where nobody would miss it."""
+    """Name what somebody would miss in a database; empty if there is nothing."""
     counts = {}
     for name, what in MISSED.items():
         if (table := present.tables.get(name)) is not None:
             rows = select(func.count()).select_from(table)
             if name == experimenter.name:
-                rows = rows.where(table.c.name != UNNAMED)  # a link that a server's start made
+                rows = rows.where(table.c.name != UNNAMED)  # not a person: the set-up link of a server's first start
             counts[what] = connection.scalar(rows)
     return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
 
 
 def _rows(archive: ZipFile, name: str, facts: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """The rows of a table; raises at the end where they are not those that were written."""
+    """Yield the rows of a table; raises at the end if their number or digest is wrong."""
     digest, n_rows = hashlib.sha256(), 0
     with archive.open(f"tables/{name}.jsonl") as file:
         for line in file:
@@ -225,10 +224,10 @@ def _fill(connection: Connection, table: Table, rows: Iterable[Mapping[str, Any]
 
 
 def _moments(row: Mapping[str, Any], names: Iterable[str], is_sqlite: bool) -> dict[str, datetime | None]:
-    found = {name: datetime.fromisoformat(row[name]) if row[name] else None for name in names}
+    moments = {name: datetime.fromisoformat(row[name]) if row[name] else None for name in names}
     if is_sqlite:  # keeps no time zone
-        return {name: moment and moment.astimezone(UTC).replace(tzinfo=None) for name, moment in found.items()}
-    return found
+        return {name: moment and moment.astimezone(UTC).replace(tzinfo=None) for name, moment in moments.items()}
+    return moments
 
 
 def _plain(value: Any) -> Any:
@@ -236,7 +235,7 @@ def _plain(value: Any) -> Any:
 
 
 def faults_of(database: Database) -> list[str]:
-    """What is wrong with a database's structure and votes; nothing is right."""
+    """List what is wrong with a database's structure and votes."""
     if reason := why_not_ready(database):
         return [reason]
     with database.snapshot() as connection:

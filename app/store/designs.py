@@ -1,4 +1,4 @@
-"""A study's design: its datasets, conditions, stimuli and pairs, none of which changes once it is there."""
+"""A study's design: its datasets, conditions, stimuli and pairs, which never change."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from app.store.tables import (
 from app.study.trial import PlannedPair
 
 FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}
-STRIPS = ("top", "bottom", "reference")  # of a film, from the top
+STRIPS = ("top", "bottom", "reference")  # parts of a film, from the top
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
 
 
@@ -50,53 +50,53 @@ SECOND = (second_film.c.media.label("second_media"), second_film.c.codec.label("
 
 
 def has_singles(media: ColumnElement[str]) -> ColumnElement[bool]:
-    """Whether a pair's strips are there as films of their own."""
+    """SQL condition: the pair's strips exist as single films, too."""
     return exists().where(single_film.c.of_media == media)
 
 
-def insert_design(connection: Connection, study_id: int, of: StimulusSet, pairs: Sequence[PairVideo]) -> None:
-    """Insert what a study compares."""
+def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusSet, pairs: Sequence[PairVideo]) -> None:
+    """Insert a study's datasets, conditions, stimuli and pairs."""
     datasets = {
         name: _insert(connection, dataset, {"study_id": study_id, "position": position, "name": name})
-        for position, name in enumerate(of.datasets)
+        for position, name in enumerate(stimulus_set.datasets)
     }
-    levels = {stimulus.approach: stimulus.levels for stimulus in of.stimuli}
+    levels = {stimulus.approach: stimulus.levels for stimulus in stimulus_set.stimuli}
     conditions = {
         name: _insert(
             connection, condition, {"study_id": study_id, "position": position, "name": name, "levels": levels[name]}
         )
-        for position, name in enumerate(of.conditions)
+        for position, name in enumerate(stimulus_set.conditions)
     }
     stimuli = {
-        one.name: _insert(
+        shown.name: _insert(
             connection,
             stimulus,
             {
-                "dataset_id": datasets[one.dataset],
-                "condition_id": conditions[one.approach],
-                **one.model_dump(include=STIMULUS_FACTS),
+                "dataset_id": datasets[shown.dataset],
+                "condition_id": conditions[shown.approach],
+                **shown.model_dump(include=STIMULUS_FACTS),
             },
         )
-        for one in of.stimuli
+        for shown in stimulus_set.stimuli
     }
     for video in pairs:
         ids = {"top_id": stimuli[video.top.name], "bottom_id": stimuli[video.bottom.name]}
-        own = {"dataset_id": datasets[video.top.dataset], **ids}
-        _insert(connection, pair, {**own, **_film(connection, video)})
+        place = {"dataset_id": datasets[video.top.dataset], **ids}
+        _insert(connection, pair, {**place, **_film(connection, video)})
 
 
 def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairVideo]) -> None:
     """Insert the pairs that participants practise with."""
     for position, video in enumerate(pairs):
-        own = {"study_id": study_id, "position": position}
-        _insert(connection, practice_pair, {**own, **_film(connection, video)})
+        place = {"study_id": study_id, "position": position}
+        _insert(connection, practice_pair, {**place, **_film(connection, video)})
 
 
 def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
     """The pairs that participants practise with, in order."""
-    own = [practice_pair.c[one.name] for one in fields(PracticePair) if one.name in practice_pair.c]
+    columns = [practice_pair.c[fact.name] for fact in fields(PracticePair) if fact.name in practice_pair.c]
     rows = (
-        select(*own, *SECOND, has_singles(practice_pair.c.media).label("has_singles"))
+        select(*columns, *SECOND, has_singles(practice_pair.c.media).label("has_singles"))
         .select_from(practice_pair.outerjoin(second_film, second_film.c.of_media == practice_pair.c.media))
         .where(practice_pair.c.study_id == study_id)
         .order_by(practice_pair.c.position)
@@ -137,7 +137,7 @@ def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str
 
 
 def film_file(connection: Connection, media: str) -> FilmFile | None:
-    """The file in the media folder that has this opaque name; one strip's alone for `<trial>.<strip>`."""
+    """Find a film's file by its opaque name; `<trial>.<strip>` names the film of a single strip."""
     name, _, strip = media.partition(".")
     if strip:
         return _single_file(connection, name, strip)
@@ -145,13 +145,13 @@ def film_file(connection: Connection, media: str) -> FilmFile | None:
         row = connection.execute(select(table.c.file, table.c.sha256).where(table.c.media == media)).one_or_none()
         if row:
             return FilmFile(H264, row.file, row.sha256)
-    found = select(second_film.c.codec, second_film.c.file, second_film.c.sha256).where(second_film.c.media == media)
-    second = connection.execute(found).one_or_none()
+    query = select(second_film.c.codec, second_film.c.file, second_film.c.sha256).where(second_film.c.media == media)
+    second = connection.execute(query).one_or_none()
     return FilmFile(second.codec, second.file, second.sha256) if second else None
 
 
 def _single_file(connection: Connection, name: str, strip: str) -> FilmFile | None:
-    """By the trial that shows it, which no two sessions share, or by the pair to practise with."""
+    """Find a strip's film by the trial that shows it, which no two sessions share, or by the practice pair."""
     of_trial = select(pair.c.media).select_from(trial.join(assignment).join(pair)).where(trial.c.public_id == name)
     of_practice = select(practice_pair.c.media).where(practice_pair.c.media == name)
     row = connection.execute(
@@ -165,8 +165,8 @@ def _single_file(connection: Connection, name: str, strip: str) -> FilmFile | No
 
 def has_single_films(connection: Connection, study_id: int) -> bool:
     """Whether a study was made with films of each stimulus alone."""
-    own = select(pair.c.id).join(dataset).where(dataset.c.study_id == study_id, has_singles(pair.c.media))
-    return connection.execute(own.limit(1)).first() is not None
+    pairs = select(pair.c.id).join(dataset).where(dataset.c.study_id == study_id, has_singles(pair.c.media))
+    return connection.execute(pairs.limit(1)).first() is not None
 
 
 def film_files(connection: Connection) -> dict[str, str]:
@@ -178,7 +178,7 @@ def film_files(connection: Connection) -> dict[str, str]:
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
-    """The columns of a pair that say which film it is; the same in other files gets its own rows."""
+    """Columns of a pair that describe its film; films in other codecs or of single strips get rows of their own."""
     media = new_opaque_id()
     if video.second:
         values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
@@ -194,7 +194,7 @@ def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> 
 
 
 def stimulus_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Every stimulus with its facts, and the half of a pair's video in which it can be seen."""
+    """Every stimulus with its facts, and a pair's video and half that show it."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),
@@ -261,12 +261,12 @@ def copy_design(connection: Connection, source_id: int, target_id: int) -> None:
             _insert(connection, pair, {**values, **ids, "media": _copy_film(connection, row.media)})
     for row in connection.execute(select(practice_pair).where(practice_pair.c.study_id == source_id)).all():
         values = {key: value for key, value in row._mapping.items() if key != "id"}
-        own = {"study_id": target_id, "media": _copy_film(connection, row.media)}
-        _insert(connection, practice_pair, {**values, **own})
+        changes = {"study_id": target_id, "media": _copy_film(connection, row.media)}
+        _insert(connection, practice_pair, {**values, **changes})
 
 
 def _copy_film(connection: Connection, media: str) -> str:
-    """A new opaque name for a film, and for the same in other files where there are any."""
+    """Give a film a new opaque name, and its copies in other codecs or of single strips as well."""
     new = new_opaque_id()
     _copy_rows(connection, single_film, single_film.c.of_media == media, {"of_media": new})
     for row in connection.execute(select(second_film).where(second_film.c.of_media == media)).all():
@@ -276,7 +276,7 @@ def _copy_film(connection: Connection, media: str) -> str:
 
 
 def _copy_rows(connection: Connection, table: Table, which: Any, changes: Mapping[str, Any]) -> dict[int, int]:
-    """Copy rows with changes; the new ids by the old ones."""
+    """Copy rows with changes; returns new ids by old ones."""
     copied = {}
     for row in connection.execute(select(table).where(which).order_by(table.c.id)).all():
         values = {key: value for key, value in row._mapping.items() if key != "id"}

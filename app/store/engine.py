@@ -1,4 +1,4 @@
-"""The database: reading and writing are two kinds of transaction.
+"""The database: transactions that read or write, on SQLite or PostgreSQL.
 
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.
@@ -12,29 +12,39 @@ import fcntl
 import logging
 import os
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
-from sqlalchemy import URL, Column, Connection, Engine, Table, create_engine, event, make_url
+from sqlalchemy import (
+    URL,
+    Column,
+    Connection,
+    DateTime,
+    Dialect,
+    Engine,
+    Table,
+    TypeDecorator,
+    create_engine,
+    event,
+    make_url,
+)
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import DataError, DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import DataError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
 
 log = logging.getLogger(__name__)
-Found = TypeVar("Found")
 
-Transaction = Connection  # what the blocks below are given, for those outside who hand it on to the store
+Transaction = Connection  # the name of a connection for modules outside the store
 
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 CONNECT_TIMEOUT_S = 5
-KNOWN_TO_LIVE_S = 1.0  # a connection after its last transaction; later the pool asks PostgreSQL whether it does
-POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # a server's own default may be less
+POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
 
 class _FairLock:
@@ -71,14 +81,10 @@ class Database:
     its disk is full: nothing was changed, unless the connection broke while the commit was on its way.
     """
 
-    def __init__(self, engine: Engine, write_lock: AbstractContextManager[None] | None = None) -> None:
+    def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._write_lock = write_lock or _new_write_lock(engine)
+        self._write_lock = _new_write_lock(engine)
         self._is_away = False
-
-    def with_own_connection(self) -> Database:
-        """The same database by one connection that no reader can take, for the one thread that must never wait."""
-        return _DatabaseOfOneThread(_new_engine(self.engine.url, pool_size=1, max_overflow=0), self._write_lock)
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -99,17 +105,12 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction, on disk when the block ends, undone when it raises."""
-        with self._unavailable_when_away(), self._write_lock, self._to_write() as connection:
+        with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
             try:
-                with connection.begin():
+                with connection.execution_options(is_writing=True).begin():
                     yield connection
             except DataError as error:
                 raise InvalidError("This holds a character or a number that cannot be kept.") from error
-
-    @contextmanager
-    def _to_write(self) -> Iterator[Connection]:
-        with self.engine.connect() as connection:
-            yield connection.execution_options(is_writing=True)
 
     @contextmanager
     def _unavailable_when_away(self) -> Iterator[None]:
@@ -128,36 +129,6 @@ class Database:
         self.engine.dispose()
 
 
-class _DatabaseOfOneThread(Database):
-    """Writes by one connection, which the pool gets back when a transaction has failed or none has come for a while.
-
-    For writing alone: who reads meanwhile would wait for that connection.
-    """
-
-    _open: Connection | None = None
-    _last_s = 0.0
-
-    @contextmanager
-    def _to_write(self) -> Iterator[Connection]:
-        connection, self._open = self._open, None
-        if connection is not None and time.monotonic() - self._last_s > KNOWN_TO_LIVE_S:
-            connection.close()
-            connection = None
-        if connection is None:
-            connection = self.engine.connect().execution_options(is_writing=True)
-        try:
-            yield connection
-        except BaseException:
-            connection.close()
-            raise
-        self._open, self._last_s = connection, time.monotonic()
-
-    def dispose(self) -> None:
-        if self._open is not None:
-            self._open.close()
-        super().dispose()
-
-
 def open_database(url: str) -> Database:
     """Open a database by its SQLAlchemy URL; SQLite's folder is made when it is not there."""
     return Database(_new_engine(make_url(url)))
@@ -167,9 +138,9 @@ def _new_write_lock(engine: Engine) -> AbstractContextManager[None]:
     return _FairLock(f"{engine.url.database}-lock") if engine.dialect.name == "sqlite" else nullcontext()
 
 
-def _new_engine(address: URL, **pool: int) -> Engine:
+def _new_engine(address: URL) -> Engine:
     if address.get_backend_name() == "postgresql":
-        return _postgresql(address, **pool)
+        return _postgresql(address)
     if address.get_backend_name() != "sqlite":
         raise ValueError(f"{address}: expected a database of SQLite or PostgreSQL (postgresql+psycopg://…)")
     path = address.database
@@ -178,19 +149,18 @@ def _new_engine(address: URL, **pool: int) -> Engine:
             f"{address}: a study needs a database on disk, for example sqlite:////var/lib/reconstudy/study.sqlite"
         )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S}, **pool)
+    engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S})
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
 
 
-def _postgresql(address: URL, **pool: int) -> Engine:
+def _postgresql(address: URL) -> Engine:
     try:
         return create_engine(
             address.set(drivername="postgresql+psycopg"),
             pool_pre_ping=True,
             connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "options": POSTGRESQL_OPTIONS},
-            **pool,
         )
     except ModuleNotFoundError as error:
         raise ValueError(f"{address}: PostgreSQL needs an extra package: {error}") from error
@@ -205,20 +175,7 @@ def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:
 
 def _begin_sqlite(connection: Connection) -> None:
     is_writing = connection.get_execution_options().get("is_writing", False)
-    run_by_driver(connection, "BEGIN IMMEDIATE" if is_writing else "BEGIN", lambda cursor, text: cursor.execute(text))
-
-
-def run_by_driver(connection: Connection, text: str, run: Callable[[Any, str], Found]) -> Found:
-    """Run a statement past all that SQLAlchemy does around each; its errors are SQLAlchemy's nevertheless."""
-    cursor = connection.connection.cursor()
-    try:
-        return run(cursor, text)
-    except connection.dialect.loaded_dbapi.Error as error:
-        raise DBAPIError.instance(
-            text, None, error, connection.dialect.loaded_dbapi.Error, dialect=connection.dialect
-        ) from error
-    finally:
-        cursor.close()
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if is_writing else "BEGIN")
 
 
 def insert_or_ignore(
@@ -229,3 +186,22 @@ def insert_or_ignore(
         return []
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     return list(connection.scalars(insert(table).on_conflict_do_nothing().returning(returning), rows))
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A moment; SQLite keeps no time zone, so it is UTC on the way in and out."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError(f"{value.isoformat()}: has no time zone")
+        return value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)

@@ -1,4 +1,4 @@
-"""Experimenters: who may see the administration and what they may do, and the links and cookies that know them."""
+"""Experimenters: accounts, roles, sign-in links, passwords and sessions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SESSION_LASTS = timedelta(hours=12)  # a working day, as OWASP ASVS 3.3.2 has it
 IDLE_LASTS = timedelta(hours=2)
 TOKEN_LASTS = timedelta(minutes=15)  # then the session goes on under a new one
 OLD_TOKEN_LASTS = timedelta(minutes=1)  # for requests that were under way
-SEEN_EVERY = timedelta(minutes=1)  # how exactly it is known when a session was last used
+SEEN_EVERY = timedelta(minutes=1)  # a session's last use is stored this exactly
 UNNAMED = "(set-up)"  # the owner-to-be, until the set-up link is used
 
 
@@ -35,13 +35,13 @@ class Experimenter:
     link_expires_at: datetime | None
 
     def may(self, role: Role) -> bool:
-        """Whether this person may do what takes that role."""
+        """Whether this person has at least that role."""
         return ROLES.index(self.role) >= ROLES.index(role)
 
 
 @dataclass(frozen=True)
 class OpenSession:
-    """Who is signed in, and what the session's forms carry; `renewed` is its new token, where it has just got one."""
+    """A signed-in experimenter and the session's form token; `renewed` is the new token of a session just renewed."""
 
     experimenter: Experimenter
     form_token: str
@@ -49,14 +49,14 @@ class OpenSession:
 
 
 def renew_link(database: Database, name: str, now: datetime, role: Role | None = None) -> str:
-    """The secret of a new sign-in link for an experimenter, who is added if need be.
+    """Make a new sign-in link for an experimenter, who is added if need be; returns its secret.
 
-    An older link ends. So does a password, which may be forgotten or known to others, and the sessions of who has one:
-    each of them could choose the next without knowing it.
+    An older link ends. So does a password, which may be forgotten or known to others, and with it all sessions: each of
+    them could choose the next password.
 
     Parameters
     ----------
-    role : None: the one they have, or owner
+    role : None: unchanged; owner for a new experimenter
 
     Raises
     ------
@@ -79,7 +79,7 @@ def renew_link(database: Database, name: str, now: datetime, role: Role | None =
 
 
 def set_up_link(database: Database, now: datetime) -> str | None:
-    """The secret of a new set-up link while nobody has been added; None once somebody has."""
+    """Make a new set-up link while there are no experimenters; returns its secret, or None."""
     with database.reading() as connection:
         if connection.scalar(select(exists().where(experimenter.c.name != UNNAMED))):
             return None
@@ -91,7 +91,7 @@ def is_set_up_link(connection: Connection, secret: str, now: datetime) -> bool:
 
 
 def finish_set_up(connection: Connection, secret: str, name: str, password_hash: str, now: datetime) -> int | None:
-    """Make the owner of who has the set-up link; their id, or None if nobody has such a link. It ends."""
+    """Make the holder of the set-up link an owner and end the link; returns their id, None if the link is not valid."""
     spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
     return connection.execute(
         update(experimenter)
@@ -102,12 +102,12 @@ def finish_set_up(connection: Connection, secret: str, name: str, password_hash:
 
 
 def experimenter_by_link(connection: Connection, secret: str, now: datetime) -> Experimenter | None:
-    """Who has this sign-in link; it holds until it expires, is renewed, or its owner has chosen a password."""
+    """Find the experimenter of a sign-in link; it is valid until it expires, is renewed, or a password is chosen."""
     return _one(connection, experimenter.c.name != UNNAMED, *_good_link(secret, now))
 
 
 def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
-    """The id and the password's hash of who may sign in under a name."""
+    """Id and password hash of the experimenter with a name; None if they may not sign in by password."""
     row = connection.execute(
         select(experimenter.c.id, experimenter.c.password_hash).where(
             experimenter.c.name == name, experimenter.c.password_hash.is_not(None), experimenter.c.disabled_at.is_(None)
@@ -117,7 +117,7 @@ def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
 
 
 def set_password(connection: Connection, experimenter_id: int, password_hash: str) -> None:
-    """Keep a new password; the sign-in link and all sessions end."""
+    """Store a new password; the sign-in link and all sessions end."""
     spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
     connection.execute(
         update(experimenter).where(experimenter.c.id == experimenter_id).values(password_hash=password_hash, **spent)
@@ -126,7 +126,7 @@ def set_password(connection: Connection, experimenter_id: int, password_hash: st
 
 
 def begin_experimenter_session(connection: Connection, experimenter_id: int, now: datetime) -> str:
-    """The token of a new session; sessions that are over are forgotten."""
+    """Begin a session and return its token; expired sessions are deleted."""
     token = new_secret()
     connection.execute(delete(experimenter_session).where(experimenter_session.c.expires_at <= now))
     connection.execute(
@@ -144,11 +144,11 @@ def begin_experimenter_session(connection: Connection, experimenter_id: int, now
 
 
 def open_session(database: Database, token: str, now: datetime, *, may_renew: bool = True) -> OpenSession | None:
-    """The session of a token, which is renewed when it has served its time; None if there is none."""
+    """Find the session of a token, and renew the token when it is old; None if there is no such session."""
     with database.reading() as connection:
         row = _session_row(connection, token, now)
-        found = _one(connection, experimenter.c.id == row.experimenter_id) if row else None
-    if row is None or found is None or found.is_disabled:
+        person = _one(connection, experimenter.c.id == row.experimenter_id) if row else None
+    if row is None or person is None or person.is_disabled:
         return None
     renewed = None
     if may_renew and row.token_hash == digest(token) and now - row.rotated_at > TOKEN_LASTS:
@@ -158,11 +158,11 @@ def open_session(database: Database, token: str, now: datetime, *, may_renew: bo
             connection.execute(
                 update(experimenter_session).where(experimenter_session.c.id == row.id).values(seen_at=now)
             )
-    return OpenSession(found, row.form_token, renewed)
+    return OpenSession(person, row.form_token, renewed)
 
 
 def is_session_open(connection: Connection, form_token: str, now: datetime) -> bool:
-    """Whether the session of a form token, which it keeps when its own token is renewed, has not ended; one look."""
+    """Whether a session has not ended; its form token stays the same when its token is renewed."""
     person = experimenter_session.join(experimenter)
     open_now = (experimenter_session.c.form_token == form_token, experimenter.c.disabled_at.is_(None), *_lasts(now))
     return bool(connection.scalar(select(exists().select_from(person).where(*open_now))))
@@ -193,7 +193,7 @@ def set_role(connection: Connection, name: str, role: Role) -> None:
 
 
 def disable(connection: Connection, name: str, now: datetime) -> None:
-    """Let somebody in no more; their sessions end. A new link lets them in again.
+    """Disable an account and end its sessions; a new link enables it again.
 
     Raises
     ------
@@ -218,8 +218,8 @@ def _forget_password(connection: Connection, name: str) -> None:
 
 
 def _end_sessions(connection: Connection, name: str) -> None:
-    own = select(experimenter.c.id).where(experimenter.c.name == name)
-    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(own)))
+    ids = select(experimenter.c.id).where(experimenter.c.name == name)
+    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(ids)))
 
 
 def _is_owner() -> ColumnElement[bool]:
@@ -227,9 +227,9 @@ def _is_owner() -> ColumnElement[bool]:
 
 
 def _lock_owners(connection: Connection) -> bool:
-    """Nobody's access as an owner ends before the transaction does: each of two would see the other still there.
+    """Lock the rows of all owners; returns whether there are any.
 
-    Whether there are any.
+    Otherwise two owners could remove each other at once, each seeing the other still there.
     """
     owners = select(experimenter.c.id).where(_is_owner()).order_by(experimenter.c.id)
     return bool(connection.execute(owners.with_for_update(key_share=True)).all())
@@ -263,7 +263,7 @@ def _has_token(token: str) -> ColumnElement[bool]:
 
 
 def _renew_token(database: Database, session_id: int, token_hash: str, now: datetime) -> str | None:
-    """The session's new token; None if another request has just renewed it."""
+    """Give a session a new token; None if another request has just done so."""
     token = new_secret()
     values = {"token_hash": digest(token), "previous_hash": token_hash, "rotated_at": now, "seen_at": now}
     with database.writing() as connection:

@@ -1,4 +1,4 @@
-"""Spoken interviews: what participants said, as an experimenter notes it."""
+"""Spoken interviews: participants' answers as an experimenter notes them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from app.store.tables import session, spoken_answer
 def keep_spoken(
     connection: Connection, participant_id: int, answers: Mapping[str, str], experimenter: str, now: datetime
 ) -> None:
-    """Keep what was said, by question; what has not changed keeps who wrote it and when.
+    """Store answers by question; an unchanged answer keeps its author and time.
 
     Parameters
     ----------
-    answers : text by question; an empty one is kept only over another, as what is left of it
+    answers : text by question; an empty text is stored only to replace another one
     """
-    own = spoken_answer.c.session_id
     session_id = connection.execute(select(session.c.id).where(session.c.participant_id == participant_id)).scalar_one()
     before = spoken_of(connection, participant_id)
     for question, text in answers.items():
@@ -27,7 +26,7 @@ def keep_spoken(
         if question not in before and text:
             connection.execute(insert(spoken_answer).values(session_id=session_id, question=question, **values))
         elif question in before and text != before[question]:
-            this = (own == session_id, spoken_answer.c.question == question)
+            this = (spoken_answer.c.session_id == session_id, spoken_answer.c.question == question)
             connection.execute(update(spoken_answer).where(*this).values(**values))
 
 

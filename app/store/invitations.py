@@ -14,7 +14,7 @@ from app.store.tables import invitation, participant, session
 
 @dataclass(frozen=True)
 class Invitation:
-    """A code that lets participants in; `places` is how many, None for as many as come, 0 for previews only."""
+    """A code that lets participants in; `places` is how many, None for any number, 0 for previews only."""
 
     id: int
     study_id: int
@@ -27,7 +27,7 @@ class Invitation:
         return not self.has_places(1)
 
     def has_places(self, n: int) -> bool:
-        """Whether so many more may begin."""
+        """Whether that many more participants may begin."""
         return self.places is None or self.n_used + n <= self.places
 
 
@@ -39,38 +39,38 @@ def insert_invitation(connection: Connection, study_id: int, places: int | None,
 
 
 def preview_invitation(connection: Connection, study_id: int, now: datetime) -> int:
-    """The invitation under which a study's previews stand; it has no places and lets nobody in.
+    """Id of the invitation that a study's previews belong to; it has no places and lets nobody in.
 
-    Whoever asks has locked the study, so that there is one.
+    The caller has locked the study, so that only one is made.
     """
-    if (found := connection.scalar(_of_previews(study_id).with_only_columns(invitation.c.id))) is not None:
-        return int(found)
+    if (known := connection.scalar(_of_previews(study_id).with_only_columns(invitation.c.id))) is not None:
+        return int(known)
     code = insert_invitation(connection, study_id, 0, now)
     return int(connection.execute(select(invitation.c.id).where(invitation.c.code == code)).scalar_one())
 
 
 def preview_code(connection: Connection, study_id: int) -> str:
-    """The code of the invitation under which a study's previews stand, which is there once one has begun."""
+    """Code of the invitation that a study's previews belong to; it exists once a preview has begun."""
     return str(connection.execute(_of_previews(study_id).with_only_columns(invitation.c.code)).scalar_one())
 
 
 def _of_previews(study_id: int) -> Select[Any]:
-    """The first one: databases from before studies were locked may have several."""
-    own = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
-    return select(invitation).where(own).order_by(invitation.c.id).limit(1)
+    """The first preview invitation; databases of older versions may hold several."""
+    is_preview = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
+    return select(invitation).where(is_preview).order_by(invitation.c.id).limit(1)
 
 
 def end_invitation(connection: Connection, study_id: int, code: str) -> bool:
-    """Let nobody else in by an invitation; whether the study has one of this code."""
-    found = connection.execute(
+    """Let nobody else in by an invitation; returns whether the study has one with this code."""
+    row = connection.execute(
         _invitations().where(invitation.c.study_id == study_id, invitation.c.code == code)
     ).one_or_none()
-    if found is None or found.places == 0:
+    if row is None or row.places == 0:
         return False
-    if found.n_used:
-        connection.execute(update(invitation).where(invitation.c.id == found.id).values(places=found.n_used))
+    if row.n_used:
+        connection.execute(update(invitation).where(invitation.c.id == row.id).values(places=row.n_used))
     else:
-        connection.execute(delete(invitation).where(invitation.c.id == found.id))
+        connection.execute(delete(invitation).where(invitation.c.id == row.id))
     return True
 
 
@@ -80,14 +80,14 @@ def invitation_by_code(connection: Connection, code: str) -> Invitation | None:
 
 
 def invitation_of_session(connection: Connection, token: str) -> str | None:
-    """The code of the invitation with which the session of a token was begun."""
-    found = select(invitation.c.code).select_from(session.join(participant).join(invitation))
-    return connection.scalar(found.where(session.c.token_hash == digest(token)))
+    """Code of the invitation that a token's session began with."""
+    query = select(invitation.c.code).select_from(session.join(participant).join(invitation))
+    return connection.scalar(query.where(session.c.token_hash == digest(token)))
 
 
 def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:
-    own = (invitation.c.study_id == study_id) & invitation.c.places.is_distinct_from(0)
-    rows = connection.execute(_invitations().where(own).order_by(invitation.c.id))
+    is_shown = (invitation.c.study_id == study_id) & invitation.c.places.is_distinct_from(0)
+    rows = connection.execute(_invitations().where(is_shown).order_by(invitation.c.id))
     return [Invitation(**row._mapping) for row in rows]
 
 

@@ -1,4 +1,4 @@
-"""Long work that an experimenter has asked for, as every worker of the server can tell of it."""
+"""Long work of experimenters and its progress, which every worker of the server can show."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.store.engine import Database, insert_or_ignore
 from app.store.keys import new_opaque_id
 from app.store.tables import job
 
-BEATS_WITHIN = timedelta(minutes=2)  # a job that is silent for longer died with its process
+BEATS_WITHIN = timedelta(minutes=2)  # a job without a sign of life for longer has died with its process
 LONGEST_DETAIL = 500
 STOPPED = "The server was stopped while it did this. Start it again: what was finished is taken up."
 
@@ -31,29 +31,29 @@ class Job:
     beat_at: datetime
 
     def is_lost(self, now: datetime) -> bool:
-        """Whether the process that did it is gone."""
+        """Whether the process that ran the job has died."""
         return self.state == "running" and now - self.beat_at > BEATS_WITHIN
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A job that runs; `is_new` unless it had been begun before."""
+    """A running job; `is_new` unless it was running already."""
 
     public_id: str
     is_new: bool
 
 
 def begin_job(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
-    """Begin a job; who asks again for the same while it runs gets the one that runs.
+    """Begin a job, or return the actor's running job of the same subject.
 
     Parameters
     ----------
-    subject : what it makes, which no two jobs make at once; None: nothing of the kind
+    subject : what it makes; two jobs never make the same at once. None: nothing that another job could make
 
     Raises
     ------
     ConflictError
-        If a job of somebody else makes it now.
+        If somebody else's job makes it now.
     """
     public_id = new_opaque_id()
     values = {"public_id": public_id, "actor": actor, "title": title, "subject": subject, "state": "running"}
@@ -72,7 +72,7 @@ def begin_job(database: Database, actor: str, title: str, now: datetime, subject
 
 
 def beat(database: Database, public_id: str, now: datetime) -> None:
-    """Tell that a job lives although it has nothing new to tell."""
+    """Store a sign of life of a job."""
     _change(database, public_id, beat_at=now)
 
 

@@ -1,4 +1,4 @@
-"""Secrets that are given out once and kept only as digests."""
+"""Make secrets; the database stores only their digests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hmac
 import secrets
 from datetime import UTC, datetime
 
-CODE_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # without what is misread: 0 o, 1 l i
+CODE_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # without characters that are misread: 0 o, 1 l i
 CODE_LENGTH = 12  # 59 bits
 
 
@@ -17,7 +17,7 @@ def new_secret() -> str:
 
 
 def new_opaque_id() -> str:
-    """A name for something that says nothing about it."""
+    """A random name, which says nothing about what it names."""
     return secrets.token_urlsafe(12)
 
 
@@ -27,12 +27,12 @@ def new_code() -> str:
 
 
 def token_of_key(key: str) -> str:
-    """The session's token that follows from a key that the client made; as secret as the key is."""
+    """Derive a session's token from the client's random key; as secret as the key."""
     return hashlib.sha256(f"session {key}".encode()).hexdigest()
 
 
 def resume_code(token: str) -> str:
-    """The code to go on elsewhere; it follows from the session's token, which only its participant has."""
+    """Derive the code to resume a session in another browser from its token, which only the participant has."""
     number = int.from_bytes(hashlib.sha256(f"resume {token}".encode()).digest())
     return "".join(
         CODE_ALPHABET[number // len(CODE_ALPHABET) ** place % len(CODE_ALPHABET)] for place in range(CODE_LENGTH)
@@ -40,16 +40,16 @@ def resume_code(token: str) -> str:
 
 
 def resumed_token(code: str, key: str) -> str:
-    """The token of a session that goes on: it follows from the code and from a key of the browser that used it.
+    """Derive the token of a resumed session from the code and the browser's random key.
 
-    Whoever lacks one of the two cannot tell it, so that only this browser gets the same answer again; as secret as the
-    key, which is random, and never the same for two codes.
+    It takes both to derive it again, so only this browser gets the same answer twice. It is as secret as the key, and
+    differs between codes.
     """
     return hmac.new(key.encode(), f"go on {code}".encode(), hashlib.sha256).hexdigest()
 
 
 def digest(secret: str) -> str:
-    """What is kept of a secret; it is random and long, so a plain digest is enough."""
+    """SHA-256 of a secret, to store; plain, because secrets are random and long."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 

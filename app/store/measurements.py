@@ -13,17 +13,17 @@ from app.store.tables import condition, dataset, measurement
 
 
 def replace_measurements(connection: Connection, study_id: int, measures: Sequence[Measure], now: datetime) -> None:
-    """Store measures of what the study compares, in place of earlier values of the same."""
+    """Store measures, and drop earlier values of the same dataset, approach and measure."""
     datasets, conditions = (ids_by_name(connection, table, study_id) for table in (dataset, condition))
-    for one in measures:
+    for measure in measures:
         place = {
-            "dataset_id": datasets[one.dataset],
-            "condition_id": conditions[one.approach],
-            "measure": one.measure,
+            "dataset_id": datasets[measure.dataset],
+            "condition_id": conditions[measure.approach],
+            "measure": measure.measure,
         }
         same = [measurement.c[name] == value for name, value in place.items()]
         connection.execute(delete(measurement).where(*same))
-        facts = {"value": one.value, "direction": one.direction, "unit": one.unit, "attached_at": now}
+        facts = {"value": measure.value, "direction": measure.direction, "unit": measure.unit, "attached_at": now}
         connection.execute(insert(measurement).values(**place, **facts))
 
 
@@ -47,6 +47,6 @@ def measurement_records(connection: Connection, study_id: int) -> list[dict[str,
 
 
 def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
-    """The ids of a study's datasets or conditions."""
+    """Ids of a study's datasets or conditions, by name."""
     rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
     return {row.name: row.id for row in rows}

@@ -1,4 +1,4 @@
-"""Migrations: forward only, run by `db upgrade` and when the embedded database is opened."""
+"""Migrate the database, forward only: by `db upgrade`, and SQLite whenever it is opened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.store.engine import Database
 
 
 def upgrade(database: Database) -> str:
-    """Bring a database to the newest version, which is returned. One that is there already is left alone."""
+    """Migrate a database to the newest version, if it is older, and return that version."""
     if version_of(database) != newest_version():
         with database.writing() as connection:
             upgrade_within(connection, newest_version())
@@ -22,7 +22,7 @@ def upgrade(database: Database) -> str:
 
 
 def upgrade_within(connection: Connection, version: str) -> None:
-    """Bring a database to a version within a transaction that is open."""
+    """Migrate a database to a version, within an open transaction."""
     config = _config()
     config.attributes["connection"] = connection
     command.upgrade(config, version)
@@ -40,7 +40,7 @@ def version_of(database: Database) -> str | None:
 
 
 def why_not_ready(database: Database) -> str | None:
-    """What keeps the database from being used; None if nothing does."""
+    """Say why the database cannot be used; None if it can."""
     try:
         version = version_of(database)
     except UnavailableError:

@@ -1,4 +1,4 @@
-"""What a study is doing right now."""
+"""Live figures of a running study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders of trials: who holds which slot, which are given out again, and what the balance report looks at."""
+"""Orders of trials: which slot each participant holds, and which slots are given out again."""
 
 from __future__ import annotations
 
@@ -16,47 +16,48 @@ from app.study.options import parse_options
 from app.study.stages import FINISHED, INTERVIEW, WITHDRAWN
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
-ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has its vote
+ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has a vote
 
 
-def take_order_slot(connection: Connection, of: Study, now: datetime) -> int:
-    """The slot for who comes now: the first that was given up, whose holder then has it no more, or the next new one.
+def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
+    """Take the slot for a new participant: the first abandoned one, which its holder loses, or else the next new one.
 
-    Given up are the slots of who has withdrawn or was excluded, and of who has not voted on all trials and has not been
-    heard of for as many hours as the study says. The caller holds the study's row, so that nobody else takes a slot.
+    Abandoned are the slots of participants who have withdrawn, are excluded, or have votes missing and sent nothing for
+    as many hours as the study's options say. The caller has locked the study's row, so nobody else takes a slot.
     """
     given_up = connection.execute(
         select(participant.c.id, participant.c.order_slot)
         .select_from(participant.join(session))
-        .where(participant.c.study_id == of.id, participant.c.released_at.is_(None), _is_given_up(of, now))
+        .where(participant.c.study_id == study.id, participant.c.released_at.is_(None), _is_given_up(study, now))
         .order_by(participant.c.order_slot)
         .limit(1)
     ).one_or_none()
     if given_up is not None:
         connection.execute(update(participant).where(participant.c.id == given_up.id).values(released_at=now))
         return int(given_up.order_slot)
-    highest = select(func.coalesce(func.max(participant.c.order_slot), -1)).where(participant.c.study_id == of.id)
+    highest = select(func.coalesce(func.max(participant.c.order_slot), -1)).where(participant.c.study_id == study.id)
     return int(connection.execute(highest).scalar_one()) + 1
 
 
-def study_plan(connection: Connection, of: Study) -> StudyPlan:
-    """What a study's orders follow from."""
-    pairs = planned_pairs(connection, of.id)
-    options = parse_options(of.options)
-    names = stimulus_names(connection, of.id)
-    return StudyPlan(pairs, of.seed, options.repetition, names, is_adaptive=options.adaptive_pairs > 0)
+def study_plan(connection: Connection, study: Study) -> StudyPlan:
+    """The facts of a study that its orders are computed from."""
+    pairs = planned_pairs(connection, study.id)
+    options = parse_options(study.options)
+    names = stimulus_names(connection, study.id)
+    return StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=options.adaptive_pairs > 0)
 
 
-def pairs_to_show(connection: Connection, of: Study, slot: int) -> list[PlannedPair]:
-    """The pairs of who takes this slot now: all of the study, or those that the votes so far ask for."""
-    pairs = planned_pairs(connection, of.id)
-    n_pairs = parse_options(of.options).adaptive_pairs
-    return adaptive_pairs(pairs, _pair_votes(connection, of.id), n_pairs, of.seed, slot) if n_pairs else pairs
+def pairs_to_show(connection: Connection, study: Study, slot: int) -> list[PlannedPair]:
+    """The pairs for a new participant: all of the study, or those chosen adaptively by the votes so far."""
+    pairs = planned_pairs(connection, study.id)
+    n_pairs = parse_options(study.options).adaptive_pairs
+    return adaptive_pairs(pairs, _pair_votes(connection, study.id), n_pairs, study.seed, slot) if n_pairs else pairs
 
 
 def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, int, int]]:
-    """Votes for the top, for the bottom and for neither of each pair that has any; no checks, nobody who
-    withdrew or is excluded.
+    """Count each pair's votes for the top, for the bottom and for neither.
+
+    Check trials do not count, nor do participants who withdrew or are excluded.
     """
     rows = connection.execute(
         select(assignment.c.pair_id, assignment.c.a_half, vote.c.choice, func.count())
@@ -71,20 +72,20 @@ def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, i
         )
         .group_by(assignment.c.pair_id, assignment.c.a_half, vote.c.choice)
     )
-    found: dict[int, tuple[int, int, int]] = {}
+    counts: dict[int, tuple[int, int, int]] = {}
     for pair_id, a_half, choice, n in rows:
-        top, bottom, neither = found.get(pair_id, (0, 0, 0))
+        top, bottom, neither = counts.get(pair_id, (0, 0, 0))
         if choice == "none":
             neither += n
         elif (choice == "a") == (a_half == "top"):
             top += n
         else:
             bottom += n
-        found[pair_id] = top, bottom, neither
-    return found
+        counts[pair_id] = top, bottom, neither
+    return counts
 
 
-def taken_orders(connection: Connection, of: Study, now: datetime) -> list[TakenOrder]:
+def taken_orders(connection: Connection, study: Study, now: datetime) -> list[TakenOrder]:
     """The stored order of everybody who has begun, by slot."""
     trials: dict[int, list[PlannedTrial]] = {}
     for row in connection.execute(
@@ -96,7 +97,7 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
             assignment.c.role,
         )
         .join(participant)
-        .where(takes_part_in(of.id))
+        .where(takes_part_in(study.id))
         .order_by(assignment.c.participant_id, assignment.c.position)
     ):
         planned = PlannedTrial(row.pair_id, row.a_half, row.first_shown, row.role)
@@ -105,13 +106,13 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
         (is_excluded(), "excluded"),
         (session.c.stage.in_(ALL_VOTED), "finished"),
         (session.c.stage == WITHDRAWN, "withdrawn"),
-        (_is_given_up(of, now), "abandoned"),
+        (_is_given_up(study, now), "abandoned"),
         else_="under way",
     )
     people = connection.execute(
         select(participant.c.id, participant.c.label, participant.c.order_slot, participant.c.released_at, state)
         .select_from(participant.join(session))
-        .where(takes_part_in(of.id))
+        .where(takes_part_in(study.id))
         .order_by(participant.c.order_slot, participant.c.id)
     )
     return [
@@ -120,8 +121,8 @@ def taken_orders(connection: Connection, of: Study, now: datetime) -> list[Taken
     ]
 
 
-def _is_given_up(of: Study, now: datetime) -> ColumnElement[bool]:
-    long_ago = now - timedelta(hours=parse_options(of.options).abandoned_after_h)
+def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
+    long_ago = now - timedelta(hours=parse_options(study.options).abandoned_after_h)
     heard_of = (
         exists().where(vote.c.session_id == session.c.id, vote.c.received_at >= long_ago),
         exists().where(stage_record.c.session_id == session.c.id, stage_record.c.completed_at >= long_ago),

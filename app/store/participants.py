@@ -1,4 +1,4 @@
-"""Participants as an experimenter sees them: how far they are, who was excluded and why, who was erased."""
+"""Participants for experimenters: progress, exclusions, withdrawals, erasures."""
 
 from __future__ import annotations
 
@@ -18,12 +18,17 @@ from app.store.tables import exclusion, participant, session, spoken_answer, sta
 from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, WITHDRAWN
 
 ERASED = "erased"
-KEPT_AT_ERASURE = ("assignment", "exclusion", "session", "trial")  # who was shown what says nothing about them
+KEPT_AT_ERASURE = (
+    "assignment",
+    "exclusion",
+    "session",
+    "trial",
+)  # these rows say what was shown, nothing about the person
 
 
 @dataclass(frozen=True)
 class Person:
-    """A participant, by the study's own label."""
+    """A participant with the label that the study gave them."""
 
     id: int
     label: str
@@ -55,7 +60,7 @@ class SoughtPeople:
 
     Parameters
     ----------
-    label : a part of it; empty: any
+    label : part of a label; empty: any
     standing : one of STANDINGS; anything else: any
     """
 
@@ -83,20 +88,20 @@ def participant_records(
     limit: int | None = None,
     offset: int = 0,
 ) -> list[dict[str, Any]]:
-    """Those who have begun, in order of arrival."""
+    """Everybody who has begun, in order of arrival."""
     ordered = _records(study_id, sought).order_by(participant.c.slot).limit(limit).offset(offset)
     return [_described(row) for row in connection.execute(ordered)]
 
 
 def participant_record(connection: Connection, person: Person) -> dict[str, Any]:
-    """One of those who have begun, as `participant_records` has them."""
+    """A participant as in `participant_records`."""
     return _described(connection.execute(_records(person.study_id).where(participant.c.id == person.id)).one())
 
 
 def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """How many votes everybody has given, and whether they count: what of `participant_records` is found at once.
+    """Vote counts and exclusions: the cheap columns of `participant_records`.
 
-    And when the vote on their last trial came: as many votes of a restored backup are others.
+    With the time of the vote on the last trial, which tells the votes of a restored backup from as many others.
     """
     last_voted_at = select(vote.c.received_at).where(_GIVEN_IN_SESSION).order_by(vote.c.trial_id.desc()).limit(1)
     query = _records(study_id).with_only_columns(
@@ -154,7 +159,7 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
 
 
 def exclusion_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
-    """All exclusions of a participant, those that were undone too, the newest first."""
+    """All exclusions of a participant, including undone ones, the newest first."""
     rows = select(exclusion).where(exclusion.c.participant_id == participant_id).order_by(exclusion.c.id.desc())
     return [dict(row._mapping) for row in connection.execute(rows)]
 
@@ -186,7 +191,7 @@ def undo_exclusion(connection: Connection, person: Person, by: str, now: datetim
 
 
 def withdraw_participant(connection: Connection, person: Person, now: datetime) -> None:
-    """End a participant's session because they have asked to; what they gave stays apart and counts no more."""
+    """Withdraw a participant at their request; their data stay stored but no longer count."""
     connection.execute(
         update(session)
         .where(session.c.participant_id == person.id, session.c.withdrawn_at.is_(None))
@@ -195,7 +200,7 @@ def withdraw_participant(connection: Connection, person: Person, now: datetime) 
 
 
 def erase(connection: Connection, person: Person, now: datetime) -> None:
-    """Delete what a participant gave, for good: votes, answers, screening. Label and slot stay, so that orders balance.
+    """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
 
     Raises
     ------
@@ -215,14 +220,14 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
 
 
 def forget_preview_votes(connection: Connection, study_id: int) -> None:
-    """Delete what previews of a study left behind."""
-    own = select(session.c.id).select_from(session.join(participant))
-    previews = own.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
+    """Delete the votes and answers of a study's previews."""
+    sessions = select(session.c.id).select_from(session.join(participant))
+    previews = sessions.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
     _delete_given(connection, None, list(connection.scalars(previews)))
 
 
 def _delete_given(connection: Connection, participant_id: int | None, sessions: Sequence[int]) -> None:
-    """Delete the rows that hang on sessions, or on a participant, in whatever table; those at the leaves first."""
+    """Delete the rows of sessions or of a participant from all tables, referring rows first."""
     for table in reversed(metadata.sorted_tables):
         if table.name not in KEPT_AT_ERASURE:
             _delete_rows(connection, table, participant_id, sessions)
@@ -236,7 +241,7 @@ def _delete_rows(connection: Connection, table: Table, participant_id: int | Non
 
 
 def stage_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
-    """What a participant gave with each stage, in order."""
+    """The data that a participant sent with each stage, in order."""
     rows = connection.execute(
         select(stage_record.c.stage, stage_record.c.data, stage_record.c.completed_at)
         .join(session)
@@ -247,31 +252,31 @@ def stage_records(connection: Connection, participant_id: int) -> list[dict[str,
 
 
 def everything_of(connection: Connection, person: Person) -> dict[str, list[dict[str, Any]]]:
-    """Every row that hangs on a participant, by table; without what lets somebody in."""
+    """Every row of a participant, by table, without secrets."""
     sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
-    found: dict[str, list[dict[str, Any]]] = {}
+    records: dict[str, list[dict[str, Any]]] = {}
     for table in metadata.sorted_tables:
         columns = [column for column in table.c if not column.name.endswith("_hash")]
         if table.name in ("participant", "session"):
-            own = table.c.id == person.id if table is participant else table.c.participant_id == person.id
+            belongs = table.c.id == person.id if table is participant else table.c.participant_id == person.id
         elif "session_id" in table.c:
-            own = table.c.session_id.in_(sessions)
+            belongs = table.c.session_id.in_(sessions)
         elif "participant_id" in table.c:
-            own = table.c.participant_id == person.id
+            belongs = table.c.participant_id == person.id
         else:
             continue
-        rows = connection.execute(select(*columns).where(own))
-        found[table.name] = [dict(row._mapping) for row in rows]
-    return found
+        rows = connection.execute(select(*columns).where(belongs))
+        records[table.name] = [dict(row._mapping) for row in rows]
+    return records
 
 
 def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """A row for each participant and question: first what was written, then what was said to an experimenter."""
-    own = takes_part_in(study_id)
+    """A row for each participant and question: written answers first, then spoken ones."""
+    takes_part = takes_part_in(study_id)
     written = connection.execute(
         select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
         .select_from(stage_record.join(session).join(participant))
-        .where(own, stage_record.c.stage == INTERVIEW)
+        .where(takes_part, stage_record.c.stage == INTERVIEW)
         .order_by(participant.c.slot)
     )
     rows: list[dict[str, Any]] = [
@@ -288,7 +293,7 @@ def questionnaire_records(connection: Connection, study_id: int) -> list[dict[st
             spoken_answer.c.experimenter,
         )
         .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
-        .where(own)
+        .where(takes_part)
         .order_by(participant.c.slot, spoken_answer.c.id)
     )
     return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

@@ -1,31 +1,10 @@
-"""What every table is made of: the names of its keys and checks, and the kinds of its columns."""
+"""Naming of keys and checks, and the kinds of columns, for all tables."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Column, DateTime, Dialect, ForeignKey, Integer, MetaData, String, TypeDecorator
-
-
-class UtcDateTime(TypeDecorator[datetime]):
-    """A moment; SQLite keeps no time zone, so it is UTC on the way in and out."""
-
-    impl = DateTime(timezone=True)
-    cache_ok = True
-
-    def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
-        if value is None:
-            return None
-        if value.tzinfo is None:
-            raise ValueError(f"{value.isoformat()}: has no time zone")
-        return value.astimezone(UTC)
-
-    def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
-        if value is None:
-            return None
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
-
+from sqlalchemy import Column, ForeignKey, Integer, MetaData, String
 
 NAMES = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -38,12 +17,12 @@ metadata = MetaData(naming_convention=NAMES)
 
 
 def key() -> Column[int]:
-    """The number of a row."""
+    """A primary key that counts rows."""
     return Column("id", Integer, primary_key=True)
 
 
 def reference(target: str, *, index: bool = True) -> Column[int]:
-    """The row of another table to which this one belongs."""
+    """A foreign key to another table's row."""
     return Column(f"{target}_id", ForeignKey(f"{target}.id"), nullable=False, index=index)
 
 
@@ -53,5 +32,5 @@ def required(name: str, kind: Any, **options: Any) -> Column[Any]:
 
 
 def digest(name: str, **options: Any) -> Column[str]:
-    """A SHA-256, hexadecimal."""
+    """A column for a SHA-256, hexadecimal."""
     return required(name, String(64), **options)

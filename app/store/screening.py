@@ -1,6 +1,6 @@
-"""Screening: the display as it was measured, tests as they run, and what came of them.
+"""Screening: the measured display, the tests and their results.
 
-A test's rows are all that is known of it: any process can go on with it.
+A test's whole state is in its rows, so any process can continue it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from app.study.screening import (
 
 @dataclass(frozen=True)
 class Display:
-    """A display and how far away it is looked at."""
+    """A display and its viewing distance."""
 
     pixel_mm: float
     height_px: int
@@ -52,7 +52,7 @@ class ServedItem:
 
 @dataclass(frozen=True)
 class TestState:
-    """How far a test is; once that of acuity has begun, its display cannot change any more."""
+    """How far a test is; once the acuity test has begun, its display cannot change any more."""
 
     test: TestName
     has_begun: bool
@@ -61,7 +61,7 @@ class TestState:
 
 
 def display_of(connection: Connection, session_id: int) -> Display | None:
-    """The display of a session as it was measured; None before."""
+    """The measured display of a session; None before it is measured."""
     columns = [screening_display.c[name] for name in Display.__dataclass_fields__]
     row = connection.execute(select(*columns).where(screening_display.c.session_id == session_id)).one_or_none()
     return Display(**row._mapping) if row else None
@@ -70,7 +70,7 @@ def display_of(connection: Connection, session_id: int) -> Display | None:
 def keep_display(
     database: Database, session_id: int, pixel_mm: float, height_px: int, measured: Mapping[str, Any], now: datetime
 ) -> None:
-    """Keep the size of a display's pixels; a second measurement replaces the first, and its distance with it.
+    """Store the size of a display's pixels; a new measurement replaces the old one and its distance.
 
     Raises
     ------
@@ -92,22 +92,24 @@ def keep_display(
 def keep_distance(
     database: Database, session_id: int, distance_mm: float, source: str, measured: Mapping[str, Any]
 ) -> None:
-    """Keep the distance of the eyes; a later one replaces it.
+    """Store the viewing distance; a later one replaces it.
 
     Raises
     ------
     ConflictError
         If the display has not been measured, or the acuity test has begun.
     """
-    own = screening_display.c.session_id == session_id
+    of_session = screening_display.c.session_id == session_id
     with database.writing() as connection:
         _refuse_after_begin(connection, session_id)
-        before = connection.scalar(select(screening_display.c.measured).where(own))
+        before = connection.scalar(select(screening_display.c.measured).where(of_session))
         if before is None:
             raise ConflictError("The display has not been measured yet.")
         values = {"distance_mm": distance_mm, "distance_source": source}
         connection.execute(
-            update(screening_display).where(own).values(**values, measured={**before, "distance": dict(measured)})
+            update(screening_display)
+            .where(of_session)
+            .values(**values, measured={**before, "distance": dict(measured)})
         )
 
 
@@ -120,7 +122,7 @@ def states_of(connection: Connection, session_id: int, options: ScreeningOptions
 def item_to_show(
     database: Database, session_id: int, test: TestName, options: ScreeningOptions, now: datetime
 ) -> ServedItem | None:
-    """The ring or plate that waits for its answer; the test begins with the first. None: it is over.
+    """The ring or plate to answer now; the first one begins the test. None: the test is over.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def item_to_show(
 def answer_item(
     database: Database, session_id: int, test: TestName, number: int, answer: int, response_ms: float, now: datetime
 ) -> ServedItem | None:
-    """Keep an answer and return what comes next; the same answer may come again.
+    """Store an answer and return the next item; the same answer may be sent again.
 
     Raises
     ------
@@ -146,13 +148,13 @@ def answer_item(
     """
     with database.writing() as connection:
         row = _test(connection, session_id, test)
-        own = _item_number(connection, row.id, number) if row else None
-        if row is None or own is None:
+        item = _item_number(connection, row.id, number) if row else None
+        if row is None or item is None:
             raise NotFoundError("This test has no such picture.")
-        if own.answered_at is None and row.finished_at is None:
+        if item.answered_at is None and row.finished_at is None:
             given = {"answer": answer, "answered_at": now, "response_ms": response_ms}
-            connection.execute(update(screening_item).where(screening_item.c.id == own.id).values(**given))
-        elif own.answer != answer:
+            connection.execute(update(screening_item).where(screening_item.c.id == item.id).values(**given))
+        elif item.answer != answer:
             raise ConflictError("This picture has an answer already, and it is another one.")
         return _advance(connection, row, now)
 
@@ -166,27 +168,27 @@ def item_of(connection: Connection, session_id: int, test: TestName, number: int
         If there is none.
     """
     row = _test(connection, session_id, test)
-    own = _item_number(connection, row.id, number) if row else None
-    if row is None or own is None:
+    item = _item_number(connection, row.id, number) if row else None
+    if row is None or item is None:
         raise NotFoundError("This test has no such picture.")
-    return ServedItem(number, n_items(test, row.setup), row.setup, own.content)
+    return ServedItem(number, n_items(test, row.setup), row.setup, item.content)
 
 
 def end_test(database: Database, session_id: int, test: TestName, reason: str, now: datetime) -> None:
-    """End a test that a participant does not want to take, or cannot; one that is over stays as it is."""
+    """End a test that a participant skips; a finished test stays as it is."""
     with database.writing() as connection:
         _end(connection, session_id, test, reason, now)
 
 
 def close_screening(connection: Connection, session_id: int, options: ScreeningOptions, now: datetime) -> list[str]:
-    """End every test of a study that is not over, and return all verdicts."""
+    """End a session's unfinished tests and return all verdicts."""
     for test in options.tests:
         _end(connection, session_id, test, "the stage ended before", now)
     return [row.verdict for row in _tests(connection, session_id)]
 
 
 def screening_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """A row for each participant and test of a study, those that run too."""
+    """A row for each participant and test of a study, including unfinished tests."""
     rows = connection.execute(
         select(
             participant.c.label.label("participant"),
@@ -209,7 +211,7 @@ def screening_records(connection: Connection, study_id: int) -> Iterator[dict[st
             **{key: (row.result or {}).get(key) for key in ("logmar", "low", "high")},
             "limit": row.setup.get("limit"),
             "smallest": row.setup.get("smallest"),
-            "n_answered": sum(one.answer is not None for one in _items(connection, row.id)),
+            "n_answered": sum(item.answer is not None for item in _items(connection, row.id)),
             "details": row.result,
         }
 
@@ -235,7 +237,7 @@ def _begin(
 
 
 def _advance(connection: Connection, row: Row[Any], now: datetime) -> ServedItem | None:
-    """The item that waits, made now if all before it are answered; a test without one is judged."""
+    """The item to answer now, drawn if all earlier ones have answers; a test without one gets its verdict."""
     if row.finished_at is not None:
         return None
     items = _items(connection, row.id)
@@ -247,8 +249,8 @@ def _advance(connection: Connection, row: Row[Any], now: datetime) -> ServedItem
         verdict, result = verdict_of(row.test, row.setup, items)
         _finish(connection, row.id, verdict, result, now)
         return None
-    own = {"session_id": row.session_id, "screening_test_id": row.id, "number": len(items) + 1}
-    connection.execute(insert(screening_item).values(**own, content=content, served_at=now))
+    place = {"session_id": row.session_id, "screening_test_id": row.id, "number": len(items) + 1}
+    connection.execute(insert(screening_item).values(**place, content=content, served_at=now))
     return ServedItem(len(items) + 1, total, row.setup, content)
 
 
@@ -269,7 +271,7 @@ def _finish(connection: Connection, test_id: int, verdict: str, result: Mapping[
 def _state(connection: Connection, test: TestName, row: Row[Any] | None) -> TestState:
     if row is None:
         return TestState(test, has_begun=False, is_over=False, n_answered=0)
-    n_answered = sum(one.answer is not None for one in _items(connection, row.id))
+    n_answered = sum(item.answer is not None for item in _items(connection, row.id))
     return TestState(test, has_begun=True, is_over=row.finished_at is not None, n_answered=n_answered)
 
 
@@ -278,8 +280,8 @@ def _tests(connection: Connection, session_id: int) -> Sequence[Row[Any]]:
 
 
 def _test(connection: Connection, session_id: int, test: TestName) -> Row[Any] | None:
-    own = (screening_test.c.session_id == session_id, screening_test.c.test == test)
-    return connection.execute(select(screening_test).where(*own).with_for_update()).one_or_none()
+    this_test = (screening_test.c.session_id == session_id, screening_test.c.test == test)
+    return connection.execute(select(screening_test).where(*this_test).with_for_update()).one_or_none()
 
 
 def _items(connection: Connection, test_id: int) -> list[Item]:
@@ -290,5 +292,5 @@ def _items(connection: Connection, test_id: int) -> list[Item]:
 
 
 def _item_number(connection: Connection, test_id: int, number: int) -> Row[Any] | None:
-    own = (screening_item.c.screening_test_id == test_id, screening_item.c.number == number)
-    return connection.execute(select(screening_item).where(*own)).one_or_none()
+    this_item = (screening_item.c.screening_test_id == test_id, screening_item.c.number == number)
+    return connection.execute(select(screening_item).where(*this_item)).one_or_none()

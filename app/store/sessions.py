@@ -59,7 +59,7 @@ class Session:
 
 @dataclass(frozen=True)
 class Admitted:
-    """A session that was opened; `is_new` unless the same request had come before."""
+    """An opened session; `is_new` unless the same request had come before."""
 
     token: str
     is_new: bool
@@ -67,20 +67,20 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Done:
-    """Trials voted on, of all."""
+    """How many of a session's trials have votes."""
 
     n_done: int
     n_total: int
 
 
 def begin_session(database: Database, invitation: Invitation, now: datetime) -> str:
-    """Let a new participant in: the next slot, the order of trials that belongs to it, a session.
+    """Let a new participant in: take a slot with its order of trials, and begin a session.
 
-    All in one transaction: two who begin at once never get the same slot.
+    It is one transaction, so two who begin at once never get the same slot.
 
     Returns
     -------
-    The session's token, which is not kept.
+    The session's token, of which only a digest is stored.
 
     Raises
     ------
@@ -96,22 +96,22 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
 
 
 def begin_session_once(database: Database, invitation: Invitation, key: str, now: datetime) -> Admitted:
-    """Let a new participant in, once for a key: who asks again because the answer was lost gets the same session.
+    """Let a new participant in once for a key: a request that is sent again gets the same session.
 
     Parameters
     ----------
-    key : random, made by the client; the session's token follows from it, so that the same answer can be given again
+    key : random, made by the client; the session's token is derived from it, so that the answer can be repeated
 
     Raises
     ------
     ConflictError
-        If the key belongs to a session of another invitation, or of one that goes on in another browser.
+        If the key belongs to a session of another invitation, or to one that was resumed in another browser.
     GoneError, ClosedError
         As `begin_session`.
     """
     token = token_of_key(key)
     with database.writing() as connection:
-        study_now = lock_study(connection, invitation.study_id)  # first: the same request may be under way
+        study_now = lock_study(connection, invitation.study_id)  # first, because the same request may be running
         known = connection.execute(
             select(session.c.token_hash, participant.c.invitation_id)
             .select_from(session.join(participant))
@@ -137,8 +137,8 @@ def _admit(
     _insert_session(connection, study_now, invitation.id, token, key, now)
 
 
-def begin_preview(database: Database, of: Study, now: datetime) -> str:
-    """Let an experimenter walk through a study: a session that counts nowhere. Earlier previews are forgotten.
+def begin_preview(database: Database, this_study: Study, now: datetime) -> str:
+    """Begin a preview, in which an experimenter walks through a study; it counts nowhere and replaces earlier ones.
 
     Returns
     -------
@@ -146,9 +146,17 @@ def begin_preview(database: Database, of: Study, now: datetime) -> str:
     """
     token = new_secret()
     with database.writing() as connection:
-        lock_study(connection, of.id)
-        forget_preview_votes(connection, of.id)
-        _insert_session(connection, of, preview_invitation(connection, of.id, now), token, None, now, is_preview=True)
+        lock_study(connection, this_study.id)
+        forget_preview_votes(connection, this_study.id)
+        _insert_session(
+            connection,
+            this_study,
+            preview_invitation(connection, this_study.id, now),
+            token,
+            None,
+            now,
+            is_preview=True,
+        )
     return token
 
 
@@ -161,8 +169,8 @@ def resume_session(database: Database, code: str, key: str | None = None) -> str
 
     Parameters
     ----------
-    key : random, of who asks: with it the same code may be sent again, because an answer was lost, for as long as the
-        session has not gone on from there; None: the code leads on once
+    key : random, made by the browser: with it the same code may be sent again until the new code is used; None: the
+        code works once
     """
     token = resumed_token(code, key) if key else new_secret()
     with database.writing() as connection:
@@ -174,16 +182,16 @@ def resume_session(database: Database, code: str, key: str | None = None) -> str
 
 
 def new_resume_code(connection: Connection, participant_id: int) -> str:
-    """A code to go on for who has lost theirs; the session's older token and code end.
+    """Make a new resume code for a participant who lost theirs; the session's older token and code end.
 
     Raises
     ------
     ConflictError
         If the session has ended.
     """
-    token = new_secret()  # which nobody gets: only what follows from it leads on
-    own = (session.c.participant_id == participant_id, session.c.stage.not_in(ENDS))
-    if not connection.execute(update(session).where(*own).values(**_digests(token))).rowcount:
+    token = new_secret()  # nobody gets it; it is made for the code derived from it
+    is_open = (session.c.participant_id == participant_id, session.c.stage.not_in(ENDS))
+    if not connection.execute(update(session).where(*is_open).values(**_digests(token))).rowcount:
         raise ConflictError("This session has ended: there is nothing to go on with.")
     return resume_code(token)
 
@@ -196,54 +204,54 @@ def done_of(connection: Connection, session_id: int) -> Done:
 
 
 def last_answer_at(connection: Connection, session_id: int) -> datetime | None:
-    """When the last vote came; None before the first."""
+    """Time of a session's last vote; None before the first."""
     return connection.scalar(
         select(vote.c.received_at).where(vote.c.session_id == session_id).order_by(vote.c.received_at.desc()).limit(1)
     )
 
 
-def complete_stage(database: Database, of: Session, stage: str, data: Mapping[str, Any], now: datetime) -> str:
-    """Complete a stage by hand and return the stage the session is in; what comes with it is kept from the first time.
+def complete_stage(database: Database, before: Session, stage: str, data: Mapping[str, Any], now: datetime) -> str:
+    """Complete a stage with its data and return the stage the session is in; done again, it keeps the first data.
 
     Raises
     ------
     IllegalMoveError
         If the stage cannot be completed now.
     """
-    way = of.options.way
+    way = before.options.way
     with database.writing() as connection:
         current = connection.execute(
-            select(session.c.stage).where(session.c.id == of.id).with_for_update()
+            select(session.c.stage).where(session.c.id == before.id).with_for_update()
         ).scalar_one()
         after = after_completing(stage, current, way)
         if after != current:
-            record = {"session_id": of.id, "stage": stage, "data": dict(data), "completed_at": now}
+            record = {"session_id": before.id, "stage": stage, "data": dict(data), "completed_at": now}
             connection.execute(insert(stage_record).values(**record))
-            if stage == SCREENING and _is_screened_out(connection, of, now):
+            if stage == SCREENING and _is_screened_out(connection, before, now):
                 after = SCREENED_OUT
-            enter_stage(connection, of.id, after, now)
+            enter_stage(connection, before.id, after, now)
     return str(after)
 
 
-def _is_screened_out(connection: Connection, of: Session, now: datetime) -> bool:
-    """Close the screening; whether the study's rule ends the session with it."""
-    options = of.options.screening
-    return options.stops(close_screening(connection, of.id, options, now))
+def _is_screened_out(connection: Connection, before: Session, now: datetime) -> bool:
+    """Close the screening; returns whether the study's rule ends the session."""
+    options = before.options.screening
+    return options.stops(close_screening(connection, before.id, options, now))
 
 
 def end_trials(connection: Connection, session_id: int, now: datetime) -> None:
     """Enter the stage that follows the trials."""
-    found = _session(connection, session.c.id == session_id)
-    assert found is not None
-    enter_stage(connection, session_id, next_stage(TRIAL, found.options.way), now)
+    current = _session(connection, session.c.id == session_id)
+    assert current is not None
+    enter_stage(connection, session_id, next_stage(TRIAL, current.options.way), now)
 
 
-def withdraw(database: Database, of: Session, now: datetime) -> None:
-    """End a session because its participant wants so; what was given stays, marked as withdrawn. Again: no change."""
+def withdraw(database: Database, leaving: Session, now: datetime) -> None:
+    """Withdraw a participant from the study; their data stay, marked as withdrawn. Done again, it changes nothing."""
     with database.writing() as connection:
         connection.execute(
             update(session)
-            .where(session.c.id == of.id, session.c.withdrawn_at.is_(None))
+            .where(session.c.id == leaving.id, session.c.withdrawn_at.is_(None))
             .values(stage=WITHDRAWN, withdrawn_at=now)
         )
 
@@ -255,7 +263,7 @@ def enter_stage(connection: Connection, session_id: int, stage: str, now: dateti
 
 def _insert_session(
     connection: Connection,
-    of: Study,
+    this_study: Study,
     invitation_id: int,
     token: str,
     key: str | None,
@@ -263,17 +271,17 @@ def _insert_session(
     *,
     is_preview: bool = False,
 ) -> None:
-    slot = _next_slot(connection, of.id, is_preview=is_preview)
+    slot = _next_slot(connection, this_study.id, is_preview=is_preview)
     label = f"preview{-slot}" if is_preview else f"P{slot + 1:03d}"
-    order_slot = slot if is_preview else take_order_slot(connection, of, now)
+    order_slot = slot if is_preview else take_order_slot(connection, this_study, now)
     person = {
-        "study_id": of.id,
+        "study_id": this_study.id,
         "invitation_id": invitation_id,
         "slot": slot,
         "label": label,
         "order_slot": order_slot,
         "is_preview": is_preview,
-        "released_at": now if is_preview else None,  # a preview holds nobody's order
+        "released_at": now if is_preview else None,  # a preview takes nobody's order
     }
     participant_id = connection.execute(
         insert(participant).values(**person, created_at=now).returning(participant.c.id)
@@ -284,26 +292,26 @@ def _insert_session(
         .values(public_id=new_opaque_id(), participant_id=participant_id, **secrets, stage=INTRODUCTION, started_at=now)
         .returning(session.c.id)
     ).scalar_one()
-    _insert_trials(connection, of, order_slot, participant_id, session_id)
+    _insert_trials(connection, this_study, order_slot, participant_id, session_id)
 
 
 def _digests(token: str) -> dict[str, str]:
-    """What is kept of a session's token, and of the code that follows from it."""
+    """Digests of a session's token and of its resume code, to store."""
     return {"token_hash": digest(token), "resume_hash": digest(resume_code(token))}
 
 
 def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> int:
-    """0, 1, 2, … for participants; previews go the other way, so that they take nobody's order."""
-    own = select(func.max(participant.c.slot), func.min(participant.c.slot)).where(participant.c.study_id == study_id)
-    highest, lowest = connection.execute(own).one()
+    """Number arrivals: 0, 1, 2, … for participants, -1, -2, … for previews, which take nobody's order."""
+    slots = select(func.max(participant.c.slot), func.min(participant.c.slot)).where(participant.c.study_id == study_id)
+    highest, lowest = connection.execute(slots).one()
     if is_preview:
         return min(lowest or 0, 0) - 1
     return max(-1 if highest is None else int(highest), -1) + 1
 
 
-def _insert_trials(connection: Connection, of: Study, slot: int, participant_id: int, session_id: int) -> None:
-    repetition = parse_options(of.options).repetition
-    order = participant_order(pairs_to_show(connection, of, abs(slot)), of.seed, abs(slot), repetition)
+def _insert_trials(connection: Connection, this_study: Study, slot: int, participant_id: int, session_id: int) -> None:
+    repetition = parse_options(this_study.options).repetition
+    order = participant_order(pairs_to_show(connection, this_study, abs(slot)), this_study.seed, abs(slot), repetition)
     rows = [
         {
             "participant_id": participant_id,

@@ -1,4 +1,4 @@
-"""Studies, and how far they are."""
+"""Studies and their progress."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STANDINGS: tuple[Standing, ...] = ("open", "paused", "closed", "archived")
 
 @dataclass(frozen=True)
 class Study:
-    """A study as its row."""
+    """A row of the table of studies."""
 
     id: int
     slug: str
@@ -76,7 +76,7 @@ def study_by_id(connection: Connection, study_id: int) -> Study | None:
 
 
 def lock_study(connection: Connection, study_id: int) -> Study:
-    """The study as it is now; nobody begins in it, or changes it, before the transaction ends."""
+    """Read a study and lock it: nobody begins in it or edits it before the transaction ends."""
     row = connection.execute(select(study).where(study.c.id == study_id).with_for_update()).one()
     return Study(**row._mapping)
 
@@ -97,7 +97,7 @@ def set_standing(connection: Connection, study_id: int, standing: Standing, now:
 
 
 def edit_study(connection: Connection, study_id: int, seen_revision: int, values: Mapping[str, Any]) -> None:
-    """Change columns of a study that stands as its editor saw it.
+    """Change columns of a study, if it is still as its editor saw it.
 
     Raises
     ------
@@ -120,13 +120,13 @@ def progress_of(connection: Connection, study_id: int) -> StudyCounts:
 
 
 def progress_by_study(connection: Connection) -> dict[int, StudyCounts]:
-    """How far all studies are, by their ids."""
+    """Progress of all studies, by id."""
     return _progress(connection, true())
 
 
 def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, StudyCounts]:
-    own = takes_part_in(study.c.id)
-    sessions = select(func.count()).select_from(session.join(participant)).where(own)
+    takes_part = takes_part_in(study.c.id)
+    sessions = select(func.count()).select_from(session.join(participant)).where(takes_part)
     counts = {
         "n_datasets": select(func.count()).where(dataset.c.study_id == study.c.id),
         "n_conditions": select(func.count()).where(condition.c.study_id == study.c.id),
@@ -137,11 +137,11 @@ def _progress(connection: Connection, which: ColumnElement[bool]) -> dict[int, S
         "n_finished": sessions.where(session.c.stage == FINISHED),
         "n_votes": select(func.count())
         .select_from(vote.join(session, vote.c.session_id == session.c.id).join(participant))
-        .where(own),
+        .where(takes_part),
     }
     columns = (query.scalar_subquery().label(name) for name, query in counts.items())
     rows = connection.execute(select(study.c.id, *columns).where(which))
-    return {study_id: StudyCounts(**dict(zip(counts, found, strict=True))) for study_id, *found in rows}
+    return {study_id: StudyCounts(**dict(zip(counts, numbers, strict=True))) for study_id, *numbers in rows}
 
 
 def _study(row: Row[Any] | None) -> Study | None:

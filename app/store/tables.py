@@ -20,7 +20,8 @@ from sqlalchemy import (
     false,
 )
 
-from app.store.schema import UtcDateTime, digest, key, metadata, reference, required
+from app.store.engine import UtcDateTime
+from app.store.schema import digest, key, metadata, reference, required
 
 study = Table(
     "study",
@@ -157,7 +158,7 @@ practice_pair = Table(
     UniqueConstraint("study_id", "position"),
 )
 
-second_film = Table(  # a pair's film once more, for browsers that do not play the first
+second_film = Table(  # a pair's film in another codec, for browsers that do not play H.264
     "second_film",
     metadata,
     key(),
@@ -168,7 +169,7 @@ second_film = Table(  # a pair's film once more, for browsers that do not play t
     digest("sha256"),
 )
 
-single_film = Table(  # a strip of a pair's film alone, for browsers that play no film of both
+single_film = Table(  # a single strip of a pair's film, for browsers that play no film of both
     "single_film",
     metadata,
     key(),
@@ -197,11 +198,11 @@ participant = Table(
     reference("study", index=False),
     reference("invitation"),
     required("slot", Integer),  # counts arrivals; the label follows from it
-    required("order_slot", Integer, server_default="0"),  # whose order of trials it is: one that was given up, or new
-    Column("released_at", UtcDateTime),  # when somebody else got this order; NULL: it is held
+    required("order_slot", Integer, server_default="0"),  # number of the order of trials: an abandoned one, or new
+    Column("released_at", UtcDateTime),  # when somebody else got this order; NULL: not yet
     required("label", String(40)),
     required("created_at", UtcDateTime),
-    required("is_preview", Boolean, server_default=false()),  # an experimenter's look; it counts nowhere
+    required("is_preview", Boolean, server_default=false()),  # an experimenter's walk through; it counts nowhere
     Column("erased_at", UtcDateTime),  # NULL: what was given is still there
     UniqueConstraint("study_id", "slot"),
     UniqueConstraint("study_id", "label"),
@@ -251,7 +252,7 @@ screening_display = Table(
     Column("distance_mm", Float),  # NULL: not yet known
     Column("distance_source", String(12)),
     required("height_px", Integer),
-    required("measured", JSON),  # as the browser told it
+    required("measured", JSON),  # as the browser sent it
     required("measured_at", UtcDateTime),
     UniqueConstraint("session_id"),
     CheckConstraint("pixel_mm > 0", name="pixel_mm"),
@@ -279,7 +280,7 @@ screening_item = Table(
     reference("session"),
     reference("screening_test", index=False),
     required("number", Integer),
-    required("content", JSON),  # what is right stands here and nowhere else
+    required("content", JSON),  # the right answer is stored here alone
     required("served_at", UtcDateTime),
     Column("answer", Integer),
     Column("answered_at", UtcDateTime),  # NULL: not yet
@@ -346,8 +347,8 @@ vote = Table(
     required("viewing", JSON),
     required("received_at", UtcDateTime),
     UniqueConstraint("session_id", "trial_id"),
-    ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # no index of trials alone
-    # no list: of three and more SQLite makes a table, for every row that it checks
+    ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
+    # without `in`: SQLite builds a table of three values and more for every row that it checks
     CheckConstraint("choice = 'a' or choice = 'b' or choice = 'none'", name="choice"),
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
@@ -391,7 +392,7 @@ experimenter_session = Table(
     key(),
     reference("experimenter"),
     digest("token_hash", unique=True),
-    Column("previous_hash", String(64), index=True),  # of the token before, which lives on for a moment
+    Column("previous_hash", String(64), index=True),  # of the previous token, valid for another minute
     required("created_at", UtcDateTime),
     Column("rotated_at", UtcDateTime),
     Column("seen_at", UtcDateTime),
@@ -431,14 +432,14 @@ job = Table(
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
     required("title", String(300)),
-    Column("subject", String(200)),  # what it makes; NULL: nothing that another job would make too
+    Column("subject", String(200)),  # what it makes; NULL: nothing that another job could make
     required("state", String(8)),
     required("done", Integer),
     required("total", Integer),
     required("detail", String(500)),
     Column("result", String(200)),  # where to go when it is done
     required("started_at", UtcDateTime),
-    required("beat_at", UtcDateTime),  # when it last told that it lives
+    required("beat_at", UtcDateTime),  # its last sign of life
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )
 

@@ -34,7 +34,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Token:
-    """A token as it is listed; its secret is nowhere."""
+    """A token without its secret, which is not stored."""
 
     name: str
     scopes: tuple[str, ...]
@@ -47,7 +47,7 @@ class Token:
 def insert_token(
     connection: Connection, name: str, scopes: Sequence[str], by: str, now: datetime, expires_at: datetime | None = None
 ) -> str:
-    """Make a token and return its secret, which is not kept.
+    """Make a token and return its secret, of which only a digest is stored.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def insert_token(
 
 
 def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token | None:
-    """The token with this secret, while it holds."""
+    """Find a valid token by its secret."""
     row = connection.execute(
         select(*COLUMNS).where(
             api_token.c.token_hash == digest(secret),
@@ -82,7 +82,7 @@ def all_tokens(connection: Connection) -> list[Token]:
 
 
 def revoke_token(connection: Connection, name: str, now: datetime) -> bool:
-    """End a token; whether it held until now."""
+    """Revoke a token; returns whether it was valid until now."""
     changed = connection.execute(
         update(api_token).where(api_token.c.name == name, api_token.c.revoked_at.is_(None)).values(revoked_at=now)
     )

@@ -1,4 +1,4 @@
-"""Trials: which comes next, and what each showed."""
+"""Trials: serve the next one, repeat interrupted ones, list them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from app.study.trial import reveal
 from app.study.valid_vote import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
-ROWS_AT_ONCE = 2000  # from the database; tables of any length pass through
+ROWS_AT_ONCE = 2000  # so that tables of any length fit into memory
 IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
 
@@ -59,12 +59,12 @@ class NextTrial:
 
 
 def is_voted_on() -> ColumnElement[bool]:
-    """That a vote is on a trial."""
+    """SQL condition: the trial has a vote."""
     return and_(vote.c.session_id == trial.c.session_id, vote.c.trial_id == trial.c.id)
 
 
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
-    """The first trials of a session without a vote, in order: the one to show, and the one to fetch meanwhile.
+    """The first trials of a session without a vote: the one to show, and the one to fetch meanwhile.
 
     A trial that was interrupted comes again after all others.
     """
@@ -99,7 +99,7 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
 
 
 def mark_served(database: Database, trial_ids: Sequence[int], now: datetime) -> None:
-    """Remember when trials were first given out."""
+    """Store when trials were first given out."""
     with database.writing() as connection:
         connection.execute(
             update(trial).where(trial.c.id.in_(trial_ids), trial.c.served_at.is_(None)).values(served_at=now)
@@ -109,14 +109,14 @@ def mark_served(database: Database, trial_ids: Sequence[int], now: datetime) -> 
 def void_trial(
     database: Database, session_id: int, trial_id: str, reason: str, viewing: Mapping[str, Any], now: datetime
 ) -> bool:
-    """Note that an attempt was interrupted and plan the trial once more at the end; whether that was new.
+    """Void an interrupted attempt and plan the trial again at the end; returns whether it was not void yet.
 
     Raises
     ------
     NotFoundError
         If the session has no such trial.
     ConflictError
-        If it has a vote, has not been given out, or is itself a repetition: one is enough.
+        If it has a vote, has not been given out, or is itself a repetition.
     """
     with database.writing() as connection:
         connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
@@ -147,7 +147,7 @@ def _check_voidable(row: Row[Any]) -> None:
 
 
 def trial_records(connection: Connection, study_id: int, session_id: str | None = None) -> Iterator[dict[str, Any]]:
-    """Every trial of a study that has been planned, with what it compared and what was done in it.
+    """Every planned trial of a study, with what it compared and how it was answered.
 
     Parameters
     ----------
@@ -157,12 +157,14 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
     ordered = query.order_by(*IN_ORDER)
-    with connection.execute(ordered.execution_options(yield_per=ROWS_AT_ONCE)) as rows:  # PostgreSQL would send all
+    with connection.execute(
+        ordered.execution_options(yield_per=ROWS_AT_ONCE)
+    ) as rows:  # else PostgreSQL would send all rows at once
         yield from map(_described, rows)
 
 
 def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
-    """One trial of a study, as `trial_records` has it."""
+    """A trial of a study as in `trial_records`."""
     query = _records().where(takes_part_in(study_id), trial.c.public_id == trial_id)
     row = connection.execute(query).one_or_none()
     return None if row is None else _described(row)
@@ -170,12 +172,12 @@ def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[s
 
 @dataclass(frozen=True)
 class SoughtTrials:
-    """Which of the trials to find that were voted on or interrupted.
+    """A filter of trials with a vote or an interruption.
 
     Parameters
     ----------
-    participant, dataset : of this one only; empty: of all
-    kind : one of KINDS; anything else: all
+    participant, dataset : empty: any
+    kind : a key of KINDS; anything else: any
     """
 
     participant: str = ""
@@ -195,9 +197,9 @@ IS_GIVEN = vote.c.id.is_not(None) | trial.c.voided_at.is_not(None)
 def given_trials(
     connection: Connection, study_id: int, sought: SoughtTrials, *, limit: int, offset: int = 0
 ) -> list[dict[str, Any]]:
-    """Trials that were voted on or interrupted, the latest first, as `trial_records` has them."""
+    """Trials with a vote or an interruption, the latest first, as in `trial_records`."""
     latest_first = (func.coalesce(vote.c.received_at, trial.c.voided_at).desc(), *IN_ORDER)
-    # The page's trials first: their long viewing records are not carried through the sorting of all.
+    # Ids first, so that long viewing records need not be sorted.
     ids = _given(study_id, sought).with_only_columns(trial.c.id).order_by(*latest_first).limit(limit).offset(offset)
     query = _records().where(trial.c.id.in_(ids.subquery().select())).order_by(*latest_first)
     return [_described(row) for row in connection.execute(query)]
@@ -209,9 +211,11 @@ def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials) 
 
 
 def given_labels(connection: Connection, study_id: int) -> list[str]:
-    """The participants who have voted or been interrupted, in order of arrival."""
-    own = trial.c.session_id == session.c.id
-    has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(own, trial.c.voided_at.is_not(None))
+    """Labels of participants who have voted or been interrupted, in order of arrival."""
+    of_session = trial.c.session_id == session.c.id
+    has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(
+        of_session, trial.c.voided_at.is_not(None)
+    )
     rows = select(participant.c.label).select_from(participant.join(session)).where(takes_part_in(study_id), has_given)
     return list(connection.scalars(rows.order_by(participant.c.slot)))
 
@@ -316,7 +320,7 @@ class TrialFilm:
 
 
 def trial_film(connection: Connection, study_id: int, trial_id: str) -> TrialFilm | None:
-    """The film of one of a study's trials."""
+    """Find the film of a study's trial."""
     facts = ("media", "width", "height", "guard_rows", "fps", "n_frames")
     row = connection.execute(
         select(assignment.c.a_half, *(pair.c[name] for name in facts))

@@ -1,7 +1,7 @@
-"""The token of forms for who has no session yet: sign-in, set-up, and going on in another browser.
+"""The token of forms for visitors without a session: sign-in, set-up, resuming in another browser.
 
-A cookie and the form hold the same secret (OWASP: double submit), so that only a page of ours in the same browser can
-send the form; forms within a session carry the session's own token, see gates.
+A cookie and the form hold the same secret (OWASP: double submit), so only our page in the same browser can send the
+form. Forms within a session carry the session's token instead, see gates.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ ENTRY_COOKIE = "entry"
 
 
 def entry_token(request: Request) -> str:
-    """What this browser's forms carry; one is made for a browser that has none."""
+    """The token that this browser's forms carry; a new one if the browser has none."""
     known = getattr(request.state, "entry_token", None) or request.cookies.get(ENTRY_COOKIE)
     request.state.entry_token = known or token_urlsafe(32)
     return str(request.state.entry_token)
 
 
 def remember_entry(request: Request, answer: Response) -> Response:
-    """Let the browser hold the token that its page was given."""
+    """Set the cookie with the token that the page was given."""
     token = entry_token(request)
     answer.set_cookie(ENTRY_COOKIE, token, httponly=True, samesite="lax", secure=is_secure(request))
     return answer
 
 
 def is_own_form(request: Request, form_token: str) -> bool:
-    """Whether a page of ours, in this browser, sent the form."""
+    """Whether our page in this browser sent the form."""
     known = request.cookies.get(ENTRY_COOKIE, "")
     return bool(known) and compare_digest(form_token.encode(), known.encode())
 
 
 def own_form(request: Request, form_token: Annotated[str, Form(max_length=100)] = "") -> None:
-    """The gate of a form for strangers."""
+    """Refuse a form that no page of ours in this browser sent."""
     if not is_own_form(request, form_token):
         raise ForbiddenError("This form is out of date. Load the page again, then repeat what you entered.")

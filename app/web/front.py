@@ -1,6 +1,6 @@
-"""The demo's front page: what the product does, shown by what the demo has just made, and where to go from there.
+"""The demo's front page: what the demo has made, and links to every part of it.
 
-It hands out the experimenter's sign-in link, so only the demo has it, which listens to its own machine alone.
+Only the demo has it, because it shows the experimenter's sign-in link; the demo listens to its own machine alone.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ FRONT_FILE = "front.json"
 
 
 def front_routes(folder: Path) -> APIRouter:
-    """Routes of a front page whose content and pictures lie in a folder.
+    """Make the routes of a front page.
 
     Parameters
     ----------
-    folder : with `front.json` and the pictures that it names
+    folder : holds `front.json` and the pictures that it names
     """
     router = APIRouter(include_in_schema=False)
 

@@ -1,4 +1,4 @@
-"""Who may: each gate returns what a route needs, or raises."""
+"""Gates decide who may do what: each returns what a route needs, or raises."""
 
 from __future__ import annotations
 
@@ -29,9 +29,15 @@ from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
 log = logging.getLogger(__name__)
 
-NOTED_IDS = ("slug", "label", "trial", "stage", "media")  # in addresses; no codes or links, which let people in
+NOTED_IDS = (
+    "slug",
+    "label",
+    "trial",
+    "stage",
+    "media",
+)  # parts of addresses that the audit log may name: no codes or links, which let people in
 PARTICIPANT_COOKIE = "session"
-SESSION_HEADER = "Session-Id"  # a browser's cookie may come to name another session than a page of it shows
+SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's cookie may name a newer one
 EXPERIMENTER_COOKIE = "experimenter"
 UPLOAD_PATH = re.compile(r"/admin/(stimuli|studies/[a-z0-9-]+)/upload")
 DATA_PATHS = "/api/v1/"  # whole tables and archives
@@ -47,14 +53,14 @@ State = Literal["open", "mine", "used", "paused", "closed"]
 
 @dataclass(frozen=True)
 class Entrance:
-    """What stands behind an invitation's address; "mine": this browser's session was begun with it."""
+    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation."""
 
     slug: str
     title: str
     state: State
-    is_shared: bool  # another participant may begin with it, after the one at this browser
+    is_shared: bool  # whether another participant may begin at this browser
     options: StudyOptions
-    fallback: str  # of the options, where the study has the films for it
+    fallback: str  # the option, empty where the study lacks the films for it
 
 
 @dataclass(frozen=True)
@@ -66,33 +72,33 @@ class SignedIn:
 
 
 def database(request: Request) -> Database:
-    found: Database = request.app.state.database
-    return found
+    shared: Database = request.app.state.database
+    return shared
 
 
 def settings(request: Request) -> Settings:
-    found: Settings = request.app.state.settings
-    return found
+    shared: Settings = request.app.state.settings
+    return shared
 
 
 def throttle(request: Request) -> Throttle:
-    found: Throttle = request.app.state.throttle
-    return found
+    shared: Throttle = request.app.state.throttle
+    return shared
 
 
 def address(request: Request) -> str:
-    """Where a request comes from, to count by; it is kept nowhere."""
+    """The client's network address, to count requests by; it is stored nowhere."""
     return request.client.host if request.client else "unknown"
 
 
 def is_secure(request: Request) -> bool:
-    """Whether cookies must keep to https."""
+    """Whether cookies are sent over https alone."""
     return settings(request).secure_cookies or request.url.scheme == "https"
 
 
 def vote_writer(request: Request) -> VoteWriter:
-    found: VoteWriter = request.app.state.votes
-    return found
+    writer: VoteWriter = request.app.state.votes
+    return writer
 
 
 def now(request: Request) -> datetime:
@@ -101,7 +107,7 @@ def now(request: Request) -> datetime:
 
 
 async def participant_token(request: Request) -> str:
-    """What who asks holds, by bearer token or cookie; whether it opens a session is for the store to say."""
+    """Read a participant's token from the bearer header or the cookie; the store decides whether it opens a session."""
     token = _bearer(request) or request.cookies.get(PARTICIPANT_COOKIE)
     if not token:
         raise NoSessionError
@@ -109,7 +115,7 @@ async def participant_token(request: Request) -> str:
 
 
 def participant(request: Request, token: Annotated[str, Depends(participant_token)]) -> SignedIn:
-    """The session of who asks; where they say which one they mean, no other."""
+    """Open the participant's session; refuse where the request names another one."""
     with database(request).reading() as connection:
         session = session_by_token(connection, token)
     if session is None or meant_session(request) not in (None, session.public_id):
@@ -118,7 +124,7 @@ def participant(request: Request, token: Annotated[str, Depends(participant_toke
 
 
 def meant_session(request: Request) -> str | None:
-    """The id of the session that a request is for, where it says so."""
+    """The id of the session that a request is for; None where it names none."""
     return request.headers.get(SESSION_HEADER)
 
 
@@ -131,11 +137,11 @@ class Reader:
 
 
 def reader(request: Request) -> Reader:
-    """Who asks, by a bearer token or an experimenter's cookie; not too often."""
+    """Identify who reads results, by bearer token or experimenter's cookie, and limit how often they ask."""
     secret = _bearer(request)
     if secret is None:
         person = experimenter(request)
-        found = Reader(person.name, SCOPES_OF_ROLE[person.role])
+        who = Reader(person.name, SCOPES_OF_ROLE[person.role])
     else:
         with database(request).reading() as connection:
             token = token_by_secret(connection, secret, now(request))
@@ -143,58 +149,58 @@ def reader(request: Request) -> Reader:
             throttle(request).count(WRONG_TOKENS, address(request))
             record_alone(database(request), STRANGER, Entry("token refused", subject=request.url.path), now(request))
             raise UnauthorisedError("This token is not known here, has expired or was revoked.")
-        found = Reader(f"token {token.name}", token.scopes)
+        who = Reader(f"token {token.name}", token.scopes)
     limit = RateLimitItemPerMinute(settings(request).api_requests_per_minute)
-    throttle(request).count(limit, "api", found.name)
-    return found
+    throttle(request).count(limit, "api", who.name)
+    return who
 
 
 def may_read(scope: str) -> Callable[[Request], Reader]:
-    """The gate for those who have a scope."""
+    """Make the gate that lets in readers with a scope."""
 
     def gate(request: Request) -> Reader:
-        found = reader(request)
-        if scope not in found.scopes:
+        who = reader(request)
+        if scope not in who.scopes:
             entry = Entry("access refused", subject=request.url.path, detail={"needed": scope})
-            record_alone(database(request), found.name, entry, now(request))
-            raise ForbiddenError(f"This takes the scope {scope}; yours are {', '.join(found.scopes)}.")
-        return found
+            record_alone(database(request), who.name, entry, now(request))
+            raise ForbiddenError(f"This takes the scope {scope}; yours are {', '.join(who.scopes)}.")
+        return who
 
     return gate
 
 
 def experimenter(request: Request) -> Experimenter:
     """The experimenter who is signed in by cookie, whatever their role."""
-    if (known := getattr(request.state, "person", None)) is not None:  # several gates of one request ask
+    if (known := getattr(request.state, "person", None)) is not None:  # another gate of the same request has asked
         person: Experimenter = known
         return person
     token = request.cookies.get(EXPERIMENTER_COOKIE)
-    found = open_session(database(request), token, now(request), may_renew=_is_quick(request)) if token else None
-    if found is None:
+    session = open_session(database(request), token, now(request), may_renew=_is_quick(request)) if token else None
+    if session is None:
         raise UnauthorisedError(
             "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
         )
-    request.state.person = found.experimenter
-    request.state.form_token = found.form_token
-    if found.renewed:
-        request.state.renewed_token = found.renewed
-    return found.experimenter
+    request.state.person = session.experimenter
+    request.state.form_token = session.form_token
+    if session.renewed:
+        request.state.renewed_token = session.renewed
+    return session.experimenter
 
 
 def is_still_signed_in(request: Request) -> bool:
-    """Whether the session that a gate let in goes on; for an answer that itself goes on for long."""
+    """Whether the experimenter's session has not ended meanwhile; for live pages, which outlast their gate."""
     with database(request).reading() as connection:
         return is_session_open(connection, request.state.form_token, now(request))
 
 
 def _is_quick(request: Request) -> bool:
-    """Whether the answer, which brings a new token, comes before the old one ends: else other tabs would be out."""
+    """May this response renew the cookie before the old token expires? After a long one, other tabs would be out."""
     path = request.url.path
     return not path.startswith(DATA_PATHS) and UPLOAD_PATH.fullmatch(path) is None
 
 
 def looking(role: Role) -> Callable[[Request], Experimenter]:
-    """The gate of a page that takes a role."""
+    """Make the gate of a page that takes a role."""
 
     def gate(request: Request) -> Experimenter:
         return _with_role(request, role)
@@ -203,7 +209,7 @@ def looking(role: Role) -> Callable[[Request], Experimenter]:
 
 
 def acting(role: Role) -> Callable[..., Actor]:
-    """The gate of a form that takes a role: who sends it must have been given it."""
+    """Make the gate of a form that takes a role and the token that the form was given."""
 
     def gate(
         request: Request,
@@ -216,7 +222,7 @@ def acting(role: Role) -> Callable[..., Actor]:
 
 
 def acting_by_header(role: Role) -> Callable[..., Actor]:
-    """The gate of a request whose body is a file: the form's token comes in a header."""
+    """Make the gate of an upload that takes a role: the form's token comes in a header."""
 
     def gate(request: Request, header: Annotated[str, Header(alias="X-CSRF-Token", max_length=100)] = "") -> Actor:
         return _acting(request, role, header)
@@ -243,7 +249,7 @@ def _with_role(request: Request, role: Role) -> Experimenter:
 
 
 def note_refusal(request: Request, action: str, reason: str) -> None:
-    """An entry in the audit log on an id or invitation that leads nowhere; not too many of one address."""
+    """Add to the audit log that an id or invitation led nowhere; a limited number for one address."""
     if not throttle(request).limiter.hit(WRONG_CODES, "audit", address(request)):
         return
     person: Experimenter | None = getattr(request.state, "person", None)
@@ -252,20 +258,20 @@ def note_refusal(request: Request, action: str, reason: str) -> None:
     entry = Entry(action, subject=route, detail={"reason": reason, **given})
     try:
         record_alone(database(request), person.name if person else STRANGER, entry, now(request))
-    except StudyError as error:  # the refusal is answered all the same
+    except StudyError as error:  # the client gets its answer all the same
         log.warning("a refusal could not be noted: %s", error)
 
 
 def study_called(request: Request, slug: str) -> Study:
     with database(request).reading() as connection:
-        found = study_by_slug(connection, slug)
-    if found is None:
+        study = study_by_slug(connection, slug)
+    if study is None:
         raise NotFoundError("There is no such study.")
-    return found
+    return study
 
 
 def invitation_to(request: Request, slug: str, code: str) -> Invitation:
-    """The invitation with this code, if it is one to this study; who guesses codes is slowed down."""
+    """Find a study's invitation by its code; clients that guess codes are slowed down."""
     throttle(request).check(WRONG_CODES, address(request))
     with database(request).reading() as connection:
         invitation = invitation_by_code(connection, code)
@@ -277,11 +283,11 @@ def invitation_to(request: Request, slug: str, code: str) -> Invitation:
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
-    """What an invitation's address leads to; None if there is no such invitation. Looking uses nothing up.
+    """Look up what an invitation's address leads to, without using it; None if there is no such invitation.
 
     Parameters
     ----------
-    is_for_another : whether somebody else than the browser's participant sits down, who begins where a place is left
+    is_for_another : whether a new participant sits at this browser, who begins if a place is left
     """
     with database(request).reading() as connection:
         invitation = invitation_by_code(connection, code)
@@ -310,7 +316,7 @@ def _bearer(request: Request) -> str | None:
     return token.strip() if scheme.lower() == "bearer" and token.strip() else None
 
 
-async def _database(request: Request) -> Database:  # async, because FastAPI sends a plain function to another thread
+async def _database(request: Request) -> Database:  # async: FastAPI would run a plain function in another thread
     return database(request)
 
 

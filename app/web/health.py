@@ -1,4 +1,4 @@
-"""Whether the server lives, and whether it can do its work."""
+"""Health checks: is the server alive, and is it ready to work?"""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def readyz(request: Request, database: Store) -> JSONResponse:
 
 @router.get("/metrics")
 def metrics(request: Request) -> Response:
-    """What the server counts about itself, for Prometheus; keep it from the outside (deploy/nginx.conf)."""
-    found: Metrics = request.app.state.metrics
-    text, media_type = found.text()
+    """Counts for Prometheus; hide this address from the outside (deploy/nginx.conf)."""
+    counts: Metrics = request.app.state.metrics
+    text, media_type = counts.text()
     return Response(text, media_type=media_type)

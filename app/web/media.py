@@ -1,4 +1,4 @@
-"""Films under opaque names: ranges, conditional requests, and caching for good."""
+"""Serve films under opaque names: ranges, conditional requests, and caching for good."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from app.films.strips import SINGLE
 from app.store.designs import film_file
 from app.web.gates import Store, settings
 
-# A name never gets other content; shared caches must not serve a study's material to others.
+# The content of a name never changes. Private: shared caches must not serve a study's material to others.
 FOREVER = "private, max-age=31536000, immutable"
-FOR_A_WHILE = f"private, max-age={SIGNED_FOR_S // 2}"  # of an address that ends
+FOR_A_WHILE = f"private, max-age={SIGNED_FOR_S // 2}"  # cache time of a signed URL, which expires
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ router = APIRouter()
 
 
 class Film(FileResponse):
-    """A file that the event loop reads itself as far as it is in memory: a trip to another thread takes longer."""
+    """A file response that reads from the page cache in the event loop: passing that to a thread takes longer."""
 
     chunk_size = 256 * 1024
 
@@ -43,7 +43,7 @@ class Film(FileResponse):
 
 
 class _Pieces:
-    """What a `FileResponse` asks of an open file."""
+    """An open file with the methods that `FileResponse` uses."""
 
     def __init__(self, file: int) -> None:
         self._file, self._at = file, 0
@@ -60,11 +60,11 @@ class _Pieces:
 
 
 def _in_memory(file: int, n_bytes: int, at: int) -> bytearray | None:
-    """A piece of a file; None where it must be waited for, where it ends before, or the file system cannot tell."""
+    """Read a piece of a file if it is in memory; None if the disk must be waited for or the file ends before."""
     piece = bytearray(n_bytes)
     try:
         n_read = os.preadv(file, [piece], at, os.RWF_NOWAIT)
-    except (OSError, AttributeError):  # the latter where the system has no such call
+    except (OSError, AttributeError):  # AttributeError: the system has no such call
         return None
     return piece if n_read == n_bytes else None
 
@@ -72,20 +72,20 @@ def _in_memory(file: int, n_bytes: int, at: int) -> bytearray | None:
 @router.api_route("/media/{media}", methods=["GET", "HEAD"], response_class=FileResponse, include_in_schema=False)
 def media(media: Annotated[str, Path(max_length=32)], request: Request, database: Store) -> Response:
     with database.reading() as connection:
-        found = film_file(connection, media)
-    if found is None:
+        film = film_file(connection, media)
+    if film is None:
         raise NotFoundError("There is no such video.")
-    tag = entity_tag(media, found)
+    tag = entity_tag(media, film)
     headers = {"ETag": f'"{tag}"', "Cache-Control": FOREVER}
     if is_known(request.headers.get("if-none-match", ""), tag):
         return Response(status_code=304, headers=headers)
     store: MediaStore | None = request.app.state.media_store
     if store is not None:
-        return RedirectResponse(store.address(found.file), headers={"Cache-Control": FOR_A_WHILE})
+        return RedirectResponse(store.address(film.file), headers={"Cache-Control": FOR_A_WHILE})
     if accel := settings(request).media_accel:
-        headers["X-Accel-Redirect"] = accel + found.file
+        headers["X-Accel-Redirect"] = accel + film.file
         return Response(headers=headers, media_type="video/mp4")
-    path = settings(request).media_dir / found.file
+    path = settings(request).media_dir / film.file
     try:
         status = path.stat()
     except FileNotFoundError as error:
@@ -95,11 +95,11 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
 
 
 def entity_tag(media: str, film: FilmFile) -> str:
-    """The content's digest; with the name in it for a single stimulus, which would be known again in other trials."""
+    """Digest of the content. A single stimulus's includes its name, lest browsers recognise it in other trials."""
     return hashlib.sha256(f"{media} {film.sha256}".encode()).hexdigest() if film.codec == SINGLE else film.sha256
 
 
 def is_known(if_none_match: str, tag: str) -> bool:
     """Whether a client already has the content, by RFC 9110's weak comparison."""
-    tags = {one.strip().removeprefix("W/") for one in if_none_match.split(",")}
+    tags = {known.strip().removeprefix("W/") for known in if_none_match.split(",")}
     return "*" in tags or f'"{tag}"' in tags

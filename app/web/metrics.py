@@ -1,6 +1,6 @@
-"""What the server counts about itself, for Prometheus; with several workers over all of them.
+"""Count requests, times and waiting votes for Prometheus, over all workers.
 
-Labels are routes and statuses, never addresses: those hold invitations and sign-in links.
+Labels are routes and statuses, never addresses, which hold invitations and sign-in links.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ LATENCY_BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.
 
 
 class Metrics:
-    """The counts of one application."""
+    """The counts of one server process."""
 
     def __init__(self, n_waiting: Callable[[], int]) -> None:
         self._registry = CollectorRegistry()
@@ -33,7 +33,7 @@ class Metrics:
             registry=self._registry,
         )
         self._count_of = cache(lambda method, route, status: self.requests.labels(method, route, str(status)))
-        self._times_of = cache(self.seconds.labels)  # looking a label up takes longer than counting
+        self._times_of = cache(self.seconds.labels)  # cached, because finding a label takes longer than counting
         self._n_waiting = n_waiting
         self._is_shared = SHARED_FOLDER in os.environ
         self._waiting = Gauge(
@@ -50,7 +50,7 @@ class Metrics:
             self._waiting.set(self._n_waiting())
 
     def text(self) -> tuple[bytes, str]:
-        """All counts, of every worker where there are several, and their media type."""
+        """Write out the counts of all workers; returns the text and its media type."""
         self._waiting.set(self._n_waiting())
         if not self._is_shared:
             return generate_latest(self._registry), CONTENT_TYPE_LATEST
@@ -61,7 +61,7 @@ class Metrics:
 
 
 def _forget_the_dead(folder: Path) -> None:
-    """Drop what workers that are gone had waiting; what they counted stays."""
+    """Drop the waiting votes of dead workers; their other counts stay."""
     for path in folder.glob("gauge_live*_*.db"):
         pid = int(path.stem.rpartition("_")[2])
         if not Path(f"/proc/{pid}").exists():

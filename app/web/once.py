@@ -1,4 +1,4 @@
-"""Results that requests share: who asks for what is being made already waits for it, and the latest are kept."""
+"""Compute a result once for all requests that ask for it, and keep the latest results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Value = TypeVar("Value")
 
 
 class Shared(Generic[Value]):
-    """The latest results by a key that stands for all that they follow from."""
+    """A cache of results by the digest of their inputs."""
 
     def __init__(self, n_kept: int) -> None:
         self._n_kept = n_kept
@@ -20,14 +20,17 @@ class Shared(Generic[Value]):
         self._lock = threading.Lock()
 
     def begun(self, key: str) -> Future[Value] | None:
-        """The result of a key, there or being made; None if it is neither."""
+        """The result that is kept or being computed for a key; None if there is neither."""
         with self._lock:
             if key in self._results:
                 self._results.move_to_end(key)
             return self._results.get(key)
 
     def get(self, key: str, make: Callable[[], Value]) -> Value:
-        """The result of a key, made in this thread if it is not there; a failure is told to all who wait, not kept."""
+        """Return the result of a key, and compute it in this thread if it is new.
+
+        Requests for a result that is being computed wait for it. A failure is raised in all of them and not kept.
+        """
         with self._lock:
             is_new = key not in self._results
             result = self._results.setdefault(key, Future())

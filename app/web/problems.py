@@ -1,4 +1,4 @@
-"""Every error as an RFC 9457 problem, or as a page where a person reads it."""
+"""Answer every error as an RFC 9457 problem, or as a page where a person reads it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,17 @@ Typed = Sequence[tuple[str, str]]
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
-PROGRAMS = ("/api/", "/media/", "/static/", "/healthz", "/readyz", "/metrics")  # addresses that people do not read
+PROGRAMS = (
+    "/api/",
+    "/media/",
+    "/static/",
+    "/healthz",
+    "/readyz",
+    "/metrics",
+)  # prefixes of addresses that programs read
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
-NOT_SHOWN = ("form_token", "current", "password", "again", "seen")  # secrets, and what nobody has typed
-FEWEST_TYPED = 20  # characters; fewer are soon typed again
+NOT_SHOWN = ("form_token", "current", "password", "again", "seen")  # fields that hold secrets, or that nobody typed
+FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
     404: "There is nothing at this address.",
@@ -39,20 +46,20 @@ SENTENCES = {
 def problem(
     status: int, detail: str, *, extra: Mapping[str, Any] | None = None, headers: Mapping[str, str] | None = None
 ) -> JSONResponse:
-    """A problem object; its type is "about:blank", so its title is the status."""
+    """Make a problem answer. Its type is "about:blank", so its title is the status's phrase."""
     content = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail}
     return JSONResponse({**content, **(extra or {})}, status, headers=dict(headers or {}), media_type=PROBLEM)
 
 
 def install_problems(app: FastAPI) -> None:
-    """Answer all errors that a route or the framework raises."""
+    """Let the app answer all errors that a route or the framework raises."""
     app.add_exception_handler(StudyError, _study_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
 
 
 class UnforeseenErrors:
-    """Answer what nobody foresaw: everything to the log, nothing to the outside."""
+    """Answer unexpected exceptions with 500: the log gets the traceback, the client a sentence."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -112,11 +119,11 @@ async def _validation_error(request: Request, error: Exception) -> Response:
 
 
 async def _typed(request: Request) -> Typed:
-    """The texts of a dashboard's form that cost effort, by field: what is not kept is shown again, to be copied."""
+    """Long texts of a refused dashboard form, by field: the page shows them again, to be copied."""
     is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
     if not is_form or not _is_page(request) or not request.url.path.startswith("/admin"):
         return ()
-    fields = (await request.form()).multi_items()  # which the route has read already
+    fields = (await request.form()).multi_items()  # cached, as the route has read it already
     return [
         (name, text)
         for name, text in fields
@@ -125,7 +132,7 @@ async def _typed(request: Request) -> Typed:
 
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
-    """Tell the log what was refused, by the route and what it is about: addresses may hold invitations and links."""
+    """Log a refusal by route and ids, without the address, which may hold an invitation or a link."""
     route = getattr(request.scope.get("route"), "path", "an unknown address")
     about = {name: request.path_params[name] for name in LOGGED_PARAMETERS if name in request.path_params}
     log.warning("%s %s %s refused: %d %s", request.method, route, about, status, why)

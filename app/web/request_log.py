@@ -1,7 +1,7 @@
-"""Every request has an id, a count, and a line in the log. Pure ASGI.
+"""Give every request an id, count it, and log it. Pure ASGI.
 
-The id is the proxy's where it sends one; it stands in the answer and in every line that is logged meanwhile. Lines
-name routes, not addresses, and neither clients nor tokens.
+The id is the proxy's where it sends one. It stands in the answer and in every line logged during the request. Lines
+name routes, never addresses, clients or tokens.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from app.web.metrics import Metrics
 
 ID_HEADER = b"x-request-id"
 VALID_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
-NOWHERE = "unknown"  # the route of addresses that lead nowhere
-QUIET = ("/healthz", "/readyz", "/metrics")  # asked every few seconds by machines
+NOWHERE = "unknown"  # the route in the log where an address matches none
+QUIET = ("/healthz", "/readyz", "/metrics")  # machines ask every few seconds: logged at debug level
 PLAIN_FORMAT = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
 
 request_id: ContextVar[str] = ContextVar("request_id", default="-")
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class Requests:
-    """Names, counts and logs every request."""
+    """Name, count and log every request."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app, self.metrics = app, metrics
@@ -39,13 +39,13 @@ class Requests:
             await self.app(scope, receive, send)
             return
         given = dict(scope["headers"]).get(ID_HEADER, b"").decode("latin-1")
-        own = given if VALID_ID.fullmatch(given) else f"{random.getrandbits(64):016x}"
-        token = request_id.set(own)
+        name = given if VALID_ID.fullmatch(given) else f"{random.getrandbits(64):016x}"
+        token = request_id.set(name)
         started = time.perf_counter()
 
         async def watch(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], (ID_HEADER, own.encode())]
+                message["headers"] = [*message["headers"], (ID_HEADER, name.encode())]
                 self._note(scope, message["status"], time.perf_counter() - started)
             await send(message)
 
@@ -72,7 +72,7 @@ def route_of(scope: Scope) -> str:
 
 
 class JsonFormatter(logging.Formatter):
-    """One JSON object for each line of the log."""
+    """Write a log record as a line of JSON."""
 
     def format(self, record: logging.LogRecord) -> str:
         line = {
@@ -89,12 +89,12 @@ class JsonFormatter(logging.Formatter):
 
 
 def start_logging(log_format: str) -> None:
-    """Log to standard error, as plain lines or as JSON; with the id of the request at hand."""
+    """Log to standard error with request ids, as plain lines or as JSON."""
     handler = logging.StreamHandler()
     handler.setFormatter(JsonFormatter() if log_format == "json" else logging.Formatter(PLAIN_FORMAT))
     handler.addFilter(_with_request_id)
     logging.basicConfig(level=logging.INFO if log_format == "json" else logging.WARNING, handlers=[handler], force=True)
-    logging.getLogger("alembic").setLevel(logging.WARNING)  # says at every start that it is there
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # announces itself at every start
 
 
 def _with_request_id(record: logging.LogRecord) -> bool:

@@ -1,4 +1,4 @@
-"""What every answer carries and every request must pass, whatever the route. Pure ASGI."""
+"""Middleware for every route: security headers, same-origin and size checks, renewed cookies. Pure ASGI."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HEADERS = {
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-PAGE_HEADERS = {  # what is no page has no use for them
+PAGE_HEADERS = {  # for HTML only
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
@@ -40,8 +40,8 @@ PAGE_HEADERS = {  # what is no page has no use for them
 DATA, DATA_POLICY = "/api/", "default-src 'none'; frame-ancestors 'none'"
 STATIC = "/static/"
 LARGEST_BODY = 256 * 1024  # bytes; a vote with a thousand switches is a quarter of it
-LARGEST_LETTER = 12  # bytes, of one beyond 16 bits as JSON (\ud834\udd1e) or a form (%F0%9D%84%9E) escapes it
-LONG_TEXTS = (  # where more may come, and of how many letters; a note comes with what was noted before
+LARGEST_LETTER = 12  # bytes of a character beyond 16 bits, escaped as JSON (\ud834\udd1e) or form (%F0%9D%84%9E)
+LONG_TEXTS = (  # addresses that take more, and how many characters; a note includes its earlier text
     (re.compile(f"/api/v1/session/stages/{INTERVIEW}"), MOST_QUESTIONS * LONGEST_ANSWER),
     (
         re.compile(rf"/admin/studies/[a-z0-9-]+/participants/[^/]+/{INTERVIEW}"),
@@ -54,7 +54,7 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
 
 class SecurityHeaders:
-    """Security headers on every answer; what does not say how long it may be kept is not kept."""
+    """Add security headers to every answer, and `no-store` where it does not say how long it may be cached."""
 
     def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
         self.app = app
@@ -67,10 +67,10 @@ class SecurityHeaders:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = self._headers_of(scope["path"]).copy()
+                headers = self._headers_of(scope["path"]).copy()
                 for name, _ in message["headers"]:
-                    own.pop(name, None)
-                message["headers"] = [*message["headers"], *own.items()]
+                    headers.pop(name, None)
+                message["headers"] = [*message["headers"], *headers.items()]
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
@@ -86,15 +86,20 @@ def _encoded(headers: Mapping[str, str]) -> dict[bytes, bytes]:
 
 
 def policy(media_origin: str | None) -> str:
-    """What pages may load, and from where; films may come from another origin, too."""
+    """The Content-Security-Policy of pages.
+
+    Parameters
+    ----------
+    media_origin : another origin that films come from, if any
+    """
     elsewhere = f" {media_origin}" if media_origin is not None else ""
-    fetched = f"connect-src 'self'{elsewhere}"  # a pair's film, by a participant's page
-    played = f"media-src 'self' blob:{elsewhere}"  # that film from memory, and the dashboard's where they lie
+    fetched = f"connect-src 'self'{elsewhere}"  # the participant's page fetches films
+    played = f"media-src 'self' blob:{elsewhere}"  # and plays them from memory; the dashboard plays them by address
     return "; ".join((*POLICY, fetched, played))
 
 
 class SameOrigin:
-    """Refuse changes that another site asks a signed-in browser to make."""
+    """Refuse changing requests that a page of another site sends."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -107,7 +112,7 @@ class SameOrigin:
 
 
 def is_foreign(headers: Mapping[bytes, bytes]) -> bool:
-    """Whether a browser says that another origin made the request; programs say nothing, and hold no cookie."""
+    """Whether a browser says that another origin made the request; programs say nothing and hold no cookies."""
     if (site := headers.get(b"sec-fetch-site")) is not None:
         return site not in (b"same-origin", b"none")
     origin = headers.get(b"origin")
@@ -115,7 +120,7 @@ def is_foreign(headers: Mapping[bytes, bytes]) -> bool:
 
 
 class RenewedSession:
-    """Give a browser the new token of its experimenter's session, where a gate has renewed it."""
+    """Set the cookie of an experimenter's session where a gate has renewed its token."""
 
     def __init__(self, app: ASGIApp, is_https: bool = False) -> None:
         self.app = app
@@ -134,13 +139,13 @@ class RenewedSession:
 
 
 def set_experimenter_cookie(answer: Response, token: str, *, is_https: bool) -> None:
-    """Let a browser hold a session's token where no script can read it."""
+    """Set the cookie of an experimenter's session; no script can read it."""
     lasts_s = int(SESSION_LASTS.total_seconds())
     answer.set_cookie(EXPERIMENTER_COOKIE, token, max_age=lasts_s, httponly=True, samesite="lax", secure=is_https)
 
 
 class BodyLimit:
-    """Refuse bodies that no honest client sends, before they fill the memory; uploads are limited where they arrive."""
+    """Refuse bodies larger than any page of ours sends; uploads have limits of their own."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

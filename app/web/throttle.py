@@ -1,6 +1,6 @@
-"""How often somebody may ask: what is guessed at must be slow, what is fetched must leave room for others.
+"""Limit how often a client may ask: guessing must be slow, fetching must leave room for others.
 
-Counted in this process's memory: with several workers each counts for itself.
+Counts live in the process's memory, so each of several workers counts for itself.
 """
 
 from __future__ import annotations
@@ -15,16 +15,15 @@ from limits.strategies import MovingWindowRateLimiter
 
 from app.errors import TooManyError
 
-SIGN_INS = RateLimitItemPerMinute(10)  # of one address
-SIGN_INS_AS = RateLimitItemPerMinute(5)  # under one name
-WRONG_CODES = RateLimitItemPerMinute(30)  # of one address: invitations and resume codes that nobody gave out
-
-WRONG_TOKENS = RateLimitItemPerMinute(30)  # of one address: of analysts; each leaves an entry in the audit log
+SIGN_INS = RateLimitItemPerMinute(10)  # per address
+SIGN_INS_AS = RateLimitItemPerMinute(5)  # per name
+WRONG_CODES = RateLimitItemPerMinute(30)  # per address: unknown invitations and resume codes
+WRONG_TOKENS = RateLimitItemPerMinute(30)  # per address: unknown analysts' tokens; each adds to the audit log
 
 
 @dataclass(frozen=True)
 class Throttle:
-    """Counts of who asked for what, lately."""
+    """Counts of recent requests by kind and client."""
 
     limiter: MovingWindowRateLimiter
 
@@ -40,7 +39,7 @@ class Throttle:
             self._refuse(limit, *key)
 
     def check(self, limit: RateLimitItem, *key: str) -> None:
-        """Refuse who is over the limit already, without counting.
+        """Refuse a client that is over the limit, without counting.
 
         Raises
         ------

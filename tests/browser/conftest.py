@@ -17,7 +17,7 @@ from app.operations.manage import add_token
 from app.settings import Settings
 from app.store import vote_writer
 from app.store.engine import Database
-from app.store.vote_records import Ballot, KeptVote, keep_votes
+from app.store.vote_records import KeptVote, Vote, keep_votes
 from app.study.options import StudyOptions
 from tests.browser.numbered_films import squares, write_films
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
@@ -41,8 +41,8 @@ def votes_kept() -> Iterator[Condition]:
     """Notified whenever a server of this process has kept votes."""
     kept = Condition()
 
-    def keep_and_tell(database: Database, ballots: Sequence[Ballot]) -> list[KeptVote | StudyError]:
-        outcomes = keep_votes(database, ballots)
+    def keep_and_tell(database: Database, votes: Sequence[Vote]) -> list[KeptVote | StudyError]:
+        outcomes = keep_votes(database, votes)
         with kept:
             kept.notify_all()
         return outcomes

@@ -49,7 +49,7 @@ async def upload_results(request: Request, actor: UploadingActor, study: AStudy,
                 ) from error
         return f"/admin/studies/{study.slug}/{'objective' if attached['reports'] else 'models'}"
 
-    job = await run_in_threadpool(start_job, request, database, actor, "Checking the uploaded results", work)
+    job = await run_in_threadpool(start_job, database, actor, "Checking the uploaded results", work)
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 

@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from fastapi import Request
-
 from app.errors import StudyError, UnavailableError
 from app.ffmpeg import Progress
 from app.store.audit import Actor, Entry, record_alone
@@ -24,7 +22,6 @@ log = logging.getLogger(__name__)
 
 
 def start_job(
-    request: Request,
     database: Database,
     actor: Actor,
     title: str,
@@ -48,10 +45,8 @@ def start_job(
     begun = begin_job(database, actor.name, title, actor.now, subject)
     if begun.is_new:
         arguments = (database, actor, title, begun.public_id, work)
-        thread = threading.Thread(target=_run, args=arguments, name=f"job-{begun.public_id}")
-        thread.daemon = True  # the server can stop at once; the next attempt reuses what the work has made
-        request.app.state.jobs.append(thread)
-        thread.start()
+        # A daemon: the server can stop at once; the next attempt reuses what the work has made.
+        threading.Thread(target=_run, args=arguments, name=f"job-{begun.public_id}", daemon=True).start()
     return begun.public_id
 
 
@@ -84,7 +79,7 @@ def _beating(database: Database, public_id: str) -> Iterator[None]:
         while not has_ended.wait(BEATS_EVERY_S):
             try:
                 beat(database, public_id, utc_now())
-            except UnavailableError:  # logged there; the next beat may get through
+            except UnavailableError:  # already logged; the next beat may get through
                 continue
 
     thread = threading.Thread(target=run, name=f"beat-{public_id}", daemon=True)

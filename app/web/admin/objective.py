@@ -13,7 +13,7 @@ from app.store.attached_reports import report_records
 from app.store.measurements import measurement_records
 from app.web.admin.layout import study_page
 from app.web.admin.objective_view import beside_scores, measure_lines, report_view
-from app.web.analyst.results import FIGURE_TYPES, figures_of, snapshot_of
+from app.web.analyst.results import FIGURE_TYPES, figures_of, results_of
 from app.web.gates import AStudy, Person, Store, settings
 from app.web.media import FOREVER
 
@@ -35,14 +35,14 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
     """Compare the objective measures with the scores."""
     with database.reading() as connection:
         measures = measurement_records(connection, study.id)
-    snapshot = snapshot_of(database, study.id)
-    analysis = snapshot.analysis
+    results = results_of(database, study.id)
+    analysis = results.analysis
     context = {
-        "digest": snapshot.digest,
+        "digest": results.digest,
         "has_votes": analysis is not None,
         "lines": measure_lines(analysis["measures"], measures) if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
-        "figures": [(name, caption) for name, caption in figures_of(snapshot) if name.startswith("measure_")],
+        "figures": [(name, caption) for name, caption in figures_of(results) if name.startswith("measure_")],
     }
     return study_page(request, "against_scores", person, study, context)
 

@@ -11,7 +11,7 @@ from app.errors import NotFoundError
 from app.store.studies import Study
 from app.web.admin.layout import study_page
 from app.web.admin.results_view import groups_view, results_view
-from app.web.analyst.results import FIGURE_TYPES, Snapshot, figure, figures_of, grouped_snapshot_of, snapshot_of
+from app.web.analyst.results import FIGURE_TYPES, Results, figure, figures_of, grouped_results_of, results_of
 from app.web.gates import AStudy, Looking, Person, Store
 
 KEPT = "private, max-age=31536000, immutable"  # a figure's address contains the digest of its votes
@@ -34,14 +34,14 @@ def results_page(
     seen: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
     """Show the results; `seen` is the digest of the results that the page shows: 204 if nothing is new."""
-    snapshot = snapshot_of(database, study.id, with_excluded=everybody)
-    if seen == snapshot.digest:
+    results = results_of(database, study.id, with_excluded=everybody)
+    if seen == results.digest:
         return Response(status_code=204)
-    analysis = snapshot.analysis
+    analysis = results.analysis
     context = {
         "everybody": everybody,
-        "digest": snapshot.digest,
-        "figures": [(name, caption) for name, caption in figures_of(snapshot) if not name.startswith("measure_")],
+        "digest": results.digest,
+        "figures": [(name, caption) for name, caption in figures_of(results) if not name.startswith("measure_")],
         "analysis": analysis,
         **(results_view(analysis) if analysis else {}),
     }
@@ -51,12 +51,12 @@ def results_page(
 @router.get("/results/groups")
 def groups_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     """Compare the scores of groups of participants; their interview answers make the groups."""
-    snapshot = grouped_snapshot_of(database, study)
-    analysis = snapshot.analysis
+    results = grouped_results_of(database, study)
+    analysis = results.analysis
     context = {
-        "digest": snapshot.digest,
+        "digest": results.digest,
         "groupings": groups_view(analysis) if analysis else [],
-        "figures": dict(figures_of(snapshot)),
+        "figures": dict(figures_of(results)),
     }
     return study_page(request, "groups", person, study, context)
 
@@ -65,7 +65,7 @@ def groups_page(request: Request, person: Looking, study: AStudy, database: Stor
 def group_figure_file(
     _person: Looking, study: AStudy, name: FigureName, kind: FigureKind, database: Store, digest: Digest = ""
 ) -> Response:
-    return _figure_answer(grouped_snapshot_of(database, study), study, name, kind, digest)
+    return _figure_answer(grouped_results_of(database, study), study, name, kind, digest)
 
 
 @router.get("/figures/{name}.{kind}")
@@ -78,15 +78,15 @@ def figure_file(
     everybody: Everybody = False,
     digest: Digest = "",
 ) -> Response:
-    snapshot = snapshot_of(database, study.id, with_excluded=everybody)
-    return _figure_answer(snapshot, study, name, kind, digest)
+    results = results_of(database, study.id, with_excluded=everybody)
+    return _figure_answer(results, study, name, kind, digest)
 
 
-def _figure_answer(snapshot: Snapshot, study: Study, name: str, kind: str, digest: str) -> Response:
-    content = figure(snapshot, name, kind) if kind in (*FIGURE_TYPES, "vega") else None
+def _figure_answer(results: Results, study: Study, name: str, kind: str, digest: str) -> Response:
+    content = figure(results, name, kind) if kind in (*FIGURE_TYPES, "vega") else None
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet.")
-    headers = {"Cache-Control": KEPT if digest == snapshot.digest else "no-store"}
+    headers = {"Cache-Control": KEPT if digest == results.digest else "no-store"}
     if kind in ("png", "pdf", "csv"):
         headers["Content-Disposition"] = f'attachment; filename="{study.slug}-{name}.{kind}"'
     return Response(content, media_type=FIGURE_TYPES.get(kind, "application/json"), headers=headers)

@@ -76,7 +76,7 @@ async def upload(request: Request, actor: UploadingActor, database: Store) -> Re
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
         return "/admin/sets"
 
-    job = await run_in_threadpool(start_job, request, database, actor, "Checking the uploaded stimulus set", work)
+    job = await run_in_threadpool(start_job, database, actor, "Checking the uploaded stimulus set", work)
     return JSONResponse({"job": f"/admin/jobs/{job}"}, 202)
 
 

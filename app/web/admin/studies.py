@@ -76,7 +76,7 @@ def create(
         )
         return f"/admin/studies/{made['slug']}"
 
-    job = start_job(request, database, actor, f"Creating the study {name}", work, subject=subject)
+    job = start_job(database, actor, f"Creating the study {name}", work, subject=subject)
     return see(f"/admin/jobs/{job}")
 
 

@@ -22,7 +22,7 @@ from app.store.vote_records import vote_records
 from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
-from app.web.analyst.results import given_of, snapshot_of_given
+from app.web.analyst.results import prepare_results
 
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
 
@@ -39,10 +39,10 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
             files.write("study.toml", write_study_file(study_file_of(study)))
-            given = given_of(connection, study.id)
+            analysed = prepare_results(connection, study.id)
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
-        analysis = snapshot_of_given(given).analysis
+        analysis = analysed().analysis
         for name in ("scores", "triads", "observers"):
             rows = list((analysis or {}).get(name, ()))
             columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])

@@ -1,8 +1,8 @@
-"""What a trial's page is told, and what it tells of how the trial was looked at."""
+"""Bodies of trials: the trial that a page is given, and the viewing record and vote that it sends back."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NotRequired, cast
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
@@ -12,12 +12,13 @@ from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
 from app.study.technique import Technique
 from app.study.trial import Half
+from app.study.valid_vote import without_unknowns
 from app.web.participant.session import UUID, Strict
 
-LONGEST_MS = 24 * 3600 * 1000.0  # a day: whoever leaves a trial open overnight has still seen it
+LONGEST_MS = 24 * 3600 * 1000.0  # a day: a trial that was left open overnight still counts
 MOST_SWITCHES = 2000
 
-# H.264 is not among them: what a browser must play is known to the page. Levels as two films of full HD need them.
+# H.264 is not among them, because the page knows its type. Levels as two films of full HD need them.
 FILM_TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
 
 Label = Literal["a", "b"]
@@ -51,7 +52,7 @@ class MediaView(BaseModel):
 
 
 class OneTrialView(BaseModel):
-    """What a participant's player needs, and no name of what is compared."""
+    """A trial for the participant's player, without names of what is compared."""
 
     trial: str
     attempt: int = Field(description="2 when it is repeated because it was interrupted")
@@ -96,7 +97,7 @@ class DisplayBody(TypedDict):
 
 @with_config(Strict.model_config)
 class ViewingBody(TypedDict):
-    """How a trial was looked at; what a client does not know it leaves out."""
+    """How a trial was looked at; a client leaves out what it does not know."""
 
     first_shown: Label
     technique: NotRequired[Annotated[Technique | None, Field(description="how A and B were kept in step")]]
@@ -120,22 +121,11 @@ class ViewingBody(TypedDict):
     display: NotRequired[DisplayBody | None]
 
 
-def _without_nulls(viewing: ViewingBody) -> ViewingBody:
-    """Null is what a client does not know, too."""
-    dwells = viewing.get("dwell_ms")
-    for part in (viewing, *viewing["switches"], *([dwells] if dwells else [])):
-        known = cast(dict[str, Any], part)
-        if None in known.values():
-            for name in [name for name, value in known.items() if value is None]:
-                del known[name]
-    return viewing
-
-
-Viewing = Annotated[ViewingBody, AfterValidator(_without_nulls)]
+Viewing = Annotated[ViewingBody, AfterValidator(without_unknowns)]
 
 
 class VoidBody(Strict):
-    """An attempt that was interrupted, and what was seen until then."""
+    """An interrupted attempt with its viewing record so far."""
 
     reason: Reason
     viewing: Viewing
@@ -159,7 +149,7 @@ class VoteBody(Strict):
 
 
 def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> OneTrialView:
-    """A trial that comes `ahead` trials after the present one."""
+    """Make the view of a trial that comes `ahead` trials after the present one."""
     return OneTrialView(
         trial=current.public_id,
         attempt=current.attempt,
@@ -172,13 +162,13 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
             current,
             "top" if current.a_half == "top" else "bottom",
             has_reference=bool(session.options.reference),
-            singles_of=current.public_id,  # a name of its own in every session: the same stimulus is not known again
+            singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
         ),
     )
 
 
 def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialView:
-    """Whether the better one is A or B differs between participants, and no practice is ever repeated as a trial is."""
+    """Make the view of a practice trial, never repeated; sessions differ in whether the better one is A or B."""
     turn = (session.id + pair.position) % 2
     return OneTrialView(
         trial=f"practice-{pair.position + 1}",
@@ -192,22 +182,22 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
     )
 
 
-def _media_view(of: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str) -> MediaView:
+def _media_view(shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str) -> MediaView:
     strips = STRIPS if has_reference else STRIPS[:2]
     return MediaView(
-        url=media_url(of.media),
-        second=SecondView(url=media_url(of.second_media), type=FILM_TYPES[of.second_codec])
-        if of.second_media and of.second_codec
+        url=media_url(shown.media),
+        second=SecondView(url=media_url(shown.second_media), type=FILM_TYPES[shown.second_codec])
+        if shown.second_media and shown.second_codec
         else None,
-        singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if of.has_singles else None,
+        singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if shown.has_singles else None,
         layout="stacked",
         a=a_half,
-        width=of.width,
-        height=of.height,
-        guard_rows=of.guard_rows,
+        width=shown.width,
+        height=shown.height,
+        guard_rows=shown.guard_rows,
         reference=has_reference,
-        fps=of.fps,
-        n_frames=of.n_frames,
+        fps=shown.fps,
+        n_frames=shown.n_frames,
     )
 
 

@@ -1,6 +1,6 @@
-"""The participant's pages: the entrance, and the one page that holds everything from Begin to the thanks.
+"""The participant's pages: the entrance, and the page that leads from Begin to the thanks.
 
-The trials live in the page's script, which talks to the session API; a page tells nothing about what is compared.
+The page's script shows the trials, through the session API. A page says nothing about what is compared.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ def entrance_page(request: Request, code: str = "") -> Response:
 @router.get("/s/{code}")
 def participant_page(request: Request, code: str, another: str = "") -> Response:
     throttle(request).check(WRONG_CODES, address(request))
-    found = entrance(request, code, is_for_another=bool(another))
-    state = found.state if found else "unknown"
-    if found is None:
+    study = entrance(request, code, is_for_another=bool(another))
+    state = study.state if study else "unknown"
+    if study is None:
         throttle(request).count(WRONG_CODES, address(request))
-    if found is None or state in STATUS_OF_MESSAGE:
+    if study is None or state in STATUS_OF_MESSAGE:
         log.warning("an invitation's page was refused: %s", state)
         note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
     return _page(
         request,
         "participant/study.html",
-        study=found,
+        study=study,
         code=code,
-        second_type=FILM_TYPES.get(found.options.second_codec),
+        second_type=FILM_TYPES.get(study.options.second_codec),
     )
 
 
@@ -66,7 +66,7 @@ def resume_elsewhere(
     database: Store,
     form_token: Annotated[str, Form(max_length=100)] = "",
 ) -> Response:
-    """Go on in this browser with a session that began in another one; sent twice, the form leads there all the same."""
+    """Resume a session in this browser; sending the form twice does no harm."""
     if not is_own_form(request, form_token):
         log.warning("a resume code came from elsewhere than the entrance's form")
         return _page(request, "participant/entrance.html", 403)
@@ -96,7 +96,7 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
             **context,
         },
         status_code=status_code,
-        headers={"Cache-Control": "no-store"},  # what stands at an address changes with the invitation's state
+        headers={"Cache-Control": "no-store"},  # the page changes with the invitation's state
     )
     remember_entry(request, page)
     if request.query_params.get("language") == language:
@@ -105,7 +105,7 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
 
 
 def _language(request: Request) -> str:
-    """What was chosen by hand, now or before, else what the browser prefers."""
+    """The language that was chosen by hand, now or before, else the browser's."""
     for chosen in (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE)):
         if chosen in languages():
             return str(chosen)
@@ -130,7 +130,7 @@ def _weighted(entry: str) -> tuple[float, str]:
 
 @cache
 def languages() -> dict[str, str]:
-    """What each language calls itself, by its tag: one file each."""
+    """Each language's name for itself, by tag; there is a file for each."""
     return {file.stem: texts_in(file.stem)["language"] for file in sorted(packaged(TEXTS).glob("*.json"))}
 
 

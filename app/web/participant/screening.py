@@ -1,4 +1,4 @@
-"""The screening over REST: pictures are drawn and answers are marked here, and neither tells what is right."""
+"""The screening over REST: the server draws pictures and marks answers, and never tells what is right."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class TestView(BaseModel):
 
 
 class CertificateView(BaseModel):
-    """What this display can certify from where its participant sits."""
+    """Whether the acuity test can reach its limit on this display at this distance."""
 
     can_certify: bool = Field(description="whether the ring at the limit is at least two of the display's pixels wide")
     distance_cm: float
@@ -91,7 +91,7 @@ class CertificateView(BaseModel):
 
 
 class ScreeningView(BaseModel):
-    """How far the screening is. What was found is told to experimenters, not here."""
+    """How far the screening is; only experimenters see results."""
 
     tests: list[TestView]
     distance: Literal["typed", "fixed", "blind spot"] = Field(description="how the distance is to be known")
@@ -172,7 +172,7 @@ def skip(test: Test, body: SkipBody, signed_in: Participant, database: Store, no
 
 @router.get("/{test}/{number}.png", response_class=Response)
 def picture(test: Test, number: Number, signed_in: Participant, database: Store) -> Response:
-    """A ring or plate as a picture, never kept: at the same browser, the next participant's is another one.
+    """A ring or plate as a picture; never cached, as the next participant at this browser gets another one.
 
     A ring is to be shown at the display's own pixels.
     """
@@ -222,7 +222,7 @@ def _view(database: Database, session: Session) -> ScreeningView:
         states = states_of(connection, session.id, options)
         display = display_of(connection, session.id)
     return ScreeningView(
-        tests=[TestView(**asdict(one)) for one in states],
+        tests=[TestView(**asdict(state)) for state in states],
         distance=options.distance,
         fixed_distance_cm=options.distance_cm,
         pixel_mm=display.pixel_mm if display else None,

@@ -33,9 +33,9 @@ from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, 
 from app.web.throttle import WRONG_CODES
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
-LONG_ABSENCE = timedelta(minutes=30)  # after it the instructions are worth a second reading
+LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
-LARGEST_KEPT_LETTER = 6  # bytes of UTF-8, or of JSON that escapes what cannot stand in it: \u0007
+LARGEST_KEPT_LETTER = 6  # bytes of a character in UTF-8, or escaped in JSON: \u0007
 LARGEST_INTERVIEW = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes, with the questions' names
 LARGEST_STAGE_DATA = 200 * 1024  # bytes, of any other stage; pages send a few hundred
 
@@ -47,7 +47,7 @@ Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples
 
 
 class Strict(BaseModel):
-    """Bodies are taken as they are described, or not at all."""
+    """A request body: no other keys, no conversion of types."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -90,7 +90,7 @@ class ProgressView(BaseModel):
 
 
 class SessionView(BaseModel):
-    """Where a participant is."""
+    """A session's stage and progress."""
 
     session: str = Field(
         description="its id; a request with it in the header Session-Id is refused (401) where the token is another's"
@@ -219,7 +219,7 @@ def _check_size(stage: str, data: dict[str, Any]) -> None:
 
 
 def remember(request: Request, response: Response, token: str) -> None:
-    """Let a browser hold a session's token where no script can read it."""
+    """Set the cookie of a participant's session; no script can read it."""
     response.set_cookie(
         PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure(request)
     )

@@ -1,4 +1,4 @@
-"""Trials over REST: which comes next is the server's decision."""
+"""Trials over REST: the server decides which comes next."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     with database.reading() as connection:
         upcoming = next_trials(connection, session.id)
         done = done_of(connection, session.id)
-    if not upcoming:  # the last vote came in between
+    if not upcoming:  # the last vote arrived since the session was read
         return Response(status_code=204)
     if any(trial.served_at is None for trial in upcoming):
         mark_served(database, [trial.id for trial in upcoming], now)
-    views = [trial_view(session, one, done, ahead) for ahead, one in enumerate(upcoming)]
+    views = [trial_view(session, upcoming_trial, done, ahead) for ahead, upcoming_trial in enumerate(upcoming)]
     following = views[1] if len(views) > 1 else None
     return TrialView(**dict(views[0]), next_media=following.media.url if following else None, following=following)
 
 
 @router.get("/practice")
 def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
-    """What to practise with; none where a study has no practice. What comes of it is told with the stage."""
+    """The practice trials; none where a study has no practice. Results are sent when the practice stage completes."""
     session = signed_in.session
     with database.reading() as connection:
         pairs = practice_pairs(connection, session.study_id)
-    return [practice_view(session, one, len(pairs)) for one in pairs]
+    return [practice_view(session, pair, len(pairs)) for pair in pairs]
 
 
 @router.put("/trials/{trial}/void", status_code=204)

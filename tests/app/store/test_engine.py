@@ -14,7 +14,6 @@ from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
-from app.store import engine
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
 from app.store.tables import api_token, trial, vote
@@ -103,44 +102,34 @@ def test_a_vote_for_no_trial_of_its_session_is_refused(database: Database, now: 
             connection.execute(insert(vote).values(**row))
 
 
-def test_the_one_thread_that_must_never_wait_writes_again_after_a_failure(database: Database) -> None:
-    alone = database.with_own_connection()
+def test_a_database_is_written_to_again_after_a_failure(database: Database) -> None:
     for name in ("one", "two", "three"):
-        with pytest.raises(RuntimeError, match="midway"), alone.writing() as connection:  # noqa: PT012
+        with pytest.raises(RuntimeError, match="midway"), database.writing() as connection:  # noqa: PT012
             connection.execute(insert(api_token).values(**token_row(f"not {name}")))
             raise RuntimeError("midway")
-        with alone.writing() as connection:
+        with database.writing() as connection:
             connection.execute(insert(api_token).values(**token_row(name)))
     assert n_tokens(database) == 3
-    alone.dispose()
 
 
 @pytest.mark.slow
-def test_a_connection_that_was_cut_is_replaced(postgres: PostgresServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    database = open_database(postgres.new_database("cut"))
+def test_a_connection_that_was_cut_is_replaced(postgres: PostgresServer) -> None:
+    url = postgres.new_database("cut")
+    database, elsewhere = open_database(url), open_database(url)
     upgrade(database)
-    alone = database.with_own_connection()
-
-    def cut() -> None:
-        with alone.writing() as connection:
-            own = connection.scalar(text("SELECT pg_backend_pid()"))
-        with database.writing() as connection:
-            connection.execute(text("SELECT pg_terminate_backend(:pid)"), {"pid": own})
-
-    def write(name: str) -> None:
-        with alone.writing() as connection:
-            connection.execute(insert(api_token).values(**token_row(name)))
-
-    cut()
-    with pytest.raises(UnavailableError):  # in the midst of others; whoever sends it sends it again
-        write("one")
-    write("one")
-    monkeypatch.setattr(engine, "KNOWN_TO_LIVE_S", 0.0)
-    cut()
-    write("two")
-    assert n_tokens(database) == 2
-    alone.dispose()
+    with database.writing() as connection:
+        number = connection.scalar(text("SELECT pg_backend_pid()"))
+    with elsewhere.writing() as connection:
+        connection.execute(text("SELECT pg_terminate_backend(:pid)"), {"pid": number})
+    with database.writing() as connection:
+        connection.execute(insert(api_token).values(**token_row("one")))
+    assert n_tokens(elsewhere) == 1
+    with pytest.raises(UnavailableError), database.writing() as connection:  # noqa: PT012
+        connection.execute(text("SELECT pg_terminate_backend(pg_backend_pid())"))
+        connection.execute(insert(api_token).values(**token_row("two")))
+    assert n_tokens(database) == 1
     database.dispose()
+    elsewhere.dispose()
 
 
 def test_many_threads_write_one_after_another(database: Database) -> None:

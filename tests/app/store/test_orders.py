@@ -16,8 +16,8 @@ from app.store.sessions import begin_session, complete_stage, session_by_token, 
 from app.store.studies import study_by_id
 from app.store.tables import assignment, participant, study
 from app.store.trials import mark_served, next_trials
+from app.store.vote_records import Vote
 from app.study.balance import TakenOrder, balance_report
-from app.study.valid_vote import Vote
 from tests.app.store.voting import Participant, keep_vote
 
 MakeInvitation = Callable[[int | None], Invitation]
@@ -45,7 +45,8 @@ def vote_on(database: Database, token: str, n_votes: int, now: datetime) -> None
             (trial, *_) = next_trials(connection, of.id)
         mark_served(database, [trial.id], now)
         viewing = {"first_shown": trial.first_shown, "shown_ms": 1.0, "response_ms": 1.0, "switches": []}
-        keep_vote(database, Participant(token, of), trial.public_id, Vote(f"{token[:20]}{number}", "a", viewing), now)
+        sent = Vote(token, trial.public_id, f"{token[:20]}{number}", "a", viewing, now)
+        keep_vote(database, Participant(token, of), trial.public_id, sent, now)
 
 
 def test_a_slot_that_was_abandoned_is_given_out_again_and_its_order_with_it(

@@ -16,8 +16,7 @@ from app.store.invitations import Invitation
 from app.store.sessions import Session, begin_session, complete_stage, session_by_token
 from app.store.tables import vote
 from app.store.trials import NextTrial, mark_served, next_trials
-from app.store.vote_records import Ballot, KeptVote, keep_votes
-from app.study.valid_vote import Vote
+from app.store.vote_records import KeptVote, Vote, keep_votes
 from tests.seeded_studies import NOW
 
 
@@ -53,13 +52,9 @@ def serve_trials(database: Database, participant: Participant, n_trials: int) ->
     return trials
 
 
-def vote_on(trial: NextTrial, **changes: Any) -> Vote:
+def vote_on(trial: NextTrial, token: str = "", **changes: Any) -> Vote:
     viewing = {"first_shown": trial.first_shown, "shown_ms": 1000.0, "response_ms": 12.5, "switches": []}
-    return replace(Vote(str(uuid4()), "a", viewing), **changes)
-
-
-def ballot_of(participant: Participant, trial: NextTrial, **changes: Any) -> Ballot:
-    return Ballot(participant.token, trial.public_id, vote_on(trial, **changes), NOW)
+    return replace(Vote(token, trial.public_id, str(uuid4()), "a", viewing, NOW), **changes)
 
 
 def n_votes(database: Database) -> int:
@@ -83,8 +78,8 @@ def rows_read(database: Database) -> list[tuple[Any, ...]]:
 
 
 def keep_vote(database: Database, participant: Participant, trial_id: str, sent: Vote, now: datetime) -> KeptVote:
-    """Keep one vote, or raise why it is not kept."""
-    (outcome,) = keep_votes(database, [Ballot(participant.token, trial_id, sent, now)])
+    """Keep one vote as if a participant had sent it for a trial, or raise why it is not kept."""
+    (outcome,) = keep_votes(database, [replace(sent, token=participant.token, trial=trial_id, received_at=now)])
     if isinstance(outcome, StudyError):
         raise outcome
     return outcome

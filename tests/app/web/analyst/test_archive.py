@@ -64,7 +64,7 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
     database = open_database(new_database_url())
     upgrade(database)
     (voter,) = seed_voters(database, 1, 3)
-    votes = [voter.ballot(number) for number in range(len(voter.trials))]
+    votes = [voter.vote(number) for number in range(len(voter.trials))]
     keep_votes(database, votes[:1])
 
     def trials_after_a_vote(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:

@@ -1,0 +1,124 @@
+"""What the votes say is worked out anew whenever something has changed, and votes are not read while nothing has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import Connection
+
+from app.intake.reports import Measure
+from app.store.engine import Database
+from app.store.measurements import replace_measurements
+from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.studies import Study, all_studies
+from app.store.tables import vote
+from app.store.vote_records import keep_votes, vote_records
+from app.web.analyst import results
+from app.web.analyst.results import Results, grouped_results_of, results_of
+from tests.seeded_studies import NOW, seed_voters
+
+
+@pytest.fixture
+def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How often all votes were read since this was asked last; not analysed, as that takes long."""
+    reads: list[int] = []
+
+    def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+        reads.append(study_id)
+        return vote_records(connection, study_id)
+
+    def count() -> int:
+        n = len(reads)
+        reads.clear()
+        return n
+
+    monkeypatch.setattr(results, "vote_records", noted)
+    monkeypatch.setattr(results, "_analysed", lambda rows, inputs: {"rows": rows, **inputs})
+    return count
+
+
+def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Database, n_read: Callable[[], int]) -> None:
+    voters = seed_voters(database, 2, 3)
+    with database.reading() as connection:
+        (study,) = all_studies(connection)
+        first, second = (participant_labelled(connection, study.id, label) for label in ("P001", "P002"))
+    votes = [voter.vote(number) for number in range(2) for voter in voters]
+    changes: list[Callable[[Connection], object]] = [
+        lambda connection: exclude(connection, first, "looked away", "Eva", NOW),
+        lambda connection: undo_exclusion(connection, first, "Eva", NOW),
+        lambda connection: exclude(connection, first, "slept", "Eva", NOW),
+        lambda connection: replace_measurements(connection, study.id, [_measure(1.0)], NOW),
+        lambda connection: replace_measurements(connection, study.id, [_measure(2.0)], NOW),
+        lambda connection: withdraw_participant(connection, first, NOW),
+        lambda connection: erase(connection, second, NOW),
+    ]
+    digests = [_looked_at(database, study, n_read)]
+    for ballot in votes:
+        keep_votes(database, [ballot])
+        digests.append(_looked_at(database, study, n_read))
+    for change in changes:
+        with database.writing() as connection:
+            change(connection)
+        digests.append(_looked_at(database, study, n_read))
+    before_exclusion, undone = len(votes), len(votes) + 2
+    assert digests[undone] == digests[before_exclusion]
+    assert len(set(digests)) == len(digests) - 1
+
+
+def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n_read: Callable[[], int]) -> None:
+    (voter,) = seed_voters(database, 1, 3)
+    with database.reading() as connection:
+        (study,) = all_studies(connection)
+    keep_votes(database, [voter.vote(0)])
+    before = results_of(database, study.id)
+    with database.writing() as connection:
+        connection.execute(vote.delete())
+    later = voter.vote(0)
+    keep_votes(database, [replace(later, choice="b", received_at=NOW + timedelta(days=1))])
+    after = results_of(database, study.id)
+    assert after != before
+    assert _rows(after) != _rows(before)
+    assert n_read() == 2
+
+
+def test_counting_everybody_is_the_same_analysis_while_nobody_is_excluded(
+    database: Database, n_read: Callable[[], int]
+) -> None:
+    (voter,) = seed_voters(database, 1, 3)
+    with database.reading() as connection:
+        (study,) = all_studies(connection)
+    keep_votes(database, [voter.vote(0)])
+    assert results_of(database, study.id) is results_of(database, study.id, with_excluded=True)
+    assert n_read() == 1
+
+
+def _looked_at(database: Database, study: Study, n_read: Callable[[], int]) -> str:
+    """The digest of the results, which are those of the votes as they are now; votes are read once at most."""
+    n_read()
+    now = results_of(database, study.id)
+    assert n_read() <= 1
+    with database.reading() as connection:
+        assert _rows(now) == list(vote_records(connection, study.id))
+    assert results_of(database, study.id) is now
+    assert n_read() == 0
+    counting_all = results_of(database, study.id, with_excluded=True)
+    grouped = grouped_results_of(database, study)
+    n_read()
+    assert results_of(database, study.id, with_excluded=True) is counting_all
+    assert grouped_results_of(database, study) is grouped
+    assert n_read() == 0
+    return now.digest
+
+
+def _rows(made: Results) -> list[dict[str, Any]]:
+    return list(made.analysis["rows"]) if made.analysis is not None else []
+
+
+def _measure(value: float) -> Measure:
+    return Measure(
+        dataset="ball", approach="a_0", measure="roughness", value=value, direction="less is better", unit="mm"
+    )
