@@ -22,18 +22,18 @@ class Settings(BaseSettings):
         default=None,
         description="folder of the stimulus sets that the dashboard offers; unset: stimuli in the data folder",
     )
-    largest_upload_mb: int = Field(default=4096, ge=1, description="of an uploaded zip file, and of what is in it")
-    api_requests_per_minute: int = Field(default=1200, ge=1, description="of one token or experimenter")
+    largest_upload_mb: int = Field(default=4096, ge=1, description="limit of an uploaded zip file, packed and unpacked")
+    api_requests_per_minute: int = Field(default=1200, ge=1, description="limit for each token or experimenter")
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
 
     media_accel: str | None = Field(
         default=None,
         pattern="^/.*/$",
-        description="inner path under which nginx has the pair videos, for example /pairs/",
+        description="internal nginx path of the pair videos, for example /pairs/",
     )
     media_url: str | None = Field(
         default=None,
-        description="where browsers get the pair videos: s3://bucket/folder, …, or https:// of a public host",
+        description="where browsers fetch the pair videos: s3://bucket/folder, …, or https:// of a public host",
     )
     log_format: Literal["text", "json"] = Field(
         default="text", description="json: a line for every request, to standard error"

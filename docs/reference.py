@@ -1,4 +1,4 @@
-"""Pages that the documentation takes from elsewhere: the repository's own, every command and every setting."""
+"""Generate pages of the documentation: those at the repository's top, every command and every setting."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def repository_page(name: str) -> str:
-    """A page of the repository's top folder, with its links as seen from here."""
+    """Return a page of the repository's top folder, with its links relative to the documentation."""
     text = (ROOT / name).read_text(encoding="utf-8")
     for page, source in REPOSITORY_PAGES.items():
         text = text.replace(f"]({source})", f"]({page})")
@@ -38,13 +38,13 @@ def repository_page(name: str) -> str:
 
 
 def commands() -> str:
-    """Every command with its arguments and options, as `--help` has them."""
+    """Return every command with its arguments and options, as `--help` prints them."""
     from app.cli import app
 
     parts = [
         "# Commands",
-        "`--help` after any of them says the same. `--json` prints the result as one JSON object on standard output; "
-        "everything else goes to standard error. The exit status is 0 when done, 1 when it failed, 2 for wrong use.",
+        "`--help` after any command prints the same. `--json` prints the result as one JSON object on standard output; "
+        "everything else goes to standard error. The exit status is 0 on success, 1 on failure, 2 for wrong use.",
     ]
     for name, command in leaves(typer.main.get_command(app), ("reconstudy",)):
         parts += [f"## {name}", _sentence(command.help), _parameters(command)]
@@ -78,13 +78,13 @@ def _row(parameter: Any) -> tuple[str, str, str] | None:
 
 
 def _default(value: Any) -> str:
-    if callable(value) or value in (None, False, (), [], "", 0):
+    if callable(value) or value in (None, False, (), [], "", 0, dataclasses.MISSING):
         return ""
     return f"`{'yes' if value is True else value}`"
 
 
 def settings() -> str:
-    """Environment variables of the server, options of a study, settings of an analysis."""
+    """Return the server's environment variables, the options of a study and the settings of an analysis."""
     from app.analysis.settings import AnalysisSettings
     from app.settings import Settings
     from app.study.options import StudyOptions
@@ -96,13 +96,13 @@ def settings() -> str:
     ]
     parts = [
         "# Settings",
-        "## Of the server",
-        "Environment variables; the command line sets some of them for one run.",
+        "## Server",
+        "Environment variables. Options of the command line override some of them for one run.",
         _table(("variable", "", "default"), server),
-        "## Of a study",
+        "## Studies",
         "Keys of the options file of `reconstudy study create --options` and of a study file.",
         _table(("key", "", "default"), _fields(StudyOptions)),
-        "## Of an analysis",
+        "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),
     ]
@@ -110,12 +110,9 @@ def settings() -> str:
 
 
 def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
-    """Return the fields of a dataclass with what its docstring says of them."""
-    said = _described(kind.__doc__ or "")
-    return [
-        (f"`{one.name}`", said[one.name], _default(None if one.default is dataclasses.MISSING else one.default))
-        for one in dataclasses.fields(kind)
-    ]
+    """Return the fields of a dataclass with their descriptions from its docstring."""
+    described = _described(kind.__doc__ or "")
+    return [(f"`{item.name}`", described[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
 
 
 TYPE = re.compile(r"(str|bool|int|float|mapping|tuple of \w+|sequence of \w+)(, optional)?")
@@ -123,16 +120,16 @@ TYPE = re.compile(r"(str|bool|int|float|mapping|tuple of \w+|sequence of \w+)(, 
 
 def _described(docstring: str) -> dict[str, str]:
     """Return name -> sentence of a docstring's parameters, `name, name : type` with indented lines or `name : text`."""
-    found: dict[str, str] = {}
+    sentences: dict[str, str] = {}
     names: list[str] = []
     for line in docstring.splitlines():
         match = re.match(r"^ {4}([a-z_]+(?:, [a-z_]+)*) : (.*)$", line)
         if match:
             names = match[1].split(", ")
-            found.update(dict.fromkeys(names, "" if TYPE.fullmatch(match[2]) else match[2]))
+            sentences.update(dict.fromkeys(names, "" if TYPE.fullmatch(match[2]) else match[2]))
         elif names and line.startswith("        "):
-            found.update({name: f"{found[name]} {line.strip()}" for name in names})
-    return {name: _sentence(text) for name, text in found.items()}
+            sentences.update({name: f"{sentences[name]} {line.strip()}" for name in names})
+    return {name: _sentence(text) for name, text in sentences.items()}
 
 
 def _sentence(text: str | None) -> str:

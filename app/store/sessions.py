@@ -129,7 +129,7 @@ def _admit(
 ) -> None:
     current = invitation_by_code(connection, invitation.code)
     if study_now.standing == "paused":
-        raise ClosedError("This study pauses. Please come back later.", "paused")
+        raise ClosedError("This study is paused. Please come back later.", "paused")
     if study_now.standing != "open":
         raise ClosedError("This study is closed. Thank you for your interest.", "closed")
     if current is None or current.is_used:

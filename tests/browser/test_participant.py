@@ -246,7 +246,9 @@ def test_an_invitation_that_is_used_up_while_a_page_is_open_is_told_at_begin(
     expect(page.get_by_role("heading")).to_have_text("This invitation has already been used")
 
 
-@pytest.mark.parametrize(("standing", "heading"), [("paused", "This study pauses"), ("closed", "This study is closed")])
+@pytest.mark.parametrize(
+    ("standing", "heading"), [("paused", "This study is paused"), ("closed", "This study is closed")]
+)
 def test_a_study_that_takes_nobody_in_while_a_page_is_open_is_told_at_begin(
     study: Study, settings: Settings, page: Page, visitor: Visitor, standing: Standing, heading: str
 ) -> None:

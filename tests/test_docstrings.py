@@ -1,0 +1,91 @@
+"""The words of the code: what a public docstring must tell, and names that say nothing."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+RIDDLES = {"of", "one", "own", "found"}
+DOCUMENTED = ("recon", "app/study", "app/analysis")
+MANY_PARAMETERS = 3
+SHAPE = re.compile(r"\((?:\.{3}|…|[\w*+ -]+),[^()]*\)|\(\)|scalar")
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def python_files(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def public_functions(path: Path) -> Iterator[Function]:
+    """Functions of a module and methods of its classes whose names do not begin with an underscore."""
+    module = ast.parse(path.read_text(encoding="utf-8"))
+    classes = [node for node in module.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+    for node in [*module.body, *(node for owner in classes for node in owner.body)]:
+        if isinstance(node, Function) and not node.name.startswith("_"):
+            yield node
+
+
+def parameters(function: Function) -> list[ast.arg]:
+    """A function's parameters but for the object that a method belongs to."""
+    given = function.args
+    return [
+        argument
+        for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)
+        if not argument.arg.startswith(("self", "cls", "_"))
+    ]
+
+
+def handles_arrays(function: Function) -> bool:
+    annotations = [argument.annotation for argument in parameters(function)] + [function.returns]
+    return any("NDArray" in ast.unparse(annotation) for annotation in annotations if annotation is not None)
+
+
+def bound_names(path: Path) -> Iterator[tuple[int, str]]:
+    """Names that a module gives to parameters and variables."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+
+
+DOCUMENTED_FILES = [path for path in python_files(*DOCUMENTED) if not name_of(path).startswith("recon/cli/")]
+
+
+@pytest.mark.parametrize("path", DOCUMENTED_FILES, ids=name_of)
+def test_a_public_function_of_three_parameters_explains_them(path: Path) -> None:
+    silent = [
+        f"{function.lineno} {function.name}"
+        for function in public_functions(path)
+        if len(parameters(function)) >= MANY_PARAMETERS and "\n    Parameters\n" not in _indented(function)
+    ]
+    assert not silent
+
+
+@pytest.mark.parametrize("path", DOCUMENTED_FILES, ids=name_of)
+def test_a_public_function_on_arrays_gives_their_shapes(path: Path) -> None:
+    silent = [
+        f"{function.lineno} {function.name}"
+        for function in public_functions(path)
+        if handles_arrays(function) and not SHAPE.search(ast.get_docstring(function) or "")
+    ]
+    assert not silent
+
+
+@pytest.mark.parametrize("path", python_files("app", "recon"), ids=name_of)
+def test_names_are_nouns(path: Path) -> None:
+    assert not [f"{line} {name}" for line, name in bound_names(path) if name in RIDDLES]
+
+
+def _indented(function: Function) -> str:
+    return "\n    " + (ast.get_docstring(function) or "").replace("\n", "\n    ")
