@@ -22,10 +22,7 @@ def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceP
     Where views overlap, each sensor adds a layer with its own normals. A cloud whose points support no
     surface of their own is left out, with a warning.
 
-    Raises
-    ------
-    NoSurfaceError
-        If no cloud supports a surface.
+    A NoSurfaceError says that no cloud supports a surface.
     """
     parameters = _checked(clouds, parameters)
     surfaces: list[Mesh] = []
@@ -49,10 +46,7 @@ def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = Surface
 
     Where views overlap, their points are averaged into one layer.
 
-    Raises
-    ------
-    NoSurfaceError
-        If the points of all clouds together support no surface.
+    A NoSurfaceError says that the points of all clouds together support no surface.
     """
     parameters = _checked(clouds, parameters)
     return surface_from_cloud(merge_clouds(clouds), parameters)

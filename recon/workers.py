@@ -147,10 +147,7 @@ class _WrongInput:
 def open_pool(workers: int = 1, cluster: str | None = None) -> Iterator[Pool]:
     """Open a place where tasks run: this process, `workers` local ones, or the Dask scheduler at an address.
 
-    Raises
-    ------
-    ValueError
-        If `workers` is not positive, or no scheduler with a worker answers at the address.
+    A ValueError says that `workers` is not positive, or that no scheduler with a worker answers at the address.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, found {workers}")

@@ -56,10 +56,7 @@ class Picture:
 def read_capture(folder: Path) -> Capture:
     """Read a capture and make sure that all of its files are there; the images are not decoded yet.
 
-    Raises
-    ------
-    CaptureError
-        Naming the first thing that is wrong, and how many more there are.
+    A CaptureError names the first thing that is wrong, and says how many more there are.
     """
     draft = read_draft(folder)
     paths = dict.fromkeys(picture.path for picture in expected_pictures(folder, draft))
@@ -185,10 +182,7 @@ def expected_pictures(folder: Path, draft: Draft) -> Iterator[Picture]:
 def read_picture(picture: Picture) -> NDArray[np.uint8]:
     """Read a picture of the camera's size as RGB uint8 (H, W, 3).
 
-    Raises
-    ------
-    CaptureError
-        If the file is missing, unreadable, or not of the camera's size.
+    A CaptureError says that the file is missing, unreadable, or not of the camera's size.
     """
     path = fetched(picture.path)
     pixels = read_video_frame(path, picture.frame) if is_video(path) else read_image(path)

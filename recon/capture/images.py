@@ -31,10 +31,7 @@ def is_video(path: str | Path) -> bool:
 def read_image(path: Path) -> NDArray[np.uint8]:
     """Read a PNG or JPEG as RGB uint8 (H, W, 3), as the camera stored it: an EXIF orientation is not applied.
 
-    Raises
-    ------
-    CaptureError
-        If the file is missing, is not an image, or is cut off.
+    A CaptureError says that the file is missing, is not an image, or is cut off.
     """
     pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None:
@@ -59,10 +56,7 @@ def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
     Frames asked for in ascending order are decoded once each; going back starts again at the first frame,
     because seeking is not exact in every container.
 
-    Raises
-    ------
-    CaptureError
-        If the file is missing, cannot be decoded, or ends before the frame.
+    A CaptureError says that the file is missing, cannot be decoded, or ends before the frame.
     """
     if not path.is_file():
         raise CaptureError(f"{path}: there is no such video")
@@ -73,10 +67,7 @@ def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 def video_times(path: Path) -> NDArray[np.float64]:
     """Return when each frame of a video is shown, float64 (N,), s; every frame counts, whatever its header says.
 
-    Raises
-    ------
-    CaptureError
-        If the file is missing or holds no frame that can be decoded.
+    A CaptureError says that the file is missing or holds no frame that can be decoded.
     """
     if not path.is_file():
         raise CaptureError(f"{path}: there is no such video")

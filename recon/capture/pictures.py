@@ -49,10 +49,7 @@ def find_pictures(base: Path) -> Pictures:
 
     Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
 
-    Raises
-    ------
-    CaptureError
-        If there is none of them, or more than one.
+    A CaptureError says that there is none of them, or more than one.
     """
     files = [base.with_name(base.name + suffix) for suffix in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES)]
     recordings = [path for path in (base, *files) if (path.is_dir() if path == base else path.is_file())]

@@ -66,6 +66,9 @@ class Rectification:
 def rectify(sensor: Sensor, bounds: NDArray[np.floating]) -> Rectification:
     """Choose the rectified cameras of a sensor for a space.
 
+    Convention: the x axis runs from the left to the right optical centre, y = z x x, and z is the mean viewing
+    direction made perpendicular to x. Disparity = left column - right column.
+
     Parameters
     ----------
     sensor : Sensor
@@ -76,11 +79,6 @@ def rectify(sensor: Sensor, bounds: NDArray[np.floating]) -> Rectification:
     ValueError
         If the baseline is along the viewing direction, or the bounds are not wholly in front of the cameras, out
         of view, or so near that they span more disparities than the picture is wide.
-
-    Convention
-    ----------
-    The x axis runs from the left to the right optical centre, y = z x x, and z is the mean viewing direction
-    made perpendicular to x. Disparity = left column - right column.
     """
     rotation = _rotation(sensor)
     focal = float(np.mean([np.diag(camera.K)[:2] for camera in (sensor.left, sensor.right)]))

@@ -15,16 +15,14 @@ MIN_SIDE = 7  # pixels: a 5x5 census window with a pixel to spare on each side
 class StereoPair:
     """Two rectified images of one instant, with the disparities to search.
 
+    Convention: row y of one image corresponds to row y of the other; disparity = left column - right column.
+
     Parameters
     ----------
     left, right : uint8 (H, W, 3) sRGB or (H, W) grey
     n_disparities : how many whole disparities to search, pixels
     min_disparity : the smallest of them, pixels; may be negative
     left_mask, right_mask : bool (H, W), True on the foreground; absent, everything is foreground
-
-    Convention
-    ----------
-    Row y of one image corresponds to row y of the other; disparity = left column - right column.
 
     Raises
     ------

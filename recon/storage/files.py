@@ -29,10 +29,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     The temporary name keeps the suffix, because encoders choose the format by it, and holds the host and the process
     that write it.
 
-    Raises
-    ------
-    DiskFullError
-        If the block failed and no room is left where it wrote.
+    A DiskFullError says that the block failed and no room is left where it wrote.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{_host()}-{os.getpid()}.part{path.suffix}")

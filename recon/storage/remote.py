@@ -25,10 +25,7 @@ LOCAL = ("file", "local")
 def place(address: str) -> Path:
     """Find the path that a path or an fsspec URL names; for a URL, that of its copy on this machine.
 
-    Raises
-    ------
-    ValueError
-        If there is no file system for the URL, or the folder of copies belongs to another user.
+    A ValueError says that there is no file system for the URL, or that the folder of copies belongs to another user.
     """
     scheme, mark, rest = address.partition("://")
     if not mark:
@@ -47,12 +44,7 @@ def address_of(path: Path) -> str:
 def fetched(path: Path) -> Path:
     """Bring a copy up to date, and return its path; other paths as they are.
 
-    Raises
-    ------
-    ValueError
-        If there is no file behind the URL.
-    OSError
-        If the file system behind the URL fails.
+    A ValueError says that there is no file behind the URL, an OSError that the file system there fails.
     """
     url = _url(path)
     if url is None:

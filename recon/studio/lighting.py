@@ -17,15 +17,13 @@ N_LIT = 7  # numbers per vertex that `appearance.shade` reads
 def lit(surface: NDArray[np.float32], lights: NDArray[np.float64], eye: NDArray[np.float64]) -> NDArray[np.float32]:
     """Light every vertex as a camera sees it.
 
+    Returns float32 (N, N_LIT): place at rest, light on a white surface (linear RGB), a mirror's share towards the eye.
+
     Parameters
     ----------
     surface : float32 (N, 11), per vertex: place at rest, normal, place in the world, openness, share of the key light
     lights : float64 (2 + lights, 6), as in `looks.light_table`
     eye : float64 (3,), mm, the camera's centre
-
-    Returns
-    -------
-    float32 (N, N_LIT): place at rest, the light on a white surface (linear RGB), and a mirror's share towards the eye
     """
     result = np.empty((len(surface), 7), np.float32)
     softness = lights[1, 0]

@@ -42,6 +42,8 @@ class Visibility:
 def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Visibility:
     """Rasterise a closed mesh; faces that turn their back on the camera are skipped.
 
+    Convention: vertices are distorted, edges stay straight: triangles of a few pixels are exact to 0.01 px.
+
     Parameters
     ----------
     vertices : float64 (N, 3), mm, world
@@ -52,10 +54,6 @@ def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32])
     ValueError
         If a vertex lies behind the camera or closer than NEAREST_MM, or the camera's distortion has more than
         N_DISTORTION coefficients.
-
-    Convention
-    ----------
-    Vertices are distorted, edges between them stay straight: triangles of a few pixels are exact to 0.01 px.
     """
     if camera.dist.size > N_DISTORTION:
         raise ValueError(f"dist has {camera.dist.size} coefficients, expected at most {N_DISTORTION}")

@@ -49,15 +49,13 @@ def cast(
 def floor_shade(vertices: NDArray[np.float64], floor_y: float, direction: NDArray[np.float64]) -> NDArray[np.float32]:
     """Compute how much the actors darken the floor.
 
+    Returns float32 (FLOOR_CELLS, FLOOR_CELLS), factor on the floor's display values, over z (rows) and x (columns).
+
     Parameters
     ----------
     vertices : float64 (N, 3), mm, world
     floor_y : mm
     direction : float64 (3,), towards the key light
-
-    Returns
-    -------
-    float32 (FLOOR_CELLS, FLOOR_CELLS), factor on the floor's display values, over z (rows) and x (columns)
     """
     height = vertices[:, 1] - floor_y
     x, z = vertices[:, 0] - height * direction[0] / direction[1], vertices[:, 2] - height * direction[2] / direction[1]

@@ -49,10 +49,7 @@ def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[CloudFi
     The sensors' names belong to the files in order and repeat if they are fewer; the n-th file of each sensor
     shows sample n. Without names every file is a sample by itself.
 
-    Raises
-    ------
-    ValueError
-        If the number of files is not a multiple of the number of names.
+    A ValueError says that the number of files is not a multiple of the number of names.
     """
     if not paths:
         raise ValueError("there is no cloud to measure")
@@ -70,10 +67,7 @@ def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[CloudFi
 def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
     """Read the points (N, 3) of a cloud, mm.
 
-    Raises
-    ------
-    ValueError
-        If the file is missing or unreadable, holds no points, or the unit is unknown.
+    A ValueError says that the file is missing or unreadable, holds no points, or that the unit is unknown.
     """
     if unit not in UNITS_MM:
         raise ValueError(f"there is no unit {unit!r}; expected one of {', '.join(UNITS_MM)}")

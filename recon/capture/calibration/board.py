@@ -79,10 +79,7 @@ class Board:
     def find(self, grey: NDArray[np.uint8]) -> Corners:
         """Find the board's corners in a grey picture, uint8 (H, W).
 
-        Raises
-        ------
-        CaptureError
-            If the board is not found, too little of it is, or the corners are on one line.
+        A CaptureError says that the board is not found, too little of it is, or the corners are on one line.
         """
         corners = self._find_charuco(grey) if self.kind == "charuco" else self._find_chessboard(grey)
         if len(corners) < MIN_CORNERS:

@@ -79,10 +79,7 @@ def dark_background_threshold(histogram: NDArray[np.integer]) -> float:
     It is the near edge of the valley between background and object in the histogram (256,) of brightness: further
     up, the object's own shadows would be lost.
 
-    Raises
-    ------
-    CaptureError
-        If all pixels are equally bright.
+    A CaptureError says that all pixels are equally bright.
 
     Source of the two classes: Otsu, "A threshold selection method from grey-level histograms", 1979, on the square root
     of brightness, in which shot noise is equally strong everywhere; the valley is ours.

@@ -42,10 +42,8 @@ Strokes = Mapping[tuple[str, str], Mapping[int, NDArray[np.uint8]]]
 def read_scribbles(path: Path, capture: Capture) -> Strokes:
     """Read the strokes of a folder or JSON file.
 
-    Raises
-    ------
-    CaptureError
-        If a camera has none, or strokes are of the wrong size, for an unknown camera or frame, or of one kind only.
+    A CaptureError says that a camera has none, or strokes are of the wrong size, for an unknown camera or frame, or of
+    one kind only.
     """
     strokes = _from_json(path, capture) if path.is_file() else _from_folder(path, capture)
     for stream in capture.sensors:

@@ -16,6 +16,7 @@ from recon.validation.clouds import UNITS_MM, FitError, checked_points
 from recon.validation.sampling import subsample
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.triangles import TriangleTree
+from recon.validation.truth.evaluation import Shape, sample_evenly
 
 DELTA_SHARE = 0.02  # of the model's diagonal, how far a point may lie from it in the search
 COARSE_POINTS = 1_500
@@ -120,7 +121,8 @@ def _placed(
 ) -> Placement:
     delta = parameters.delta or DELTA_SHARE * diagonal
     tree = TriangleTree(vertices, faces)
-    model = surface_points(vertices, faces, MODEL_POINTS, np.random.default_rng(parameters.seed))
+    shape = Shape(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32))
+    model = sample_evenly(shape, MODEL_POINTS, np.random.default_rng(parameters.seed))
     coarse, fine = (
         subsample(points, parameters.seed, most).astype(np.float64) for most in (COARSE_POINTS, FINE_POINTS)
     )
@@ -178,22 +180,6 @@ def refine(
             break
     distances = tree.nearest(points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]).distances
     return Placement(np.linalg.inv(model_from_cloud), delta, float(np.mean(distances < delta)), rms, n_steps)
-
-
-def surface_points(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer], n: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Return n points, float64 (n, 3), mm, spread evenly over a mesh.
-
-    Parameters
-    ----------
-    vertices, faces : floating (N, 3), mm, and integer (M, 3)
-    n : of the points
-    rng : that they are drawn with
-    """
-    from recon.validation.truth.evaluation import Shape, sample_evenly
-
-    return sample_evenly(Shape(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32)), n, rng)
 
 
 def _candidates(

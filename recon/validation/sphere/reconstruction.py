@@ -61,10 +61,7 @@ def fitted(results: Iterable[MeasuredSphere]) -> list[MeasuredSphere]:
 def measure_reconstruction(file: CloudFile, settings: SphereSettings) -> MeasuredSphere:
     """Read a cloud, fit its sphere, and examine the parts of its surface.
 
-    Raises
-    ------
-    ValueError
-        If the file cannot be read or measured; that it holds no sphere is a result.
+    A ValueError says that the file cannot be read or measured; that it holds no sphere is a result.
     """
     try:
         points = counted = read_measured(file.path, settings.unit)
