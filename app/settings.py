@@ -60,6 +60,6 @@ class Settings(BaseSettings):
         return self.data_dir / "pairs"
 
     def as_environment(self) -> dict[str, str]:
-        """These settings as environment variables, for a child process."""
+        """Return these settings as environment variables, for a child process."""
         values = self.model_dump(mode="json", exclude_none=True)
         return {f"RECONSTUDY_{name.upper()}": str(value) for name, value in values.items()}

@@ -156,7 +156,7 @@ def _surface_pixels(relative: NDArray[np.float32], parameters: CloudParameters) 
 
 
 def _disparity_sigma(disparity: NDArray[np.float32], parameters: CloudParameters) -> float:
-    """Standard deviation of a single disparity in a smooth neighbourhood, pixels."""
+    """Estimate the standard deviation of a single disparity in a smooth neighbourhood, pixels."""
     valid = disparity[np.isfinite(disparity)]
     rounding = UNIFORM_SIGMA if np.array_equal(valid, np.rint(valid)) else 0.0
     return float(np.hypot(parameters.disparity_sigma_px, rounding))

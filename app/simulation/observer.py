@@ -80,7 +80,7 @@ def gap_of_ring(picture: NDArray[np.uint8]) -> int:
 
 
 def _contrast(features: NDArray[np.float64], is_ring: NDArray[np.bool_]) -> float:
-    """The largest difference between ring and rest over the features, in standard deviations within each."""
+    """Return the largest difference between ring and rest over the features, in standard deviations within each."""
     ring, rest = features[is_ring], features[~is_ring]
     spread = np.sqrt((ring.var(axis=0) + rest.var(axis=0)) / 2)
     return float(np.max(np.abs(ring.mean(axis=0) - rest.mean(axis=0)) / spread))

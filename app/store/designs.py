@@ -93,7 +93,7 @@ def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairV
 
 
 def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
-    """The pairs that participants practise with, in order."""
+    """Return the pairs that participants practise with, in order."""
     columns = [practice_pair.c[fact.name] for fact in fields(PracticePair) if fact.name in practice_pair.c]
     rows = (
         select(*columns, *SECOND, has_singles(practice_pair.c.media).label("has_singles"))
@@ -170,7 +170,7 @@ def has_single_films(connection: Connection, study_id: int) -> bool:
 
 
 def film_files(connection: Connection) -> dict[str, str]:
-    """The SHA-256 of every film's file by its name in the media folder."""
+    """Return the SHA-256 of every film's file by its name in the media folder."""
     tables = (pair, practice_pair, second_film, single_film)
     return {
         row.file: row.sha256 for table in tables for row in connection.execute(select(table.c.file, table.c.sha256))

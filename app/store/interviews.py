@@ -31,7 +31,7 @@ def keep_spoken(
 
 
 def spoken_of(connection: Connection, participant_id: int) -> dict[str, str]:
-    """What a participant said, by question."""
+    """Return what a participant said, by question."""
     rows = (
         select(spoken_answer.c.question, spoken_answer.c.answer)
         .select_from(spoken_answer.join(session))

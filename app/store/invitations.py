@@ -55,7 +55,7 @@ def preview_code(connection: Connection, study_id: int) -> str:
 
 
 def _of_previews(study_id: int) -> Select[Any]:
-    """The first preview invitation; databases of older versions may hold several."""
+    """Return the first preview invitation; databases of older versions may hold several."""
     is_preview = (invitation.c.study_id == study_id) & (invitation.c.places == 0)
     return select(invitation).where(is_preview).order_by(invitation.c.id).limit(1)
 

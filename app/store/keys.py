@@ -17,12 +17,12 @@ def new_secret() -> str:
 
 
 def new_opaque_id() -> str:
-    """A random name, which says nothing about what it names."""
+    """Return a random name, which says nothing about what it names."""
     return secrets.token_urlsafe(12)
 
 
 def new_code() -> str:
-    """A code that a person can type."""
+    """Return a code that a person can type."""
     return "".join(secrets.choice(CODE_ALPHABET) for _ in range(CODE_LENGTH))
 
 

@@ -34,7 +34,7 @@ def revisions() -> list[str]:
 
 
 def version_of(database: Database) -> str | None:
-    """The version a database is at; None when it is empty."""
+    """Return the version a database is at; None when it is empty."""
     with database.reading() as connection:
         return MigrationContext.configure(connection).get_current_revision()
 

@@ -40,7 +40,7 @@ def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
 
 
 def study_plan(connection: Connection, study: Study) -> StudyPlan:
-    """The facts of a study that its orders are computed from."""
+    """Return the facts of a study that its orders are computed from."""
     pairs = planned_pairs(connection, study.id)
     options = parse_options(study.options)
     names = stimulus_names(connection, study.id)
@@ -48,7 +48,7 @@ def study_plan(connection: Connection, study: Study) -> StudyPlan:
 
 
 def pairs_to_show(connection: Connection, study: Study, slot: int) -> list[PlannedPair]:
-    """The pairs for a new participant: all of the study, or those chosen adaptively by the votes so far."""
+    """Return the pairs for a new participant: all of the study, or those chosen adaptively by the votes so far."""
     pairs = planned_pairs(connection, study.id)
     n_pairs = parse_options(study.options).adaptive_pairs
     return adaptive_pairs(pairs, _pair_votes(connection, study.id), n_pairs, study.seed, slot) if n_pairs else pairs
@@ -86,7 +86,7 @@ def _pair_votes(connection: Connection, study_id: int) -> dict[int, tuple[int, i
 
 
 def taken_orders(connection: Connection, study: Study, now: datetime) -> list[TakenOrder]:
-    """The stored order of everybody who has begun, by slot."""
+    """Return the stored order of everybody who has begun, by slot."""
     trials: dict[int, list[PlannedTrial]] = {}
     for row in connection.execute(
         select(

@@ -37,7 +37,7 @@ class Person:
 
 
 def participant_labelled(connection: Connection, study_id: int, label: str) -> Person:
-    """The participant with a label.
+    """Return the participant with a label.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def participant_records(
 
 
 def participant_record(connection: Connection, person: Person) -> dict[str, Any]:
-    """A participant as in `participant_records`."""
+    """Return a participant as in `participant_records`."""
     return _described(connection.execute(_records(person.study_id).where(participant.c.id == person.id)).one())
 
 
@@ -241,7 +241,7 @@ def _delete_rows(connection: Connection, table: Table, participant_id: int | Non
 
 
 def stage_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
-    """The data that a participant sent with each stage, in order."""
+    """Return the data that a participant sent with each stage, in order."""
     rows = connection.execute(
         select(stage_record.c.stage, stage_record.c.data, stage_record.c.completed_at)
         .join(session)
@@ -271,7 +271,7 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
 
 
 def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """A row for each participant and question: written answers first, then spoken ones."""
+    """Return a row for each participant and question: written answers first, then spoken ones."""
     takes_part = takes_part_in(study_id)
     written = connection.execute(
         select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)

@@ -17,20 +17,20 @@ metadata = MetaData(naming_convention=NAMES)
 
 
 def key() -> Column[int]:
-    """A primary key that counts rows."""
+    """Return a primary key that counts rows."""
     return Column("id", Integer, primary_key=True)
 
 
 def reference(target: str, *, index: bool = True) -> Column[int]:
-    """A foreign key to another table's row."""
+    """Return a foreign key to another table's row."""
     return Column(f"{target}_id", ForeignKey(f"{target}.id"), nullable=False, index=index)
 
 
 def required(name: str, kind: Any, **options: Any) -> Column[Any]:
-    """A column that is never NULL."""
+    """Return a column that is never NULL."""
     return Column(name, kind, nullable=False, **options)
 
 
 def digest(name: str, **options: Any) -> Column[str]:
-    """A column for a SHA-256, hexadecimal."""
+    """Return a column for a SHA-256, hexadecimal."""
     return required(name, String(64), **options)

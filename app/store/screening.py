@@ -61,7 +61,7 @@ class TestState:
 
 
 def display_of(connection: Connection, session_id: int) -> Display | None:
-    """The measured display of a session; None before it is measured."""
+    """Return the measured display of a session; None before it is measured."""
     columns = [screening_display.c[name] for name in Display.__dataclass_fields__]
     row = connection.execute(select(*columns).where(screening_display.c.session_id == session_id)).one_or_none()
     return Display(**row._mapping) if row else None
@@ -122,7 +122,7 @@ def states_of(connection: Connection, session_id: int, options: ScreeningOptions
 def item_to_show(
     database: Database, session_id: int, test: TestName, options: ScreeningOptions, now: datetime
 ) -> ServedItem | None:
-    """The ring or plate to answer now; the first one begins the test. None: the test is over.
+    """Return the ring or plate to answer now; the first one begins the test. None: the test is over.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def answer_item(
 
 
 def item_of(connection: Connection, session_id: int, test: TestName, number: int) -> ServedItem:
-    """A ring or plate that was served, to be drawn.
+    """Return a ring or plate that was served, to be drawn.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def close_screening(connection: Connection, session_id: int, options: ScreeningO
 
 
 def screening_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """A row for each participant and test of a study, including unfinished tests."""
+    """Return a row for each participant and test of a study, including unfinished tests."""
     rows = connection.execute(
         select(
             participant.c.label.label("participant"),
@@ -237,7 +237,7 @@ def _begin(
 
 
 def _advance(connection: Connection, row: Row[Any], now: datetime) -> ServedItem | None:
-    """The item to answer now, drawn if all earlier ones have answers; a test without one gets its verdict."""
+    """Return the item to answer now, drawn if all earlier ones have answers; a test without one gets its verdict."""
     if row.finished_at is not None:
         return None
     items = _items(connection, row.id)

@@ -64,7 +64,7 @@ def is_voted_on() -> ColumnElement[bool]:
 
 
 def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list[NextTrial]:
-    """The first trials of a session without a vote: the one to show, and the one to fetch meanwhile.
+    """Return the first trials of a session without a vote: the one to show, and the one to fetch meanwhile.
 
     A trial that was interrupted comes again after all others.
     """
@@ -164,7 +164,7 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
 
 
 def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
-    """A trial of a study as in `trial_records`."""
+    """Return a trial of a study as in `trial_records`."""
     query = _records().where(takes_part_in(study_id), trial.c.public_id == trial_id)
     row = connection.execute(query).one_or_none()
     return None if row is None else _described(row)

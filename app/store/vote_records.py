@@ -173,7 +173,7 @@ def _outcome(connection: Connection, sent: Vote, row: Row[Any], *, is_new: bool)
 
 
 def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """The votes table of a study, as DESIGN's votes file."""
+    """Return the votes table of a study, as DESIGN's votes file."""
     for record in trial_records(connection, study_id):
         if record["choice"] is not None:
             yield {

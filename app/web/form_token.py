@@ -19,7 +19,7 @@ ENTRY_COOKIE = "entry"
 
 
 def entry_token(request: Request) -> str:
-    """The token that this browser's forms carry; a new one if the browser has none."""
+    """Return the token that this browser's forms carry; a new one if the browser has none."""
     known = getattr(request.state, "entry_token", None) or request.cookies.get(ENTRY_COOKIE)
     request.state.entry_token = known or token_urlsafe(32)
     return str(request.state.entry_token)

@@ -87,7 +87,7 @@ def throttle(request: Request) -> Throttle:
 
 
 def address(request: Request) -> str:
-    """The client's network address, to count requests by; it is stored nowhere."""
+    """Return the client's network address, to count requests by; it is stored nowhere."""
     return request.client.host if request.client else "unknown"
 
 
@@ -124,7 +124,7 @@ def participant(request: Request, token: Annotated[str, Depends(participant_toke
 
 
 def meant_session(request: Request) -> str | None:
-    """The id of the session that a request is for; None where it names none."""
+    """Return the id of the session that a request is for; None where it names none."""
     return request.headers.get(SESSION_HEADER)
 
 
@@ -170,7 +170,7 @@ def may_read(scope: str) -> Callable[[Request], Reader]:
 
 
 def experimenter(request: Request) -> Experimenter:
-    """The experimenter who is signed in by cookie, whatever their role."""
+    """Return the experimenter who is signed in by cookie, whatever their role."""
     if (known := getattr(request.state, "person", None)) is not None:  # another gate of the same request has asked
         person: Experimenter = known
         return person

@@ -20,7 +20,7 @@ class Shared(Generic[Value]):
         self._lock = threading.Lock()
 
     def begun(self, key: str) -> Future[Value] | None:
-        """The result that is kept or being computed for a key; None if there is neither."""
+        """Return the result that is kept or being computed for a key; None if there is neither."""
         with self._lock:
             if key in self._results:
                 self._results.move_to_end(key)

@@ -65,7 +65,7 @@ class Requests:
 
 
 def route_of(scope: Scope) -> str:
-    """The pattern that an address matched, for example "/s/{code}"."""
+    """Return the pattern that an address matched, for example "/s/{code}"."""
     if route := scope.get("route"):
         return str(route.path)
     return "/static" if scope["path"].startswith("/static/") else NOWHERE

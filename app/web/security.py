@@ -86,7 +86,7 @@ def _encoded(headers: Mapping[str, str]) -> dict[bytes, bytes]:
 
 
 def policy(media_origin: str | None) -> str:
-    """The Content-Security-Policy of pages.
+    """Return the Content-Security-Policy of pages.
 
     Parameters
     ----------

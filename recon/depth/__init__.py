@@ -11,8 +11,19 @@ from numpy.typing import NDArray
 from recon.depth.cvf import DrParameters, IdParameters, NoTextureWarning, match_dr, match_id
 from recon.depth.pair import StereoPair
 from recon.depth.patchmatch import PmParameters, match_pm
+from recon.depth.temporal import match_sequence
 
-__all__ = ["DEFAULTS", "MATCHERS", "Matcher", "StereoPair", "match_dr", "match_id", "match_pm", "matched"]
+__all__ = [
+    "DEFAULTS",
+    "MATCHERS",
+    "Matcher",
+    "StereoPair",
+    "match_dr",
+    "match_id",
+    "match_pm",
+    "match_sequence",
+    "matched",
+]
 
 Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
 

@@ -47,7 +47,7 @@ def ply_bytes(columns: Mapping[str, NDArray[Any]], faces: NDArray[np.integer] | 
 
 
 def vector_columns(names: Sequence[str], vectors: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """The columns of vectors (N, 3) by name."""
+    """Return the columns of vectors (N, 3) by name."""
     return dict(zip(names, vectors.T, strict=True))
 
 

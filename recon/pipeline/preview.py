@@ -95,13 +95,13 @@ def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
 
 
 def _key(run: Run, frame: int) -> dict[str, object]:
-    """What pictures of a frame are made from."""
+    """List what the pictures of a frame are made from."""
     meshes = [mesh_name(approach, frame) for approach in run.approaches]
     return {"meshes": run.artefacts.digests(meshes), "code": code_version("pipeline/preview.py", "render")}
 
 
 def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
-    """A row of four pictures for each approach."""
+    """Return a row of four pictures for each approach."""
     camera = _cameras(run)[VIEW]
     pictures, labels = [], []
     for approach in run.approaches:
@@ -137,13 +137,13 @@ def _cameras(run: Run) -> tuple[Camera, ...]:
 
 
 def _middle(run: Run) -> str:
-    """The middle sensor's name."""
+    """Return the middle sensor's name."""
     sensors = run.capture.sensors
     return sensors[len(sensors) // 2].id
 
 
 def _fitted(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """An image scaled to fit `SIZE`, centred on black."""
+    """Return an image scaled to fit `SIZE`, centred on black."""
     scale = min(SIZE[0] / image.shape[1], SIZE[1] / image.shape[0])
     scaled = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)[: SIZE[1], : SIZE[0]]
     top, left = (SIZE[1] - scaled.shape[0]) // 2, (SIZE[0] - scaled.shape[1]) // 2

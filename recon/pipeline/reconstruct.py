@@ -185,7 +185,7 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
 
 
 def depth_resolution(capture: Capture) -> float:
-    """A voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
+    """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
 
     A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
     and not less than the width of a pixel; the coarsest of the sensors decides.

@@ -249,7 +249,7 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
 
 
 def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:
-    """The disparities of a pair as they were matched before."""
+    """Return the disparities of a pair as they were matched before."""
     return next(disparities)
 
 
@@ -263,7 +263,7 @@ def _rectification(capture: Capture, view: View) -> Rectification:
 
 
 def _stereo_pair(capture: Capture, rectification: Rectification, view: View) -> StereoPair | None:
-    """The rectified pictures of a view; None where a mask shows no foreground."""
+    """Return the rectified pictures of a view; None where a mask shows no foreground."""
     masks = read_masks(capture, view.sensor_id, view.frame)
     left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
     if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):

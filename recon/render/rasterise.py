@@ -261,7 +261,7 @@ def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # type: ignore[no-untyped-def]  # numba
-    """The colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
+    """Return the colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay = px - corners[a, 0], py - corners[a, 1]
     bx, by = px - corners[b, 0], py - corners[b, 1]

@@ -123,7 +123,7 @@ def _copies() -> Path:
 
 
 def _files(url: str) -> tuple[Any, str]:
-    """The file system of a URL, and the name in it."""
+    """Return the file system of a URL, and the name in it."""
     import fsspec  # late: most runs have no URL
 
     try:

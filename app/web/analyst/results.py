@@ -76,7 +76,7 @@ def grouped_results_of(database: Database, study: Study) -> Results:
 
 
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
-    """The content of analysis.json for the votes so far; None while there are none."""
+    """Return the content of analysis.json for the votes so far; None while there are none."""
     return results_of(database, study_id).analysis
 
 
@@ -168,7 +168,7 @@ def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
 
 
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
-    """The numbers behind a figure."""
+    """Return the numbers behind a figure."""
     kind, _, which = name.partition("_")
     if kind == "scores":
         comparisons = {row["comparison"] for row in analysis["scores"]}

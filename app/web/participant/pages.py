@@ -105,7 +105,7 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
 
 
 def _language(request: Request) -> str:
-    """The language that was chosen by hand, now or before, else the browser's."""
+    """Return the language that was chosen by hand, now or before, else the browser's."""
     for chosen in (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE)):
         if chosen in languages():
             return str(chosen)
@@ -113,7 +113,7 @@ def _language(request: Request) -> str:
 
 
 def preferred_language(accepted: str, available: frozenset[str]) -> str:
-    """The first available language of an Accept-Language header by falling weight, else English."""
+    """Return the first available language of an Accept-Language header by falling weight, else English."""
     weighted = [_weighted(entry) for entry in accepted.split(",") if entry.strip()]
     acceptable = sorted((entry for entry in weighted if entry[0] > 0), key=lambda entry: -entry[0])
     return next((language for _, language in acceptable if language in available), DEFAULT_LANGUAGE)
