@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import subprocess
@@ -43,6 +44,19 @@ def command_lines(page: Path) -> Iterator[str]:
         found = re.search(r"(?:^|[\s/])reconstudy ([a-z].*)$", line.split("#")[0].replace("\n", " "))
         if found:
             yield found[1].strip()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_that_a_page_imports_is_there(page: Path) -> None:
+    lines = re.findall(r"^from ((?:app|recon)[\w.]*) import ([\w, ]+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    missing = [
+        f"{module}.{name}" for module, names in lines for name in names.split(", ") if not is_there(module, name)
+    ]
+    assert not missing
+
+
+def is_there(module: str, name: str) -> bool:
+    return hasattr(importlib.import_module(module), name)
 
 
 def words(line: str) -> list[str]:
