@@ -23,7 +23,6 @@ import pytest
 
 from tests.containers import ROOT, arguments_of, copied_files
 from tests.locks import RECON, SERVER, locked
-from tests.study_server import free_port, wait_for_port
 
 pytestmark = pytest.mark.slow
 VOTES = "participant,dataset,item_a,item_b,choice\n" + "".join(
@@ -60,14 +59,13 @@ class Installed:
     @contextmanager
     def server(self) -> Iterator[str]:
         """`reconstudy serve`, and its address."""
-        port = free_port()
-        command = [self.environment / "bin" / "reconstudy", "serve", "--port", str(port)]
+        command = [self.environment / "bin" / "reconstudy", "serve", "--port", "0"]
         with subprocess.Popen(
-            command, cwd=self.work, env=environment_variables(), stdout=subprocess.DEVNULL
+            command, cwd=self.work, env=environment_variables(), stdout=subprocess.PIPE, text=True
         ) as process:
+            assert process.stdout
             try:
-                wait_for_port(port, process)
-                yield f"http://127.0.0.1:{port}"
+                yield process.stdout.readline().split()[2]  # Serving at ADDRESS until ...
             finally:
                 process.terminate()
 
