@@ -63,10 +63,9 @@ class Installed:
         with subprocess.Popen(
             command, cwd=self.work, env=environment_variables(), stdout=subprocess.PIPE, text=True
         ) as process:
+            assert process.stdout
             try:
-                assert process.stdout is not None
-                (address,) = re.findall(r"Serving at (\S+)", process.stdout.readline())
-                yield address
+                yield process.stdout.readline().split()[2]  # Serving at ADDRESS until ...
             finally:
                 process.terminate()
 
