@@ -20,7 +20,7 @@ from app.study.options import LONGEST_TEXT, parse_options
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
-from app.web.admin.layout import see, study_page
+from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store
 
 FREE = ("name", "debriefing", "abandoned_after_h")  # settings that may change after somebody has begun
@@ -95,10 +95,10 @@ def edit(
     now = study_file_of(study)
     given = {
         "optional_stages": stage,
-        "consent": _unix(consent),
+        "consent": unix(consent),
         "consent_version": consent_version.strip(),
         "comprehension": comprehension,
-        "debriefing": _unix(debriefing),
+        "debriefing": unix(debriefing),
         **screening,
     }
     with database.reading() as connection:
@@ -121,7 +121,7 @@ def edit_file(
     text: Annotated[str, Form(max_length=LONGEST_FILE)],
 ) -> Response:
     try:
-        wanted = _complete(parse_study_file(_unix(text)), study_file_of(study))
+        wanted = _complete(parse_study_file(unix(text)), study_file_of(study))
     except (tomllib.TOMLDecodeError, ValueError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return _save(database, study, wanted, revision, actor)
@@ -190,8 +190,3 @@ def _short(value: Any) -> Any:
 
 def _flat(study: StudyFile) -> dict[str, Any]:
     return {"name": study.name, "exposure_s": study.exposure_s, "seed": study.seed, **study.options.as_json()}
-
-
-def _unix(text: str) -> str:
-    """Return a form's text with a file's line ends."""
-    return text.replace("\r\n", "\n").strip()

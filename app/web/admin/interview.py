@@ -13,7 +13,7 @@ from app.store.interviews import keep_spoken, spoken_of
 from app.store.participants import participant_labelled
 from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER
-from app.web.admin.layout import see, study_page
+from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store
 
 Label = Annotated[str, Path(max_length=40)]
@@ -76,4 +76,4 @@ def keep_interview(
 
 def _by_question(questions: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
     """Return a form's texts by question, with a file's line ends."""
-    return {asked: text.replace("\r\n", "\n").strip() for asked, text in zip(questions, texts, strict=False)}
+    return {asked: unix(text) for asked, text in zip(questions, texts, strict=False)}

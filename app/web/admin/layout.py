@@ -1,4 +1,4 @@
-"""Render the frame of the experimenter's pages: navigation, a study's head and tabs, paging, redirects."""
+"""Render the frame of the experimenter's pages (navigation, head, tabs, paging); redirect and read texts of forms."""
 
 from __future__ import annotations
 
@@ -63,3 +63,8 @@ def turns(at: int, size: int, *, has_more: bool) -> dict[str, int | None]:
 def see(path: str) -> Response:
     """Redirect to another page after a form."""
     return RedirectResponse(path, status_code=303)
+
+
+def unix(text: str) -> str:
+    """Return a form's text with a file's line ends."""
+    return text.replace("\r\n", "\n").strip()

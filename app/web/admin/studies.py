@@ -17,7 +17,7 @@ from app.store.studies import Standing, all_studies, progress_by_study, set_stan
 from app.study.options import LONGEST_TEXT, parse_options
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import start_job
-from app.web.admin.layout import page, see
+from app.web.admin.layout import page, see, unix
 from app.web.admin.stimulus_sets import known_sets, set_folder
 from app.web.analyst.results import load_analysis
 from app.web.gates import Acting, AStudy, Looking, Person, Store, settings
@@ -57,7 +57,7 @@ def create(
     """Create a study in the background; the job's page shows the progress."""
     folder = set_folder(settings(request), stimulus_set)
     try:
-        options = parse_options({"optional_stages": stage, "consent": _unix(consent)})
+        options = parse_options({"optional_stages": stage, "consent": unix(consent)})
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
@@ -121,8 +121,3 @@ def preview(request: Request, actor: Acting, study: AStudy, database: Store) -> 
     answer = see(f"/s/{code}")
     remember(request, answer, token)
     return answer
-
-
-def _unix(text: str) -> str:
-    """Return a form's text with a file's line ends."""
-    return text.replace("\r\n", "\n").strip()
