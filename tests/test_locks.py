@@ -38,7 +38,7 @@ def test_each_part_has_what_its_extras_ask_for() -> None:
 
 
 def test_production_installs_nothing_for_tests_and_a_server_no_reconstruction() -> None:
-    needed_by_dask_and_pyrender = {"setuptools", "pyyaml", "trimesh"}
+    needed_by_dask_and_pyrender = {"pyyaml", "trimesh"}
     only_for_tests = names(EXTRAS["test"] + EXTRAS["docs"]) - needed_by_dask_and_pyrender
     assert not only_for_tests & locked_names(SERVER, RECON)
     assert not names(EXTRAS["recon"] + EXTRAS["cluster"]) & locked_names(SERVER)
