@@ -1,4 +1,4 @@
-"""The images that Dockerfile and compose.yaml describe; tests/test_wheel.py runs the steps that need no network."""
+"""The images that Dockerfile and compose.yaml describe; tests/app/test_wheel.py runs the steps that need no network."""
 
 from __future__ import annotations
 

@@ -126,10 +126,11 @@ class Visitor:
         """Both pairs; a busy machine may miss an exposure, and then the pair comes again."""
         again = self.page.locator("[data-view=practice-again]:visible")
         others = self.page.locator("#trial[data-state=exposure], [data-view=practice-done]:visible")
+        pair = self.page.locator("#trial[data-state=exposure], #trial[data-state=voting]")
         for _ in ("an obvious pair", "an identical one"):
             is_switched = False
             while not is_switched:
-                self.is_in("exposure")
+                pair.wait_for()
                 self.page.keyboard.press("Space")
                 self.votes("2")
                 others.or_(again).first.wait_for()
