@@ -156,7 +156,7 @@ def _check_intrinsics(K: NDArray[np.float64], size: tuple[int, int]) -> None:
 def _check_rigid(transform: NDArray[np.float64]) -> None:
     rotation = transform[:3, :3]
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(transform[3], (0, 0, 0, 1)):
+    if not error <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(transform[3], (0, 0, 0, 1)):
         raise ValueError(
             f"cam_from_world is not a rigid transform: R R^T differs from the identity by {error:.3g}, "
             f"det R = {np.linalg.det(rotation):.3g}, last row {transform[3].tolist()}"

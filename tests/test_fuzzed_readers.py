@@ -30,6 +30,7 @@ from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
 from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh import read_cloud, read_mesh
+from recon.render.path_file import read_path
 
 REFUSALS = (ValueError, OSError)  # a sentence for whoever gave the file; anything else is our mistake
 LONGEST_S = 20.0
@@ -76,6 +77,14 @@ SENSOR = {
     "id": "1",
     "left": {"image": "l/{:04d}.png", "K": [[50, 0, 31], [0, 50, 23], [0, 0, 1]], "dist": [], "size": [64, 48]},
 }
+CAMERA = {"camera_to_world": [1, 0, 0, 9, 0, 1, 0, 9, 0, 0, 1, 900, 0, 0, 0, 1], "fov": 40.0, "aspect": 1.5}
+CAMERA_PATH = {
+    "camera_type": "perspective",
+    "units": "mm",
+    "render_height": 64,
+    "render_width": 96,
+    "camera_path": [CAMERA],
+}
 CAPTURE = {"schema_version": 1, "name": "c", "kind": "scene", "fps": 5, "n_frames": 1, "sensors": [SENSOR]}
 
 
@@ -106,6 +115,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "disparity": (read_disparity, "disparity.pfm", lambda: PFM),
     "image": (read_image, "image.png", png),
     "capture": (lambda path: read_draft(path.parent), "capture.json", json.dumps(CAPTURE).encode),
+    "camera path": (lambda path: read_path(path, 1, (96, 64)), "path.json", json.dumps(CAMERA_PATH).encode),
     "stimulus": (decode, "film.mp4", film),
     "recorded video": (lambda path: read_video_frame(path, 9), "film.mp4", film),
     "times of a video": (video_times, "film.mp4", film),

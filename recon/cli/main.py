@@ -13,7 +13,15 @@ import typer
 
 from recon.cli.capture import app as capture_app
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import ClusterOption, WorkersOption, parse_frames, parse_names, parse_place, parse_size
+from recon.cli.options import (
+    ClusterOption,
+    WorkersOption,
+    parse_frames,
+    parse_names,
+    parse_path,
+    parse_place,
+    parse_size,
+)
 from recon.cli.validate import app as validate_app
 from recon.storage.remote import address_of
 
@@ -199,6 +207,14 @@ def render(
     fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
     seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
     background: Annotated[str, typer.Option(help="Artificial background: studio, dark or plain.")] = "studio",
+    path: Annotated[
+        str,
+        typer.Option(
+            metavar="sensors|orbit|swing|FILE",
+            help="The camera's way: along the sensors, once around, to both sides of the first sensor, or as in a JSON "
+            "file like the SET/paths/DATASET.json that this writes. auto: sensors, or swing where there is only one.",
+        ),
+    ] = "auto",
     loop: Annotated[
         str, typer.Option(help="How a short recording fills the video: repeat, bounce (back and forth) or static.")
     ] = "bounce",
@@ -211,6 +227,7 @@ def render(
     """Render fly-through videos of every approach of every run, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.reconstruct import render as render_runs
+    from recon.render.camera_path import PATHS
     from recon.storage.files import read_json
 
     options = RenderOptions(
@@ -218,6 +235,7 @@ def render(
         fps=fps,
         seconds=seconds,
         background=background,
+        path=parse_path(path, PATHS),
         loop=loop,
         renderer=renderer,
         master=master,

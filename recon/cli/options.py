@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from recon.storage.remote import place
+from recon.storage.remote import is_there, place
 
 WorkersOption = Annotated[
     int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
@@ -58,6 +59,16 @@ def parse_place(address: str) -> Path:
         return place(address)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+
+
+def parse_path(text: str, kinds: Collection[str]) -> str | Path:
+    """Read the kind of a camera path, or find the file of one."""
+    if text == "auto" or text in kinds:
+        return text
+    file = parse_place(text).resolve()
+    if not is_there(file):
+        raise typer.BadParameter(f"{text!r} is no file of cameras, and none of auto, {', '.join(kinds)}")
+    return file
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
 from itertools import chain
@@ -19,12 +20,14 @@ from recon.pipeline.stages import camera_key
 from recon.render.camera_path import camera_path
 from recon.render.checked import holds_checked_frames, write_checked_video
 from recon.render.frames import describe_renderer, render_frames
+from recon.render.path_file import read_path, write_path
 from recon.render.quality import VideoCheck
 from recon.render.scene import scene_around
 from recon.render.video import VideoError, join_videos, probe_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
+from recon.storage.remote import address_of
 
 PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"
@@ -41,6 +44,7 @@ class RenderOptions:
     size : (width, height), pixels, both even
     fps, seconds : of the videos
     background : the name of an artificial background
+    path : a kind of `camera_path`, or the file of one (see `recon.render.path_file`)
     loop : "repeat" starts a recording again where it ends, "bounce" plays it back and forth, "static" shows its
         first frame
     renderer : "auto" or the name of a renderer
@@ -53,6 +57,7 @@ class RenderOptions:
     fps: float = 25.0
     seconds: float = 15.0
     background: str = "studio"
+    path: str | Path = "auto"
     loop: str = "bounce"
     renderer: str = "auto"
     master: bool = True
@@ -127,7 +132,14 @@ class Film:
 
     def cameras(self) -> tuple[Camera, ...]:
         """Place a camera for each frame, the same for every approach of the run."""
-        return camera_path(self.run.capture.rig, self.run.capture.bounds, self.options.n_frames, self.options.size)
+        capture, options = self.run.capture, self.options
+        if isinstance(options.path, Path):
+            return read_path(options.path, options.n_frames, options.size)
+        return camera_path(capture.rig, capture.bounds, options.n_frames, options.size, kind=options.path)
+
+    def camera_keys(self) -> list[Any]:
+        """Describe the cameras for a key."""
+        return [camera_key(camera) for camera in self.cameras()]
 
     def names(self, part: range | None = None) -> list[str]:
         """Name video, quality and master in the stimulus set, or those of a part that is not yet joined."""
@@ -140,10 +152,39 @@ class Film:
         """Describe what the video is made from."""
         return {
             "meshes": self.run.artefacts.digests(self.meshes),
-            "rig": [camera_key(camera) for camera in self.cameras()],
-            "options": {name: value for name, value in asdict(self.options).items() if name not in WHERE},
+            "rig": self.camera_keys(),
+            "options": {name: value for name, value in asdict(self.options).items() if name not in (*WHERE, "path")},
             "code": code_version("render", "pipeline/film.py"),
         }
+
+
+def make_path(films: Sequence[Film], out: Path) -> dict[str, str]:
+    """Write the cameras of a dataset's films for other programs, unless the file is finished; returns name and digest.
+
+    Parameters
+    ----------
+    films : of the dataset, one for each of its runs
+    out : folder of the stimulus set
+
+    Raises
+    ------
+    ValueError
+        If the runs would have different cameras, or the cameras are read from the file that is written here.
+    """
+    dataset, options = films[0].run.dataset, films[0].options
+    name = f"paths/{dataset}.json"
+    if options.path == out / name:
+        raise ValueError(f"{address_of(out / name)}: is written by this command; copy it and give --path the copy")
+    rigs = [film.camera_keys() for film in films]
+    if any(rig != rigs[0] for rig in rigs):
+        raise ValueError(
+            f"{dataset}: its runs differ in sensors or bounds, so their films would take different paths; "
+            "render runs of one recording, or choose one path with --path FILE"
+        )
+    key = {"rig": rigs[0], "fps": options.fps, "code": code_version("render/path_file.py")}
+    artefacts = Artefacts(out)
+    artefacts.make(name, key, partial(write_path, cameras=films[0].cameras(), fps=options.fps))
+    return {"file": name, "sha256": artefacts.digest(name)}
 
 
 def is_finished(film: Film, out: Path) -> bool:

@@ -19,7 +19,7 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import DEFAULTS, MATCHERS, StereoPair, matched
 from recon.depth.disparity_io import write_disparity
-from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part
+from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
@@ -146,7 +146,8 @@ def reconstruct(
 def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = no_progress) -> Path:
     """Make a video of every approach of every run, and the manifest; returns the manifest's path.
 
-    Path, light, background, renderer and encoder settings are the same for all approaches of a scene.
+    Path, light, background, renderer and encoder settings are the same for all approaches of a scene. The path is
+    written beside the videos, as ``paths/DATASET.json``.
 
     Parameters
     ----------
@@ -157,12 +158,17 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     Raises
     ------
     ValueError
-        If a folder is not a run, or two runs are of the same scene.
+        If a folder is not a run, two runs have a film in common or would take different paths around one scene, or a
+        file of cameras does not fit.
     """
     out = out.resolve()
     options = replace(options, renderer=choose_renderer(options.renderer))
     read = [read_run(run.resolve()) for run in runs]
     films = [Film(run, approach, options) for run in read for approach in run.approaches]
+    paths = {
+        dataset: make_path([Film(run, run.approaches[0], options) for run in read if run.dataset == dataset], out)
+        for dataset in sorted({run.dataset for run in read})
+    }
     with open_pool(options.workers, options.cluster) as pool:
         remove_leftovers(out)
         parts = [
@@ -175,9 +181,11 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
         stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
         remove_leftovers(out)  # of workers that were lost
     remove(out / PARTS)
+    path = options.path.name if isinstance(options.path, Path) else options.path
     provenance = {
         "runs": [{"dataset": run.dataset, "versions": run.versions} for run in read],
-        "render": {name: value for name, value in asdict(options).items() if name not in WHERE},
+        "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
+        "paths": paths,
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))

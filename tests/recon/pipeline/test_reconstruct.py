@@ -19,10 +19,12 @@ from recon.capture.format import Capture
 from recon.capture.images import read_image
 from recon.export_models import write_models
 from recon.geometry.mesh import read_mesh
-from recon.pipeline.film import Film, RenderOptions, make_part, shown_frames
+from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import read_run, recorded_in
 from recon.pipeline.stages import ReconstructOptions
+from recon.render.camera_path import camera_path
+from recon.render.path_file import read_path
 from recon.render.video import probe_video
 from recon.storage.artefacts import file_digest
 from recon.storage.files import read_json, write_json
@@ -30,6 +32,7 @@ from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
 from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from tests.command_line import Command, command_line
 
 WHOLE_WAY = """
 import os
@@ -69,6 +72,11 @@ def run(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
     reconstruct(capture.folder, folder, ReconstructOptions(depths=("id",)))
     return folder
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    return command_line(monkeypatch, capsys)
 
 
 def digests(folder: Path, pattern: str) -> dict[str, str]:
@@ -184,6 +192,81 @@ def test_rendering_again_makes_the_same_videos(run: Path, tmp_path: Path) -> Non
     render([run], tmp_path / "one", SMALL)
     render([run], tmp_path / "two", SMALL)
     assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+
+
+@pytest.mark.slow
+def test_a_path_that_is_read_back_makes_the_same_videos_for_every_approach(run: Path, tmp_path: Path) -> None:
+    first = read_json(render([run], tmp_path / "one", replace(SMALL, path="orbit")))
+    written = tmp_path / "one/paths/ball.json"
+    digest = {"ball": {"file": "paths/ball.json", "sha256": file_digest(written)}}
+    assert (first["provenance"]["render"]["path"], first["provenance"]["paths"]) == ("orbit", digest)
+    again = read_json(render([run], tmp_path / "two", replace(SMALL, path=written)))
+    assert again["provenance"]["render"]["path"] == "ball.json"
+    assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
+
+
+@pytest.mark.slow
+def test_another_path_makes_other_videos_and_the_same_path_none(run: Path, tmp_path: Path) -> None:
+    made: list[dict[str, str]] = []
+    for path in ("auto", "sensors", "swing"):
+        seen: list[int] = []
+        render([run], tmp_path, replace(SMALL, path=path), lambda _what, _done, total, seen=seen: seen.append(total))
+        assert seen[0] == (0 if path == "sensors" else 20), "of two sensors, auto goes along the sensors"
+        made.append(digests(tmp_path, "*.mp4") | digests(tmp_path / "paths", "*.json"))
+    assert made[0] == made[1]
+    assert not made[1].items() & made[2].items()
+
+
+def test_all_approaches_of_a_run_have_the_cameras_that_are_written(run: Path, tmp_path: Path) -> None:
+    films = [Film(read_run(run), approach, SMALL) for approach in ("id_fa", "id_fb")]
+    texts = []
+    for film in films:
+        make_path([film], tmp_path / film.approach)
+        texts.append((tmp_path / film.approach / "paths/ball.json").read_bytes())
+    assert texts[0] == texts[1]
+    read = read_path(tmp_path / "id_fa/paths/ball.json", SMALL.n_frames, SMALL.size)
+    for camera, expected in zip(read, films[0].cameras(), strict=True):
+        assert np.allclose(camera.cam_from_world, expected.cam_from_world, rtol=0, atol=1e-9)
+
+
+def test_runs_of_one_dataset_with_other_bounds_would_take_other_paths(run: Path, tmp_path: Path) -> None:
+    film = Film(read_run(run), "id_fa", SMALL)
+    wider = replace(film.run, capture=replace(film.run.capture, bounds=film.run.capture.bounds * 1.1))
+    with pytest.raises(ValueError, match="ball: its runs differ in sensors or bounds"):
+        make_path([film, replace(film, run=wider)], tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_set_is_not_rendered_by_the_path_that_it_would_replace(run: Path, tmp_path: Path) -> None:
+    written = tmp_path / "paths/ball.json"
+    with pytest.raises(ValueError, match="is written by this command"):
+        render([run], tmp_path, replace(SMALL, path=written))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sensors", "orbit", "swing"])
+def test_the_command_offers_each_kind_of_path(command: Command, run: Path, tmp_path: Path, kind: str) -> None:
+    where = ("--size", "96x64", "--seconds", 0.2, "--renderer", "software", "--path", kind)
+    told = command("render", run, "-o", tmp_path, *where)
+    assert told.code == 0, told.err
+    assert read_json(tmp_path / "manifest.json")["provenance"]["render"]["path"] == kind
+    capture = read_run(run).capture
+    expected = camera_path(capture.rig, capture.bounds, 5, (96, 64), kind=kind)
+    for camera, wanted in zip(read_path(tmp_path / "paths/ball.json", 5, (96, 64)), expected, strict=True):
+        assert np.allclose(camera.cam_from_world, wanted.cam_from_world, rtol=0, atol=1e-9)
+
+
+def test_the_command_refuses_a_path_that_is_neither_kind_nor_fitting_file(
+    command: Command, run: Path, tmp_path: Path
+) -> None:
+    told = command("render", run, "-o", tmp_path / "set", "--path", "spiral")
+    assert told.code == 2
+    assert "'spiral' is no file of cameras, and none of auto, sensors, orbit, swing" in told.err
+    make_path([Film(read_run(run), "id_fa", SMALL)], tmp_path)
+    told = command("render", run, "-o", tmp_path / "set", "--size", "96x64", "--path", tmp_path / "paths/ball.json")
+    assert told.code == 1
+    assert "paths/ball.json: found 10 cameras, the film has 375 frames" in told.err
+    assert not (tmp_path / "set").exists()
 
 
 @pytest.mark.slow
