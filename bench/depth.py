@@ -26,7 +26,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth import MATCHERS, StereoPair
+from recon.approaches import DEPTH_METHODS
+from recon.depth import MATCHERS, StereoPair, match_sgm
 from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
 from recon.storage.files import whole_file
@@ -38,7 +39,6 @@ LAYOUTS = (
     ("im3", "im4", "disp3", "disp4", 16, 16, 18),
     ("view1", "view5", "disp1", "disp5", 2, 96, 0),
 )
-HH_BLOCK = 5
 FULL_HD = (1920, 1080)
 PANEL = (198, 165)  # pixels, of the picture
 
@@ -120,18 +120,6 @@ def _texture(rng: np.random.Generator, height: int, width: int) -> NDArray[np.fl
     return np.asarray(grey[..., None] * rng.uniform(0.5, 1.2, 3), np.float32)
 
 
-def semi_global(pair: StereoPair) -> Disparity:
-    """OpenCV's SGBM, mode HH, on colour, block 5; framed on the left so that it covers the whole image."""
-    n_disparities = -(-pair.n_disparities // 16) * 16
-    smoothness = 3 * HH_BLOCK * HH_BLOCK
-    matcher = cv2.StereoSGBM.create(
-        0, n_disparities, HH_BLOCK, 8 * smoothness, 32 * smoothness, 1, mode=cv2.STEREO_SGBM_MODE_HH
-    )
-    left, right = (cv2.copyMakeBorder(i, 0, 0, n_disparities, 0, cv2.BORDER_REPLICATE) for i in (pair.left, pair.right))
-    sixteenths = np.asarray(matcher.compute(left, right)[:, n_disparities:], dtype=np.float32)
-    return np.where(sixteenths >= 0, sixteenths / np.float32(16), np.float32(np.nan))
-
-
 def filled(disparity: Disparity) -> Disparity:
     """Unmatched pixels filled with the smaller of the nearest valid disparities left and right."""
     towards: list[Disparity] = []
@@ -176,7 +164,7 @@ def accuracy(disparity: Disparity, scene: Scene) -> dict[str, float]:
 
 
 METHODS: dict[str, Callable[[StereoPair], Disparity]] = {
-    "sgbm hh": semi_global,
+    "sgm": match_sgm,
     "id full": lambda pair: match_id(pair, IdParameters(levels=0)),
     **MATCHERS,
 }
@@ -204,7 +192,7 @@ def print_scene(scene: Scene, *, rounds: int) -> None:
         scores = accuracy(METHODS[name](scene.pair), scene)
         if row == 0:
             print(" ".join(["method  ", *(f"{key:>13s}" for key in scores), "           ms", "        ratio"]))
-        cells = [*scores.values(), 1000 * times[name], times[name] / times["sgbm hh"]]
+        cells = [*scores.values(), 1000 * times[name], times[name] / times["sgm"]]
         print(f"{name:8s} " + " ".join(f"{cell:13.3f}" for cell in cells))
 
 
@@ -212,12 +200,12 @@ def print_full_hd(*, rounds: int) -> None:
     """Time in turns, and peak memory each in its own process."""
     for n_disparities in (128, 256):
         pair = full_hd_pair(n_disparities)
-        methods = ["sgbm hh", "id full", "id", "dr"]
+        methods = ["sgm", "id full", "id", "dr"]
         times = seconds(methods, pair, rounds=rounds)
         print(f"\nfull HD, {n_disparities} disparities\nmethod              ms        ratio     peak MiB")
         for name in methods:
             memory = peak_memory(name, n_disparities)
-            print(f"{name:8s} {1000 * times[name]:13.1f} {times[name] / times['sgbm hh']:12.3f} {memory:12.0f}")
+            print(f"{name:8s} {1000 * times[name]:13.1f} {times[name] / times['sgm']:12.3f} {memory:12.0f}")
 
 
 def full_hd_pair(n_disparities: int) -> StereoPair:
@@ -250,8 +238,8 @@ def write_picture(path: Path) -> None:
     """The made-up left image, and each method's disparities with their relief below."""
     scene = synthetic_scene()
     panels = [(scene.pair.left, colour_preview(scene.truth))]
-    for matcher in MATCHERS.values():
-        found = matcher(scene.pair)
+    for method in DEPTH_METHODS:
+        found = MATCHERS[method](scene.pair)
         panels.append((colour_preview(found), relief(found)))
     columns = [np.vstack([cv2.resize(half, PANEL, interpolation=cv2.INTER_AREA) for half in pair]) for pair in panels]
     with whole_file(path) as temporary:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-DEPTH_METHODS = ("id", "dr", "pm")  # Table 1
+DEPTH_METHODS = ("id", "dr", "pm")  # Table 1; the default of a reconstruction
 FUSION_METHODS = ("fa", "fb")  # Table 1
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.approaches import DEPTH_METHODS
 from recon.capture.format import CAPTURE_FILE
 from recon.capture.masks.segment import segment_capture
 from recon.depth import DEFAULTS
@@ -293,7 +294,7 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
         "scale": asdict(experiment.scale),
         "scenes": list(SCENES),
         "reports": reports,
-        "parameters": {method: asdict(parameters) for method, parameters in DEFAULTS.items()},
+        "parameters": {method: asdict(DEFAULTS[method]) for method in DEPTH_METHODS},
         "census_window": 2 * CENSUS_RADIUS + 1,
         "temporal": asdict(TemporalParameters()),
         "n_points": _points(experiment),

@@ -40,7 +40,7 @@ def match(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="File to write: .pfm, .npy, .tiff, or .png for a coloured preview.")
     ],
-    method: Annotated[str, typer.Option(help="Depth method: id, dr or pm.")] = "id",
+    method: Annotated[str, typer.Option(help="Depth method: id, dr, pm or sgm.")] = "id",
     min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -69,7 +69,7 @@ def reconstruct(
             help=f"Folder of the run, {OR_URL}; a run that was stopped is resumed.",
         ),
     ],
-    depth: Annotated[str | None, typer.Option(help="Depth methods, comma-separated; default: all.")] = None,
+    depth: Annotated[str, typer.Option(help="Depth methods, comma-separated: id, dr, pm, sgm.")] = "id,dr,pm",
     fusion: Annotated[str, typer.Option(help="Fusions, comma-separated.")] = "fa,fb",
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
     voxel: Annotated[
@@ -89,14 +89,13 @@ def reconstruct(
 ) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
-    from recon.depth import MATCHERS
     from recon.depth.temporal import TemporalParameters
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
     from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
-        depths=parse_names(depth) if depth else tuple(MATCHERS),
+        depths=parse_names(depth),
         fusions=parse_names(fusion),
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,

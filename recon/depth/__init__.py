@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from recon.depth.cvf import DrParameters, IdParameters, NoTextureWarning, match_dr, match_id
 from recon.depth.pair import StereoPair
 from recon.depth.patchmatch import PmParameters, match_pm
+from recon.depth.semi_global import SgmParameters, match_sgm
 from recon.depth.temporal import match_sequence
 
 __all__ = [
@@ -22,14 +23,21 @@ __all__ = [
     "match_id",
     "match_pm",
     "match_sequence",
+    "match_sgm",
     "matched",
 ]
 
+Parameters = IdParameters | PmParameters | SgmParameters
 Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
 
-MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm}
+MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm, "sgm": match_sgm}
 # what each is run with
-DEFAULTS: dict[str, IdParameters | PmParameters] = {"id": IdParameters(), "dr": DrParameters(), "pm": PmParameters()}
+DEFAULTS: dict[str, Parameters] = {
+    "id": IdParameters(),
+    "dr": DrParameters(),
+    "pm": PmParameters(),
+    "sgm": SgmParameters(),
+}
 
 
 def matched(method: str, pair: StereoPair) -> tuple[NDArray[np.float32], list[str]]:

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import FUSION_METHODS, Approach, approaches
+from recon.approaches import DEPTH_METHODS, FUSION_METHODS, Approach, approaches
 from recon.capture.format import Capture, image_path, read_frame, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import MATCHERS, StereoPair, matched
+from recon.depth import StereoPair, matched
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import fused
@@ -48,7 +48,7 @@ class ReconstructOptions:
     cluster : address of a Dask scheduler whose workers do the work instead; None for none
     """
 
-    depths: tuple[str, ...] = tuple(MATCHERS)
+    depths: tuple[str, ...] = DEPTH_METHODS
     fusions: tuple[str, ...] = FUSION_METHODS
     frames: range | None = None
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
