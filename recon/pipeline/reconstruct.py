@@ -6,7 +6,7 @@ Both go on where an earlier start was stopped; `recon.pipeline.run` says how the
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
@@ -19,6 +19,7 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import DEFAULTS, MATCHERS, StereoPair, matched
 from recon.depth.disparity_io import write_disparity
+from recon.fusion import FUSIONS
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.preview import make_preview
@@ -68,7 +69,7 @@ def match_files(
     ValueError
         If the method is unknown or the images cannot be matched; nothing is written then.
     """
-    _check_method(method)
+    _check_method("depth", method, MATCHERS)
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
@@ -107,7 +108,9 @@ def reconstruct(
     """
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
     for method in options.depths:
-        _check_method(method)
+        _check_method("depth", method, MATCHERS)
+    for method in options.fusions:
+        _check_method("fusion", method, FUSIONS)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
     job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
@@ -208,9 +211,9 @@ def depth_resolution(capture: Capture) -> float:
     return round(max(sizes), 3)
 
 
-def _check_method(method: str) -> None:
-    if method not in MATCHERS:
-        raise ValueError(f"unknown depth method {method!r}, expected one of {', '.join(MATCHERS)}")
+def _check_method(kind: str, method: str, known: Iterable[str]) -> None:
+    if method not in known:
+        raise ValueError(f"unknown {kind} method {method!r}, expected one of {', '.join(known)}")
 
 
 def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:

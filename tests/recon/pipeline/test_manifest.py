@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.approaches import Approach, approaches
+from recon.approaches import approaches, parse_approach
 from recon.pipeline.manifest import Stimulus, write_manifest
 from recon.storage.files import read_json
 
@@ -48,7 +48,21 @@ def test_the_papers_methods_make_six_approaches() -> None:
     assert names == ["id_fa", "id_fb", "dr_fa", "dr_fb", "pm_fa", "pm_fb"]
 
 
-@pytest.mark.parametrize(("depth", "fusion"), [("xx", "fa"), ("id", "fc")])
-def test_an_unknown_method_is_named(depth: str, fusion: str) -> None:
-    with pytest.raises(ValueError, match=r"xx|fc"):
-        Approach(depth, fusion)
+@pytest.mark.parametrize("name", ["id_fa", "dr-sigma8_fb", "raft-stereo_fb-2mm", "8_9"])
+def test_an_approach_is_any_two_methods(name: str) -> None:
+    approach = parse_approach(name)
+    assert str(approach) == name
+    assert list(approach.levels.values()) == name.split("_")
+
+
+@pytest.mark.parametrize("name", ["id", "_fa", "id_", "ID_fa", "id_fa_fb", "../id_fa", "i d_fa", "-id_fa", "id_fa\n"])
+def test_a_name_that_is_not_safe_in_files_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=r"is not an approach|is no name of a method"):
+        parse_approach(name)
+
+
+def test_levels_of_any_method_are_factors(tmp_path: Path) -> None:
+    path = write_manifest(
+        tmp_path, "set", [stimulus(tmp_path, name) for name in ("id_fb", "dr-sigma8_fb", "id_fx")], {}
+    )
+    assert read_json(path)["factors"] == {"depth": ["id", "dr-sigma8"], "fusion": ["fb", "fx"]}

@@ -326,6 +326,8 @@ def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_pat
 def test_an_unknown_method_is_named_before_anything_is_made(capture: Capture, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="unknown depth method 'xx'"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("xx",)))
+    with pytest.raises(ValueError, match="unknown fusion method 'fc', expected one of fa, fb"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(fusions=("fc",)))
     assert not (tmp_path / "run").exists()
 
 
