@@ -15,6 +15,7 @@ from recon.cli.capture import app as capture_app
 from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import (
     ClusterOption,
+    MethodsOption,
     WorkersOption,
     parse_frames,
     parse_names,
@@ -40,14 +41,24 @@ def match(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="File to write: .pfm, .npy, .tiff, or .png for a coloured preview.")
     ],
-    method: Annotated[str, typer.Option(help="Depth method: id, dr, pm or sgm.")] = "id",
+    method: Annotated[str, typer.Option(help="Depth method: id, dr, pm, sgm or one of --methods.")] = "id",
     min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
+    methods: MethodsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Match one rectified pair; unmatched pixels become NaN (npy, tiff) or inf (pfm)."""
+    from recon.pipeline.methods import read_methods
     from recon.pipeline.reconstruct import match_files
 
-    result = match_files(left, right, out, method=method, n_disparities=disparities, min_disparity=min_disparity)
+    result = match_files(
+        left,
+        right,
+        out,
+        method=method,
+        n_disparities=disparities,
+        min_disparity=min_disparity,
+        methods=read_methods(methods),
+    )
     for warning in result["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     sentence = f"{method}: {result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s: {out}"
@@ -69,8 +80,11 @@ def reconstruct(
             help=f"Folder of the run, {OR_URL}; a run that was stopped is resumed.",
         ),
     ],
-    depth: Annotated[str, typer.Option(help="Depth methods, comma-separated: id, dr, pm, sgm.")] = "id,dr,pm",
-    fusion: Annotated[str, typer.Option(help="Fusions, comma-separated.")] = "fa,fb",
+    depth: Annotated[
+        str, typer.Option(help="Depth methods, comma-separated: id, dr, pm, sgm, those of --methods.")
+    ] = "id,dr,pm",
+    fusion: Annotated[str, typer.Option(help="Fusions, comma-separated: fa, fb, those of --methods.")] = "fa,fb",
+    methods: MethodsOption = None,
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
     voxel: Annotated[
         float | None, typer.Option(help="Voxel size, mm; default: chosen from the depth resolution.")
@@ -90,6 +104,7 @@ def reconstruct(
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
+    from recon.pipeline.methods import read_methods
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
     from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
@@ -97,6 +112,7 @@ def reconstruct(
     options = ReconstructOptions(
         depths=parse_names(depth),
         fusions=parse_names(fusion),
+        methods=read_methods(methods),
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),

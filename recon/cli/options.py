@@ -20,6 +20,9 @@ ClusterOption = Annotated[
         help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
     ),
 ]
+MethodsOption = Annotated[
+    Path | None, typer.Option(help="TOML file of further methods: variants of ours, and other programs.")
+]
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -28,10 +28,11 @@ __all__ = [
 ]
 
 Parameters = IdParameters | PmParameters | SgmParameters
-Matcher = Callable[[StereoPair], NDArray[np.float32]]  # float32 (H, W), pixels, NaN where unmatched or masked out
+# of a pair, and of the matcher's parameters: float32 (H, W), pixels, NaN where unmatched or masked out
+Matcher = Callable[..., NDArray[np.float32]]
 
 MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm, "sgm": match_sgm}
-# what each is run with
+# what each is run with, if nothing else is asked for
 DEFAULTS: dict[str, Parameters] = {
     "id": IdParameters(),
     "dr": DrParameters(),
@@ -40,12 +41,21 @@ DEFAULTS: dict[str, Parameters] = {
 }
 
 
-def matched(method: str, pair: StereoPair) -> tuple[NDArray[np.float32], list[str]]:
-    """Match a pair by a method of `MATCHERS`; returns its warnings, too, a sentence each.
+def matched(method: str, pair: StereoPair, parameters: Parameters) -> tuple[NDArray[np.float32], list[str]]:
+    """Match a pair by a method of ours.
 
-    The disparities are float32 (H, W), pixels, NaN where unmatched or masked out.
+    Parameters
+    ----------
+    method : a name in `MATCHERS`
+    pair : to match
+    parameters : of the method
+
+    Returns
+    -------
+    disparity : float32 (H, W), pixels, NaN where unmatched or masked out
+    warnings : a sentence each
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoTextureWarning)
-        disparity = MATCHERS[method](pair)
+        disparity = MATCHERS[method](pair, parameters)
     return disparity, [str(warning.message) for warning in caught]

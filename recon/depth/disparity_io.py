@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from recon.storage.files import whole_file
 
 PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
+PNG16_SCALE = 256  # KITTI's devkit, 2012
 PREVIEW_PERCENTILES = (1.0, 99.0)  # a few wrong matches must not wash out the colours
 
 
@@ -71,6 +73,19 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
     return disparity
 
 
+def read_disparity_png16(path: Path) -> NDArray[np.float32]:
+    """Read a disparity map stored as KITTI does: a grey PNG of 16 bits, 256 times the disparity, 0 where unmatched.
+
+    Returns float32 (H, W), pixels, NaN where unmatched; a ValueError says that the file is something else.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError(f"{path}: is not readable as PNG")
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise ValueError(f"{path}: holds {image.dtype} of shape {image.shape}, expected one channel of 16 bits")
+    return np.where(image > 0, image / np.float32(PNG16_SCALE), np.float32(np.nan)).astype(np.float32)
+
+
 def colour_preview(disparity: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Colour a disparity map (H, W) as sRGB, uint8 (H, W, 3): near is warm, far is cold, unmatched is black."""
     valid = np.isfinite(disparity)
@@ -99,8 +114,9 @@ def _read_values(path: Path) -> NDArray[np.generic]:
         return _read_pfm(path)
     if path.suffix == ".npy":
         try:
-            return np.asarray(np.load(path, allow_pickle=False))
-        except (ValueError, EOFError, OSError) as error:
+            with path.open("rb") as file:  # numpy leaves the file of a damaged archive open
+                return np.asarray(np.load(file, allow_pickle=False))
+        except (ValueError, EOFError, OSError, BadZipFile) as error:
             raise ValueError(f"{path}: is not readable as NPY: {error}") from error
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:

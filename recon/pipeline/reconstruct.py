@@ -6,22 +6,25 @@ Both go on where an earlier start was stopped; `recon.pipeline.run` says how the
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
 
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
-from recon.depth import DEFAULTS, MATCHERS, StereoPair, matched
+from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
-from recon.fusion import FUSIONS
+from recon.depth.program import Program, ProgramError
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.manifest import write_manifest
+from recon.pipeline.methods import Methods, describe_depth, match, surface_parameters
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
     Run,
@@ -54,28 +57,43 @@ PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
 
 def match_files(
-    left: Path, right: Path, out: Path, *, method: str, n_disparities: int, min_disparity: int = 0
+    left: Path,
+    right: Path,
+    out: Path,
+    *,
+    method: str,
+    n_disparities: int,
+    min_disparity: int = 0,
+    methods: Methods = Methods(),
 ) -> dict[str, Any]:
     """Match the images of two files, write the disparity, and say how it went.
 
     Parameters
     ----------
     left, right, out : files of the rectified images and of the disparity
-    method : a name in `MATCHERS`
+    method : a name in `methods`
     n_disparities, min_disparity : the range to search, pixels
+    methods : what the name stands for
 
     Raises
     ------
     ValueError
-        If the method is unknown or the images cannot be matched; nothing is written then.
+        If the method is unknown or the images cannot be matched; nothing is written then but the log of a program.
     """
-    _check_method("depth", method, MATCHERS)
+    methods.check((method,), ())
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
-    disparity, warnings = matched(method, pair)
+    folder = Path(mkdtemp(prefix=f"reconstudy-{method}-"))
+    try:
+        disparity, warnings = match(methods.depth[method], pair, folder)
+    except ProgramError as error:
+        raise ProgramError(f"{method}: {error}") from error
+    rmtree(folder)
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
+    chosen = methods.depth[method]
+    parameters = describe_depth(chosen) if isinstance(chosen, Program) else asdict(chosen.parameters)
     return {
         "out": str(out),
         "method": method,
@@ -83,7 +101,7 @@ def match_files(
         "density": float(np.isfinite(disparity).mean()),
         "size": [pair.width, pair.height],
         "warnings": warnings,
-        "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity} | asdict(DEFAULTS[method]),
+        "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity} | parameters,
     }
 
 
@@ -107,10 +125,7 @@ def reconstruct(
         whole files.
     """
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
-    for method in options.depths:
-        _check_method("depth", method, MATCHERS)
-    for method in options.fusions:
-        _check_method("fusion", method, FUSIONS)
+    options.methods.check(options.depths, options.fusions)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
     job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
@@ -138,7 +153,7 @@ def reconstruct(
     files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in models]
     content = write_run(
         finished,
-        options={name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)},
+        options=_described(options),
         timings=timings,
         warnings=job.artefacts.warnings(files),
     )
@@ -195,6 +210,18 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     return write_manifest(out, out.name, stimuli, provenance)
 
 
+def _described(options: ReconstructOptions) -> dict[str, Any]:
+    """Return the options for ``run.json``, with what the methods' names stand for."""
+    depths = {name: describe_depth(options.methods.depth[name]) for name in options.depths}
+    fusions = {}
+    for name in options.fusions:
+        method = options.methods.fusion[name]
+        parameters = asdict(surface_parameters(method, options.surface))
+        fusions[name] = {"method": method.method, "parameters": parameters}
+    content = {name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)}
+    return content | {"methods": {"depth": depths, "fusion": fusions}}
+
+
 def depth_resolution(capture: Capture) -> float:
     """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
 
@@ -209,11 +236,6 @@ def depth_resolution(capture: Capture) -> float:
         pixel = distance / float(camera.K[0, 0])
         sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3))
     return round(max(sizes), 3)
-
-
-def _check_method(kind: str, method: str, known: Iterable[str]) -> None:
-    if method not in known:
-        raise ValueError(f"unknown {kind} method {method!r}, expected one of {', '.join(known)}")
 
 
 def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:

@@ -7,6 +7,7 @@ warnings and the meshes' digests: a folder without it is no run yet.
 
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
 ``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
+``programs/<method>/<sensor>/<frame>/log.txt`` (what programs of others printed),
 ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
 """
 
@@ -51,6 +52,11 @@ class View(NamedTuple):
     def matched(self) -> str:
         """The disparity map of the frame by itself."""
         return f"matched/{self.method}/{self.sensor_id}/{self.frame:04d}.npy"
+
+    @property
+    def program(self) -> str:
+        """The folder where a program of somebody else's matches the frame, with its log."""
+        return f"programs/{self.method}/{self.sensor_id}/{self.frame:04d}"
 
     @property
     def depth(self) -> str:

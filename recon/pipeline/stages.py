@@ -19,16 +19,18 @@ from recon.approaches import DEPTH_METHODS, FUSION_METHODS, Approach, approaches
 from recon.capture.format import Capture, image_path, read_frame, read_masks
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import StereoPair, matched
+from recon.depth import StereoPair
 from recon.depth.disparity_io import read_disparity, write_disparity
+from recon.depth.program import LOG, ProgramError
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import fused
 from recon.geometry.mesh import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.pipeline.methods import Methods, depth_key, match, surface_parameters
 from recon.pipeline.run import COLOURS_NAME, View, mesh_name, read_clouds
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version, file_digest, key_of
 from recon.storage.files import read_json, write_json
-from recon.storage.remote import fetched
+from recon.storage.remote import fetched, stored
 from recon.surface import NoSurfaceError, SurfaceParameters
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 
@@ -39,7 +41,8 @@ class ReconstructOptions:
 
     Parameters
     ----------
-    depths, fusions : the methods; every combination is an approach
+    depths, fusions : names of methods; every combination is an approach
+    methods : what these names stand for
     frames : which frames; None for all
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
@@ -50,6 +53,7 @@ class ReconstructOptions:
 
     depths: tuple[str, ...] = DEPTH_METHODS
     fusions: tuple[str, ...] = FUSION_METHODS
+    methods: Methods = field(default_factory=Methods)
     frames: range | None = None
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
     cloud: CloudParameters = field(default_factory=CloudParameters)
@@ -98,9 +102,10 @@ class Job:
 
 def match_frame(job: Job, view: View) -> list[str]:
     """Match the two pictures of a view by themselves."""
+    method = job.options.methods.depth[view.method]
     key = {
         "pictures": _picture_key(job.capture, view),
-        "method": view.method,
+        "method": depth_key(method),
         "code": code_version("depth", "capture/rectify.py"),
     }
 
@@ -111,9 +116,14 @@ def match_frame(job: Job, view: View) -> list[str]:
             width, height = rectification.left.size
             write_disparity(path, np.full((height, width), np.nan, np.float32))
             return []
-        disparity, warnings = matched(view.method, pair)
+        where = f"{view.method}: sensor {view.sensor_id}, frame {view.frame}"
+        try:
+            disparity, warnings = match(method, pair, job.artefacts.folder / view.program)
+        except ProgramError as error:
+            stored(job.artefacts.folder / view.program / LOG)
+            raise ProgramError(f"{where}: {error}") from error
         write_disparity(path, disparity)
-        return [f"{view.method}: sensor {view.sensor_id}, frame {view.frame}: {warning}" for warning in warnings]
+        return [f"{where}: {warning}" for warning in warnings]
 
     return job.artefacts.make(view.matched, key, write)
 
@@ -205,12 +215,13 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
     job : whose clouds are finished, and whose colours are compared if they are to be balanced
     approach, frame : which clouds, and how to fuse them
     """
-    balanced, parameters = job.options.balance_colours, job.options.surface
+    balanced, fusion = job.options.balance_colours, job.options.methods.fusion[approach.fusion]
+    parameters = surface_parameters(fusion, job.options.surface)
     clouds = job.clouds(approach.depth, frame)
     key = {
         "clouds": job.artefacts.digests(clouds),
         "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
-        "fusion": approach.fusion,
+        "fusion": fusion.method,
         "parameters": asdict(parameters),
         "code": code_version("surface", "fusion.py", "geometry"),
     }
@@ -220,7 +231,7 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
         if balanced:
             sensors = balance_colours(sensors, _colours(job.artefacts))
         try:
-            mesh, left_out = fused(approach.fusion, sensors, parameters)
+            mesh, left_out = fused(fusion.method, sensors, parameters)
         except NoSurfaceError as error:
             raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
         write_mesh(path, mesh)

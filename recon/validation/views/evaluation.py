@@ -158,8 +158,10 @@ def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
     """Make the mesh from true depth, by the run's parameters and the fusion of its last approach."""
     run, options = read_run(folder), read_json(folder / RUN_FILE)["options"]
     fusion = parse_approach(run.approaches[-1]).fusion
+    known = options.get("methods", {}).get("fusion", {})  # earlier runs knew ours alone
+    used = known.get(fusion, {"method": fusion, "parameters": options["surface"]})
     return true_mesh(
-        capture, frame, fusion, CloudParameters(**options["cloud"]), SurfaceParameters(**options["surface"])
+        capture, frame, used["method"], CloudParameters(**options["cloud"]), SurfaceParameters(**used["parameters"])
     )
 
 

@@ -1,0 +1,336 @@
+"""Methods of a methods file: variants of ours, and programs of others, from the file to the run."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.capture.format import Capture
+from recon.depth import DEFAULTS, StereoPair
+from recon.depth.cvf import DrParameters
+from recon.depth.disparity_io import read_disparity
+from recon.depth.patchmatch import PmParameters
+from recon.depth.program import LOG, Program, ProgramError, match_by_program
+from recon.pipeline.methods import DepthMethod, FusionMethod, Methods, read_methods
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.stages import ReconstructOptions
+from recon.storage.files import read_json
+from recon.studio import SynthParameters, synthesise
+from tests.command_line import Command
+from tests.recon.depth.test_matchers import shifted_pair
+
+BOX_FILTER = """
+import sys
+import cv2
+import numpy as np
+left, right = (cv2.imread(path, 0).astype(np.float32) for path in sys.argv[1:3])
+first, n = int(sys.argv[5]), int(sys.argv[4])
+costs = [cv2.blur(np.abs(left - np.roll(right, d, axis=1)), (7, 7)) for d in range(first, first + n)]
+np.save(sys.argv[3], np.argmin(costs, axis=0).astype(np.float32) + first)
+print("matched", left.shape)
+"""
+ARGUMENTS = "{left} {right} {out} {n_disparities} {min_disparity}"
+
+
+def program(folder: Path, text: str, *, output: str = "npy", timeout_s: float = 60.0) -> Program:
+    (folder / "match.py").write_text(text)
+    command = f"{sys.executable} '{{folder}}/match.py' {ARGUMENTS}"
+    return Program(command, output, timeout_s, str(folder))
+
+
+def methods_file(folder: Path, text: str = BOX_FILTER, more: str = "") -> Path:
+    called = program(folder, text)
+    path = folder / "methods.toml"
+    path.write_text(f'[depth.mine]\ncommand = "{called.command}"\noutput = "npy"\n{more}')
+    return path
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    folder = tmp_path_factory.mktemp("studio") / "ball"
+    return synthesise(folder, SynthParameters(scene="ball", n_sensors=2, n_frames=2, size=(160, 120), noise=0.5))
+
+
+def made(run: Path, before: int = 0) -> list[str]:
+    return [json.loads(line)["made"] for line in (run / "log.jsonl").read_text().splitlines()[before:]]
+
+
+def test_a_program_matches_a_pair_with_a_range_that_begins_below_zero(tmp_path: Path) -> None:
+    found = match_by_program(shifted_pair(-3, min_disparity=-6), program(tmp_path, BOX_FILTER), tmp_path / "a b")
+    assert found.dtype == np.float32
+    assert np.mean(found[:, 8:-8] == -3) > 0.95
+    assert [path.name for path in (tmp_path / "a b").iterdir()] == [LOG]
+    assert "matched (40, 80)" in (tmp_path / "a b" / LOG).read_text()
+
+
+@pytest.mark.parametrize("output", ["npy", "pfm", "tiff", "png16"])
+def test_every_format_is_read_with_unmatched_pixels_as_nan(tmp_path: Path, output: str) -> None:
+    text = """
+import sys
+import cv2
+import numpy as np
+disparity = np.full((40, 80), 2.5, np.float32)
+disparity[:, :9] = np.nan
+path = sys.argv[3]
+if path.endswith("npy"):
+    np.save(path, disparity)
+elif path.endswith("png"):
+    cv2.imwrite(path, (np.nan_to_num(disparity) * 256).astype(np.uint16))
+elif path.endswith("tiff"):
+    cv2.imwrite(path, disparity)
+else:
+    rows = np.where(np.isnan(disparity), np.inf, disparity)[::-1].astype("<f4")
+    open(path, "wb").write(b"Pf\\n80 40\\n-1.0\\n" + rows.tobytes())
+"""
+    found = match_by_program(shifted_pair(2), program(tmp_path, text, output=output), tmp_path / "work")
+    assert np.isnan(found[:, :9]).all()
+    assert (found[:, 9:] == 2.5).all()
+
+
+def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tmp_path: Path) -> None:
+    pair = shifted_pair(5)
+    mask = np.zeros((40, 80), np.bool_)
+    mask[:, :40] = True
+    text = "import sys, numpy as np; a = np.full((40, 80), 5.0); a[:20] = -1; np.save(sys.argv[3], a)"
+    masked = StereoPair(pair.left, pair.right, 12, left_mask=mask, right_mask=np.ones_like(mask))
+    found = match_by_program(masked, program(tmp_path, text), tmp_path / "work")
+    assert np.array_equal(np.isfinite(found), mask & (np.arange(40) >= 20)[:, None])
+
+
+def test_a_program_gets_the_pictures_as_they_are(tmp_path: Path) -> None:
+    pair = shifted_pair(5)
+    with pytest.raises(ProgramError):
+        match_by_program(pair, program(tmp_path, "raise SystemExit(1)"), tmp_path / "work")
+    for side, expected in (("left", pair.left), ("right", pair.right)):
+        picture = np.asarray(cv2.imread(str(tmp_path / "work" / f"{side}.png"), cv2.IMREAD_UNCHANGED))
+        assert np.array_equal(picture[..., ::-1], expected)
+
+
+SAVE = "import sys, numpy as np; np.save(sys.argv[3], {})"
+FAILURES = {
+    "fails": ("print('no weights'); raise SystemExit(3)", "ended with exit status 3"),
+    "is killed": ("import os; os.kill(os.getpid(), 9)", "ended with exit status -9"),
+    "writes nothing": ("pass", "wrote no out.npy"),
+    "writes garbage": ("import sys; open(sys.argv[3], 'w').write('garbage')", "is not readable as NPY"),
+    "writes a cut-off archive": ("import sys; open(sys.argv[3], 'wb').write(b'PK\\x03\\x04')", "not readable as NPY"),
+    "writes text": (SAVE.format("np.full((40, 80), 'a')"), "expected numbers in two dimensions"),
+    "writes colours": (SAVE.format("np.zeros((40, 80, 3))"), "expected numbers in two dimensions"),
+    "writes another size": (SAVE.format("np.zeros((80, 40))"), "wrote 40x80 disparities of pictures of 80x40"),
+}
+
+
+@pytest.mark.parametrize(("text", "sentence"), FAILURES.values(), ids=FAILURES.keys())
+def test_how_a_program_failed_is_said_with_its_log(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(ProgramError, match=sentence) as raised:
+        match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
+    assert str(raised.value).endswith(f"its log is {tmp_path / 'work' / LOG}")
+    assert "\n" not in str(raised.value)
+    assert (tmp_path / "work" / LOG).read_text().startswith(f"$ {sys.executable}")
+
+
+def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match=r"could not be started: .*no-such-program"):
+        match_by_program(shifted_pair(5), Program("no-such-program {left}", "npy"), tmp_path / "work")
+
+
+def test_a_png_of_8_bits_is_refused_as_png16(tmp_path: Path) -> None:
+    text = "import sys, cv2, numpy as np; cv2.imwrite(sys.argv[3], np.full((40, 80), 9, np.uint8))"
+    with pytest.raises(ProgramError, match="expected one channel of 16 bits"):
+        match_by_program(shifted_pair(5), program(tmp_path, text, output="png16"), tmp_path / "work")
+
+
+def test_a_program_that_hangs_is_stopped_with_all_it_started(tmp_path: Path) -> None:
+    text = """
+import subprocess
+import sys
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+print(child.pid, flush=True)
+child.wait()
+"""
+    with pytest.raises(ProgramError, match="was stopped after 2 s"):
+        match_by_program(shifted_pair(5), program(tmp_path, text, timeout_s=2.0), tmp_path / "work")
+    child = int((tmp_path / "work" / LOG).read_text().splitlines()[1])
+    for _ in range(100):
+        if not is_running(child):
+            return
+        time.sleep(0.05)  # until the system has taken its end
+    raise AssertionError("the program's child still runs")
+
+
+def is_running(process: int) -> bool:
+    status = Path(f"/proc/{process}/status")
+    return status.exists() and "State:\tZ" not in status.read_text()
+
+
+def test_no_shell_sees_the_command(tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match="wrote no"):
+        match_by_program(shifted_pair(5), Program("echo $HOME; > {folder}/x", "npy", 9, str(tmp_path)), tmp_path / "w")
+    assert "$HOME; >" in (tmp_path / "w" / LOG).read_text().splitlines()[1]
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_methods_file_adds_variants_and_programs_to_ours(tmp_path: Path) -> None:
+    path = methods_file(
+        tmp_path,
+        more="""timeout_s = 5
+[depth.dr8]
+method = "dr"
+sigma = 8
+levels = 1
+[depth.pm-fast]
+method = "pm"
+sweeps = 2
+is_seeded = true
+seed = {sigma = 9.0}
+[fusion.fb-fine]
+method = "fb"
+voxel_mm = 2
+""",
+    )
+    methods = read_methods(path)
+    assert methods.depth["dr8"] == DepthMethod("dr", DrParameters(sigma=8.0, levels=1))
+    assert methods.depth["pm-fast"] == DepthMethod("pm", PmParameters(sweeps=2, seed=DrParameters(sigma=9.0)))
+    assert methods.depth["mine"] == replace(program(tmp_path, BOX_FILTER), timeout_s=5.0)
+    assert methods.fusion["fb-fine"] == FusionMethod("fb", {"voxel_mm": 2.0})
+    assert methods.depth["id"] == Methods().depth["id"] == DepthMethod("id", DEFAULTS["id"])
+    assert pickle.loads(pickle.dumps(methods)) == methods
+
+
+WRONG_FILES = {
+    "no TOML": ("[depth", "is not readable as TOML"),
+    "an unknown table": ('[deep.a]\nmethod = "id"', "deep is unknown"),
+    "no table": ("depth = 3", "depth is 3, expected a table"),
+    "no table of a method": ("[depth]\na = 3", r"\[depth.a\] is 3, expected a table"),
+    "neither": ("[depth.a]\nsigma = 3", r"\[depth.a\]: expected either a method of this program or a command"),
+    "both": ('[depth.a]\nmethod = "id"\ncommand = "a"', r"\[depth.a\]: expected either"),
+    "an unknown method": ('[depth.a]\nmethod = "xx"', r"\[depth.a\] method is 'xx', expected one of id, dr, pm, sgm"),
+    "a method of a method": ('[depth.a]\nmethod = "id"\n[depth.b]\nmethod = "a"', r"\[depth.b\] method is 'a'"),
+    "an unknown key": ('[depth.a]\nmethod = "id"\nsweeps = 2', r"\[depth.a\] sweeps is unknown, expected sigma, lev"),
+    "a text": ('[depth.a]\nmethod = "id"\nsigma = "8"', r"\[depth.a\] sigma is '8', expected a number"),
+    "a truth": ('[depth.a]\nmethod = "id"\nlevels = true', r"\[depth.a\] levels is True, expected a whole number"),
+    "a fraction": ('[depth.a]\nmethod = "id"\nlevels = 1.5', r"\[depth.a\] levels is 1.5, expected a whole number"),
+    "not a number": ('[depth.a]\nmethod = "id"\nsigma = nan', r"\[depth.a\] sigma is nan, expected a number"),
+    "a wrong value": ('[depth.a]\nmethod = "id"\nlevels = 9', r"\[depth.a\] levels: levels is 9"),
+    "a wrong value below": ('[depth.a]\nmethod = "pm"\nseed.sigma = 0', r"\[depth.a\] seed sigma: sigma is 0"),
+    "a name of ours": ('[depth.sgm]\nmethod = "id"', r"\[depth.sgm\]: sgm is a method of this program"),
+    "a fusion of ours": ('[fusion.fa]\nmethod = "fb"', r"\[fusion.fa\]: fa is a method of this program"),
+    "a name that is a path": ('[depth."../a"]\nmethod = "id"', r"'../a' is no name of a method"),
+    "a name with an underscore": ('[depth.a_b]\nmethod = "id"', "'a_b' is no name of a method"),
+    "no output": ('[depth.a]\ncommand = "a"', r"\[depth.a\]: output is missing"),
+    "an unknown output": ('[depth.a]\ncommand = "a"\noutput = "exr"', r"\[depth.a\] command, output: output is 'exr'"),
+    "no time": ('[depth.a]\ncommand = "a"\noutput = "npy"\ntimeout_s = 0', "timeout_s is 0.0"),
+    "no command": ('[depth.a]\ncommand = " "\noutput = "npy"', "command is empty"),
+    "an open quotation": ('[depth.a]\ncommand = "a \'"\noutput = "npy"', "cannot be filled in"),
+    "an unknown placeholder": ('[depth.a]\ncommand = "a {input}"\noutput = "npy"', r"expected arguments with \{left\}"),
+    "an unknown key of a command": ('[depth.a]\ncommand = "a"\noutput = "npy"\nfolder = "/"', "folder is unknown"),
+    "an unknown fusion": ('[fusion.a]\nmethod = "fc"', r"\[fusion.a\] method is 'fc', expected one of fa, fb"),
+    "a wrong voxel": ('[fusion.a]\nmethod = "fb"\nvoxel_mm = -1', r"\[fusion.a\] voxel_mm: voxel_mm is -1.0"),
+}
+
+
+@pytest.mark.parametrize(("content", "sentence"), WRONG_FILES.values(), ids=WRONG_FILES.keys())
+def test_a_wrong_methods_file_is_named_with_its_place(tmp_path: Path, content: str, sentence: str) -> None:
+    path = tmp_path / "methods.toml"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=sentence) as raised:
+        read_methods(path)
+    assert str(raised.value).startswith(f"{path}: ")
+
+
+def test_a_missing_methods_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no\.toml: there is no such file"):
+        read_methods(tmp_path / "no.toml")
+
+
+@pytest.mark.slow
+def test_programs_and_variants_go_the_whole_way_in_worker_processes(
+    command: Command, capture: Capture, tmp_path: Path
+) -> None:
+    more = '[depth.dr8]\nmethod = "dr"\nsigma = 8\n[fusion.fb-coarse]\nmethod = "fb"\nvoxel_mm = 90\n'
+    arguments = ("reconstruct", capture.folder, "--methods", methods_file(tmp_path, more=more))
+    chosen = ("--depth", "sgm,mine,dr8", "--fusion", "fb,fb-coarse")
+    told = command(*arguments, *chosen, "-o", tmp_path / "run", "--workers", 2)
+    assert told.code == 0, told.err
+    content = read_json(tmp_path / "run/run.json")
+    assert content["approaches"] == [f"{depth}_{fusion}" for depth in ("sgm", "mine", "dr8") for fusion in
+                                     ("fb", "fb-coarse")]  # fmt: skip
+    recorded = content["options"]["methods"]
+    assert recorded["depth"]["mine"]["command"] == program(tmp_path, BOX_FILTER).command
+    assert recorded["depth"]["dr8"]["parameters"]["sigma"] == 8.0
+    assert recorded["fusion"]["fb-coarse"]["parameters"]["voxel_mm"] == 90.0
+    sizes = [(tmp_path / f"run/meshes/mine_{fusion}/0000.ply").stat().st_size for fusion in ("fb", "fb-coarse")]
+    assert sizes[0] > sizes[1]
+    assert "matched" in (tmp_path / "run/programs/mine/S1/0000/log.txt").read_text()
+    told = command("validate", "views", tmp_path / "run", "-o", tmp_path / "views", "--frames", "0:1")
+    assert told.code == 0, told.err
+    assert "mine_fb-coarse" in (tmp_path / "views/measures.csv").read_text()
+    told = command("models", tmp_path / "run", "-o", tmp_path / "models")
+    assert told.code == 0, told.err
+    told = command("render", tmp_path / "run", "-o", tmp_path / "set", "--size", "64x48", "--seconds", 0.2)
+    assert told.code == 0, told.err
+    factors = {"depth": ["dr8", "mine", "sgm"], "fusion": ["fb", "fb-coarse"]}
+    assert read_json(tmp_path / "set/manifest.json")["factors"] == factors
+
+
+@pytest.mark.slow
+def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_path: Path) -> None:
+    fails_once = "import os, sys\nif '0001' in os.getcwd() and 'S2' in os.getcwd(): raise SystemExit('out of memory')\n"
+    path, run = methods_file(tmp_path, fails_once + BOX_FILTER), tmp_path / "run"
+    options = ReconstructOptions(depths=("mine",), fusions=("fb",), methods=read_methods(path))
+    with pytest.raises(
+        ProgramError, match=r"^mine: sensor S2, frame 1: the program ended with exit status 1; "
+    ) as error:
+        reconstruct(capture.folder, run, options)
+    assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
+    assert not (run / "run.json").exists()
+    assert made(run) == [f"matched/mine/{view}.npy" for view in ("S1/0000", "S1/0001", "S2/0000")]
+    methods_file(tmp_path)
+    reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
+    assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.npy") == 1
+    assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.npy")).any()
+
+
+@pytest.mark.slow
+def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+
+    def reconstructed(more: str, extra: str = "") -> set[str]:
+        path = methods_file(tmp_path, more=more)
+        path.write_text(path.read_text().replace("{min_disparity}", "{min_disparity}" + extra))
+        before = len(made(run)) if (run / "log.jsonl").exists() else 0
+        options = ReconstructOptions(depths=("mine", "id8"), fusions=("fb",), methods=read_methods(path))
+        reconstruct(capture.folder, run, options)
+        return {name.split("/")[1] for name in made(run, before) if name.startswith("matched")}
+
+    variant = '[depth.id8]\nmethod = "id"\nsigma = {}\n'
+    assert reconstructed(variant.format(8)) == {"mine", "id8"}
+    assert reconstructed("timeout_s = 7\n" + variant.format("8.0")) == set()
+    assert reconstructed(variant.format(9)) == {"id8"}
+    assert reconstructed(variant.format(9), " --version=2") == {"mine"}
+
+
+def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
+    pair = shifted_pair(5)
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), image[..., ::-1])
+    pictures = (tmp_path / "left.png", tmp_path / "right.png", "--disparities", 12)
+    methods, out = methods_file(tmp_path), tmp_path / "out.npy"
+    told = command("match", *pictures, "-o", out, "--methods", methods, "--method", "mine", "--json")
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["parameters"]["command"] == program(tmp_path, BOX_FILTER).command
+    assert np.median(read_disparity(out)) == 5
+    methods_file(tmp_path, "raise SystemExit(4)")
+    told = command("match", *pictures, "-o", out, "--methods", methods, "--method", "mine")
+    assert told.code == 1
+    assert "mine: the program ended with exit status 4; its log is " in told.err
+    told = command("match", *pictures, "-o", out, "--method", "mine")
+    assert told.code == 1
+    assert "unknown depth method 'mine', expected one of id, dr, pm, sgm" in told.err
