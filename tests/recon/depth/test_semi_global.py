@@ -20,11 +20,11 @@ def test_inside_the_picture_it_is_opencvs_own_answer() -> None:
     colour = [np.repeat(image[..., None], 3, axis=2) for image in (pair.left, pair.right)]
     peer = cv2.StereoSGBM.create(0, 48, 5, 600, 2400, 1, mode=cv2.STEREO_SGBM_MODE_HH)
     expected = np.asarray(peer.compute(*colour), np.float32)[:, 48:] / 16  # it leaves the first columns out
-    found = match_sgm(pair)
-    both = np.isfinite(found[:, 48:]) & (expected >= 0)  # the first columns confirm or contradict others, too
+    matched = match_sgm(pair)
+    both = np.isfinite(matched[:, 48:]) & (expected >= 0)  # the first columns confirm or contradict others, too
     assert both.mean() > 0.85
-    assert (found[:, 48:] == expected)[both].mean() > 0.98
-    assert np.isfinite(found[:, 8:48]).mean() > 0.8
+    assert (matched[:, 48:] == expected)[both].mean() > 0.98
+    assert np.isfinite(matched[:, 8:48]).mean() > 0.8
 
 
 @settings(deadline=None, max_examples=20)
@@ -33,8 +33,8 @@ def test_any_range_is_searched_to_its_ends_and_not_beyond(n_disparities: int, lo
     for disparity in (lowest, lowest + n_disparities - 1):
         scene = texture(height=20, width=200)
         left, right = scene[:, 60:140], scene[:, 60 + disparity : 140 + disparity]
-        found = match_sgm(StereoPair(left, right, n_disparities, lowest))
-        valid = found[np.isfinite(found)]
+        matched = match_sgm(StereoPair(left, right, n_disparities, lowest))
+        valid = matched[np.isfinite(matched)]
         assert np.median(valid) == pytest.approx(disparity, abs=0.1)
         assert valid.min() >= lowest
         assert valid.max() <= lowest + n_disparities - 0.5
@@ -51,10 +51,10 @@ def test_a_match_on_the_right_background_is_dropped() -> None:
     pair = shifted_pair(4)
     left_mask, right_mask = np.ones((40, 80), np.bool_), np.ones((40, 80), np.bool_)
     right_mask[:, 36:56] = False
-    found = match_sgm(StereoPair(pair.left, pair.right, 12, left_mask=left_mask, right_mask=right_mask))
-    at = np.rint(np.arange(80) - np.nan_to_num(found)).astype(int)
-    assert np.take_along_axis(right_mask, at, axis=1)[np.isfinite(found)].all()
-    assert np.isfinite(found[:, 12:34]).mean() > 0.9
+    matched = match_sgm(StereoPair(pair.left, pair.right, 12, left_mask=left_mask, right_mask=right_mask))
+    at = np.rint(np.arange(80) - np.nan_to_num(matched)).astype(int)
+    assert np.take_along_axis(right_mask, at, axis=1)[np.isfinite(matched)].all()
+    assert np.isfinite(matched[:, 12:34]).mean() > 0.9
 
 
 def test_wrong_parameters_are_named() -> None:

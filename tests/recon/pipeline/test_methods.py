@@ -64,9 +64,9 @@ def made(run: Path, before: int = 0) -> list[str]:
 
 
 def test_a_program_matches_a_pair_with_a_range_that_begins_below_zero(tmp_path: Path) -> None:
-    found = match_by_program(shifted_pair(-3, min_disparity=-6), program(tmp_path, BOX_FILTER), tmp_path / "a b")
-    assert found.dtype == np.float32
-    assert np.mean(found[:, 8:-8] == -3) > 0.95
+    matched = match_by_program(shifted_pair(-3, min_disparity=-6), program(tmp_path, BOX_FILTER), tmp_path / "a b")
+    assert matched.dtype == np.float32
+    assert np.mean(matched[:, 8:-8] == -3) > 0.95
     assert [path.name for path in (tmp_path / "a b").iterdir()] == [LOG]
     assert "matched (40, 80)" in (tmp_path / "a b" / LOG).read_text()
 
@@ -90,9 +90,9 @@ else:
     rows = np.where(np.isnan(disparity), np.inf, disparity)[::-1].astype("<f4")
     open(path, "wb").write(b"Pf\\n80 40\\n-1.0\\n" + rows.tobytes())
 """
-    found = match_by_program(shifted_pair(2), program(tmp_path, text, output=output), tmp_path / "work")
-    assert np.isnan(found[:, :9]).all()
-    assert (found[:, 9:] == 2.5).all()
+    matched = match_by_program(shifted_pair(2), program(tmp_path, text, output=output), tmp_path / "work")
+    assert np.isnan(matched[:, :9]).all()
+    assert (matched[:, 9:] == 2.5).all()
 
 
 def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tmp_path: Path) -> None:
@@ -101,8 +101,8 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
     mask[:, :40] = True
     text = "import sys, numpy as np; a = np.full((40, 80), 5.0); a[:20] = -1; np.save(sys.argv[3], a)"
     masked = StereoPair(pair.left, pair.right, 12, left_mask=mask, right_mask=np.ones_like(mask))
-    found = match_by_program(masked, program(tmp_path, text), tmp_path / "work")
-    assert np.array_equal(np.isfinite(found), mask & (np.arange(40) >= 20)[:, None])
+    matched = match_by_program(masked, program(tmp_path, text), tmp_path / "work")
+    assert np.array_equal(np.isfinite(matched), mask & (np.arange(40) >= 20)[:, None])
 
 
 def test_a_program_gets_the_pictures_as_they_are(tmp_path: Path) -> None:
