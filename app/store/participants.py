@@ -17,7 +17,6 @@ from app.store.schema import metadata
 from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
 from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, WITHDRAWN
 
-ERASED = "erased"
 KEPT_AT_ERASURE = (
     "assignment",
     "exclusion",

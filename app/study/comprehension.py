@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-ANSWERS = ("wait", "switch", "count")
 RIGHT_ANSWER = "switch"
 
 
