@@ -74,8 +74,33 @@ class Cloud:
 
 
 @dataclass(frozen=True, eq=False)
+class Texture:
+    """A picture that colours a mesh.
+
+    Parameters
+    ----------
+    pixels : uint8 (H, W, 3), sRGB
+    uv : float32 (N, 2), place of each vertex in the picture: (0, 0) is its lower left corner, (1, 1) its upper right
+        one, as in OBJ; beyond them the picture repeats
+
+    Raises
+    ------
+    ValueError
+        If an array has another type or shape, or a place is not finite.
+    """
+
+    pixels: NDArray[np.uint8]
+    uv: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if self.pixels.dtype != np.uint8 or self.pixels.ndim != 3 or self.pixels.shape[2] != 3 or not self.pixels.size:
+            raise ValueError(f"pixels are {self.pixels.dtype} {self.pixels.shape}, expected uint8 (H, W, 3) in sRGB")
+        object.__setattr__(self, "uv", _finite(self.uv, "uv", columns=2))
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in the world frame with a colour on every vertex.
+    """A triangle mesh in the world frame with a colour on every vertex, or a texture.
 
     Parameters
     ----------
@@ -83,6 +108,7 @@ class Mesh:
     faces : int32 (M, 3), counter-clockwise seen from outside
     normals : float32 (N, 3), unit length, outwards
     colours : uint8 (N, 3), sRGB
+    texture : of the same N vertices, shown instead of their colours; None for none
 
     Raises
     ------
@@ -95,13 +121,42 @@ class Mesh:
     faces: NDArray[np.int32]
     normals: NDArray[np.float32]
     colours: NDArray[np.uint8]
+    texture: Texture | None = None
 
     def __post_init__(self) -> None:
         vertices = _finite(self.vertices, "vertices")
+        if self.texture is not None and len(self.texture.uv) != len(vertices):
+            raise ValueError(f"the texture has places for {len(self.texture.uv)} vertices, expected {len(vertices)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "normals", _finite(self.normals, "normals", len(vertices)))
         object.__setattr__(self, "colours", _colours(self.colours, len(vertices)))
         object.__setattr__(self, "faces", _faces(self.faces, len(vertices)))
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """A cloud to be drawn as it is: every point a round disc.
+
+    Parameters
+    ----------
+    cloud : the points
+    radius_mm : of the discs, mm
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive and finite.
+    """
+
+    cloud: Cloud
+    radius_mm: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius_mm < float("inf"):
+            raise ValueError(f"radius_mm is {self.radius_mm}, expected a length above 0")
+
+
+Model = Mesh | Splats  # what can be filmed
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
@@ -296,10 +351,10 @@ def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         return points, _faces(triangles(path, ply), len(points))
 
 
-def _finite(values: ArrayLike, name: str, length: int | None = None) -> NDArray[np.float32]:
+def _finite(values: ArrayLike, name: str, length: int | None = None, columns: int = 3) -> NDArray[np.float32]:
     array = np.ascontiguousarray(values, dtype=np.float32)
-    if array.ndim != 2 or array.shape[1] != 3 or (length is not None and len(array) != length):
-        raise ValueError(f"{name} have shape {array.shape}, expected ({'N' if length is None else length}, 3)")
+    if array.ndim != 2 or array.shape[1] != columns or (length is not None and len(array) != length):
+        raise ValueError(f"{name} have shape {array.shape}, expected ({'N' if length is None else length}, {columns})")
     if not np.isfinite(array).all():
         row = int(np.argmin(np.isfinite(array).all(axis=1)))
         raise ValueError(f"{name} hold values that are not finite numbers: row {row} is {array[row].tolist()}")
