@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LESS, MORE = "less is better", "more is better"
+BETTER = {LESS: "lower", MORE: "higher"}
 EVERY_DATASET = "all"
 COMBINED = "combined"  # the group of all sensors' points together
 TABLE_THRESHOLD = 12.5  # mm, table 4 of the paper
@@ -29,6 +30,60 @@ class Subject:
 
     dataset: str = EVERY_DATASET
     approaches: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value in the table that every evaluation writes, `measures.csv`; its columns are these fields.
+
+    Parameters
+    ----------
+    dataset, approach : in a study's words; "all" for every dataset
+    frame : number; None for the whole sequence
+    measure, direction : name, and which cloud is compared with which (see docs/measures.md), or ""
+    value : may be infinite, as is the PSNR of two equal things
+    unit : such as "mm", or "" for none
+    better : "higher" or "lower"
+    source : what measured it
+    """
+
+    dataset: str
+    approach: str
+    frame: int | None
+    measure: str
+    direction: str
+    value: float
+    unit: str
+    better: str
+    source: str
+
+    def __post_init__(self) -> None:
+        if self.better not in BETTER.values():
+            raise ValueError(f"better is {self.better!r}, expected one of {', '.join(BETTER.values())}")
+
+
+def measured_rows(rows: Sequence[Mapping[str, Any]], source: str) -> list[Measured]:
+    """Convert rows of `measure_rows` for the table of measures.
+
+    Parameters
+    ----------
+    rows : of a report
+    source : what measured them
+    """
+    return [
+        Measured(
+            dataset=row["dataset"],
+            approach=row["approach"],
+            frame=None,
+            measure=row["measure"],
+            direction="",
+            value=row["value"],
+            unit=row["unit"],
+            better=BETTER[row["direction"]],
+            source=source,
+        )
+        for row in rows
+    ]
 
 
 def measure_rows(

@@ -6,13 +6,14 @@ import csv
 import io
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from recon.storage.files import whole_file, write_json
+from recon.validation.measures import Measured
 
 FONT = "Liberation Sans, Arial, sans-serif"
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
@@ -73,14 +74,27 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
     return write_bytes(path, page.encode("utf-8"))
 
 
-def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write rows as CSV; columns are the keys of all rows, in the order in which they first appear."""
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Path:
+    """Write rows as CSV.
+
+    Parameters
+    ----------
+    path : of the file
+    rows : cells by column
+    columns : their order; else the keys of all rows, in the order in which they first appear
+    """
     text = io.StringIO()
-    writer = csv.DictWriter(text, _keys(rows), lineterminator="\n")
+    writer = csv.DictWriter(text, columns or _keys(rows), lineterminator="\n")
     writer.writeheader()
     for row in rows:
         writer.writerow({key: "; ".join(map(str, v)) if isinstance(v, list) else v for key, v in row.items()})
     return write_bytes(path, text.getvalue().encode("utf-8"))
+
+
+def write_measures(folder: Path, values: Sequence[Measured]) -> Path:
+    """Write `measures.csv` into a report's folder, with all columns even if there is no value."""
+    columns = [field.name for field in fields(Measured)]
+    return write_table(folder / "measures.csv", [asdict(value) for value in values], columns)
 
 
 def write_report_json(folder: Path, report: Mapping[str, Any]) -> Path:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
+from recon.validation.measures import measured_rows
 from recon.validation.page import (
     Section,
     curve_chart,
     curve_columns,
     write_bytes,
     write_figure,
+    write_measures,
     write_page,
     write_report_json,
     write_table,
@@ -32,7 +34,7 @@ FLATNESS = (
     f"{FLATNESS_CUT:g} robust standard deviations (scale), whose share is given. Tilt is the angle between this "
     "plane and the box's face."
 )
-TABLES = ("reconstructions", "faces", "angles", "edges", "table", "curve", "measures")
+TABLES = ("reconstructions", "faces", "angles", "edges", "table", "curve")
 
 
 def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out: Path) -> Path:
@@ -47,6 +49,7 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
     write_report_json(out, report)
     for name in TABLES:
         write_table(out / f"{name}.csv", report[name])
+    write_measures(out, measured_rows(report["measures"], "validate cuboid"))
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
     size = " x ".join(f"{length:g}" for length in report["settings"]["size_mm"])
     what = (

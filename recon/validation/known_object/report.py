@@ -10,6 +10,7 @@ import numpy as np
 
 from recon.geometry.mesh import error_colours, write_coloured
 from recon.validation.known_object.evaluation import MeasuredObject
+from recon.validation.measures import measured_rows
 from recon.validation.page import (
     PALETTE,
     Section,
@@ -17,6 +18,7 @@ from recon.validation.page import (
     curve_columns,
     write_bytes,
     write_figure,
+    write_measures,
     write_page,
     write_report_json,
     write_table,
@@ -38,8 +40,9 @@ def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out
     """
     out.mkdir(parents=True, exist_ok=True)
     write_report_json(out, report)
-    for name in ("table", "curve", "measures"):
+    for name in ("table", "curve"):
         write_table(out / f"{name}.csv", report[name])
+    write_measures(out, measured_rows(report["measures"], "validate object"))
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
     limit = max(float(np.percentile(np.abs(measured.errors), COLOUR_SHARE)), 1e-3)
     histogram = write_figure(out / "errors", _histogram(measured, limit))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.validation.measures import measured_rows
 from recon.validation.page import (
     Section,
     curve_chart,
@@ -15,6 +16,7 @@ from recon.validation.page import (
     percent,
     write_bytes,
     write_figure,
+    write_measures,
     write_page,
     write_report_json,
     write_table,
@@ -45,7 +47,7 @@ def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSp
     write_table(out / "reconstructions.csv", report["reconstructions"])
     write_table(out / "sensors.csv", report["table"])
     write_table(out / "curve.csv", report["curve"])
-    write_table(out / "measures.csv", report["measures"])
+    write_measures(out, measured_rows(report["measures"], "validate sphere"))
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report)]

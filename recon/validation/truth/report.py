@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit, write_coloured
+from recon.validation.measures import measured_rows
 from recon.validation.page import (
     PALETTE,
     Section,
     percent,
     write_bytes,
     write_figure,
+    write_measures,
     write_page,
     write_report_json,
     write_table,
@@ -33,7 +35,7 @@ def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     write_report_json(out, report)
     write_table(out / "scores.csv", report["scores"])
     write_table(out / "eth3d.csv", report["eth3d"])
-    write_table(out / "measures.csv", report["measures"])
+    write_measures(out, measured_rows(report["measures"], "validate mesh"))
     svg = write_figure(out / "scores", _chart(report))
     figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
     scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
+from recon.validation.measures import measured_rows
 from recon.validation.page import (
     PALETTE,
     Section,
     percent,
     write_bytes,
     write_figure,
+    write_measures,
     write_page,
     write_report_json,
     write_table,
@@ -30,7 +32,7 @@ MOST_PICTURES = 6
 DIFFERENCE_LIMIT = 64  # grey levels at which the colours of a difference picture end
 TILE_PX, TITLE_PX = 300, 22
 ACROSS = 4  # tiles; more are too small to see anything in
-TABLES = ("sensors", "agreement", "views", "means", "measures")
+TABLES = ("sensors", "agreement", "views", "means")
 COLUMNS = {
     "kind": "photographs",
     "region": "region",
@@ -57,6 +59,7 @@ def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], o
     write_report_json(out, report)
     for name in TABLES:
         write_table(out / f"{name}.csv", report[name])
+    write_measures(out, measured_rows(report["measures"], "validate views"))
     sections = [
         Section("Novel views", _views_text(report), _means(report), [_figure(report, out)]),
         *([_agreement(report)] if report["sensors"] else []),
