@@ -13,6 +13,14 @@ from numpy.typing import NDArray
 from recon.capture.rectify import Rectification
 from recon.geometry.mesh import Cloud
 
+__all__ = [
+    "CloudParameters",
+    "NothingSeenError",
+    "cloud_from_disparity",
+    "crop_cloud",
+    "merge_clouds",
+]
+
 MIN_FIT_POINTS = 6  # twice what determines a plane
 SPECKLE_STEPS_PER_PX = 16  # OpenCV's own fixed point for disparities
 LARGEST_INT16 = 32000

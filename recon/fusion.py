@@ -9,6 +9,15 @@ from recon.cloud import merge_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
 from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, with_voxel
 
+__all__ = [
+    "FUSIONS",
+    "Fusion",
+    "LeftOutWarning",
+    "fuse_after",
+    "fuse_before",
+    "fused",
+]
+
 Fusion = Callable[[Sequence[Cloud], SurfaceParameters], Mesh]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.cvf import DrParameters, IdParameters, NoTextureWarning, match_dr, match_id
-from recon.depth.pair import StereoPair
+from recon.depth.pair import StereoPair, rectified_pair
 from recon.depth.patchmatch import PmParameters, match_pm
 from recon.depth.semi_global import SgmParameters, match_sgm
 from recon.depth.temporal import match_sequence
@@ -25,6 +25,7 @@ __all__ = [
     "match_sequence",
     "match_sgm",
     "matched",
+    "rectified_pair",
 ]
 
 Parameters = IdParameters | PmParameters | SgmParameters

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture import Capture, Rectification, read_frame, read_masks, rectify_images, rectify_masks
+
 FRAME = 4  # pixels of background around the foreground: the census window of a pixel on its rim, blurred
 MIN_SIDE = 7  # pixels: a 5x5 census window with a pixel to spare on each side
 
@@ -69,6 +71,24 @@ class StereoPair:
             slice(max(int(rows[0]) - FRAME, 0), min(int(rows[-1]) + FRAME + 1, self.height)),
             slice(max(int(first), 0), min(int(last) + 1, self.width)),
         )
+
+
+def rectified_pair(capture: Capture, rectification: Rectification, frame: int) -> StereoPair | None:
+    """Read and rectify what a sensor recorded at a frame; None where a mask shows no foreground.
+
+    Parameters
+    ----------
+    capture : the recording
+    rectification : of one of its sensors
+    frame : number, from 0
+    """
+    sensor_id = rectification.sensor_id
+    masks = read_masks(capture, sensor_id, frame)
+    left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
+    if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):
+        return None
+    left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+    return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
 
 
 def _check_image(image: NDArray[np.uint8], side: str) -> None:

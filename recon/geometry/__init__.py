@@ -1,0 +1,31 @@
+"""Clouds and meshes, and the files that hold them."""
+
+from recon.geometry.mesh import (
+    Cloud,
+    Mesh,
+    Model,
+    Splats,
+    Texture,
+    merge_meshes,
+    read_cloud,
+    read_mesh,
+    read_points,
+    read_surface,
+    write_cloud,
+    write_mesh,
+)
+
+__all__ = [
+    "Cloud",
+    "Mesh",
+    "Model",
+    "Splats",
+    "Texture",
+    "merge_meshes",
+    "read_cloud",
+    "read_mesh",
+    "read_points",
+    "read_surface",
+    "write_cloud",
+    "write_mesh",
+]

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, Approach, approaches
-from recon.capture.format import Capture, image_path, read_frame, read_masks
-from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
+from recon.capture.format import Capture, image_path, read_frame
+from recon.capture.rectify import Rectification, rectify, rectify_images
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import StereoPair
+from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.program import LOG, ProgramError
 from recon.depth.temporal import TemporalParameters, match_sequence
@@ -111,7 +111,7 @@ def match_frame(job: Job, view: View) -> list[str]:
 
     def write(path: Path) -> list[str]:
         rectification = _rectification(job.capture, view)
-        pair = _stereo_pair(job.capture, rectification, view)
+        pair = rectified_pair(job.capture, rectification, view.frame)
         if pair is None:
             width, height = rectification.left.size
             write_disparity(path, np.full((height, width), np.nan, np.float32))
@@ -173,7 +173,7 @@ def make_cloud(job: Job, view: View) -> list[str]:
             )
         except NothingSeenError as error:
             write_no_cloud(path)
-            is_masked = _stereo_pair(capture, rectification, view) is None
+            is_masked = rectified_pair(capture, rectification, frame) is None
             reason = "its mask is empty" if is_masked else error
             return [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
         return []
@@ -253,7 +253,7 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
         if job.options.temporal is None or not sees:
             yield from zip(stretch, disparities, strict=True)
             continue
-        maybe = (_stereo_pair(job.capture, rectification, view) for view in stretch)
+        maybe = (rectified_pair(job.capture, rectification, view.frame) for view in stretch)
         pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
         known = partial(_next_of, disparities)
         yield from zip(stretch, match_sequence(pairs, known, job.options.temporal), strict=True)
@@ -271,16 +271,6 @@ def _colours(artefacts: Artefacts) -> SensorColours:
 
 def _rectification(capture: Capture, view: View) -> Rectification:
     return rectify(capture.stream(view.sensor_id).sensor, capture.bounds)
-
-
-def _stereo_pair(capture: Capture, rectification: Rectification, view: View) -> StereoPair | None:
-    """Return the rectified pictures of a view; None where a mask shows no foreground."""
-    masks = read_masks(capture, view.sensor_id, view.frame)
-    left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
-    if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):
-        return None
-    left, right = rectify_images(rectification, *read_frame(capture, view.sensor_id, view.frame))
-    return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
 
 
 def _picture_key(capture: Capture, view: View) -> dict[str, Any]:

@@ -16,6 +16,12 @@ from recon.surface.components import drop_small_components
 from recon.surface.holes import close_holes
 from recon.surface.marching_cubes import march
 
+__all__ = [
+    "NoSurfaceError",
+    "SurfaceParameters",
+    "surface_from_cloud",
+]
+
 BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
 BYTES_PER_POINT = 200  # while points are gathered into cells, measured
 MIN_POINTS = 3
