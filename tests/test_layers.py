@@ -15,13 +15,13 @@ ROOT = Path(__file__).parent.parent
 # Floor by floor from the bottom; a room may import its own floor and those below. docs/architecture.md shows the same.
 FLOORS = {
     "recon": [
-        {"rig", "geometry", "storage", "workers"},
+        {"rig", "geometry", "programs", "storage", "workers"},
         {"capture"},
         {"depth", "studio"},
         {"cloud"},
         {"surface"},
         {"fusion"},
-        {"approaches"},
+        {"approaches", "methods_file", "plugins"},
         {"render"},
         {"pipeline", "validation"},
         {"experiment", "export_models"},

@@ -21,7 +21,7 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
-from recon.depth.program import Program, ProgramError
+from recon.depth.program import DepthProgram
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.methods import Methods, describe_depth, match, surface_parameters
@@ -47,6 +47,7 @@ from recon.pipeline.stages import (
     make_mesh,
     match_frame,
 )
+from recon.programs import ProgramError
 from recon.render.frames import choose_renderer
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
@@ -93,7 +94,7 @@ def match_files(
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
     chosen = methods.depth[method]
-    parameters = describe_depth(chosen) if isinstance(chosen, Program) else asdict(chosen.parameters)
+    parameters = describe_depth(chosen) if isinstance(chosen, DepthProgram) else asdict(chosen.parameters)
     return {
         "out": str(out),
         "method": method,

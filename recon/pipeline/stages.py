@@ -21,12 +21,12 @@ from recon.capture.rectify import Rectification, rectify, rectify_images
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
-from recon.depth.program import LOG, ProgramError
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import fused
 from recon.geometry.mesh import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
 from recon.pipeline.methods import Methods, depth_key, match, surface_parameters
 from recon.pipeline.run import COLOURS_NAME, View, mesh_name, read_clouds
+from recon.programs import LOG, ProgramError
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version, file_digest, key_of
 from recon.storage.files import read_json, write_json

@@ -18,10 +18,11 @@ from recon.depth import DEFAULTS, StereoPair
 from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
-from recon.depth.program import LOG, Program, ProgramError, match_by_program
+from recon.depth.program import DepthProgram, match_by_program
 from recon.pipeline.methods import DepthMethod, FusionMethod, Methods, read_methods
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.stages import ReconstructOptions
+from recon.programs import LOG, ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
@@ -40,10 +41,10 @@ print("matched", left.shape)
 ARGUMENTS = "{left} {right} {out} {n_disparities} {min_disparity}"
 
 
-def program(folder: Path, text: str, *, output: str = "npy", timeout_s: float = 60.0) -> Program:
+def program(folder: Path, text: str, *, output: str = "npy", timeout_s: float = 60.0) -> DepthProgram:
     (folder / "match.py").write_text(text)
     command = f"{sys.executable} '{{folder}}/match.py' {ARGUMENTS}"
-    return Program(command, output, timeout_s, str(folder))
+    return DepthProgram(command, output, timeout_s, str(folder))
 
 
 def methods_file(folder: Path, text: str = BOX_FILTER, more: str = "") -> Path:
@@ -138,7 +139,7 @@ def test_how_a_program_failed_is_said_with_its_log(tmp_path: Path, text: str, se
 
 def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match=r"could not be started: .*no-such-program"):
-        match_by_program(shifted_pair(5), Program("no-such-program {left}", "npy"), tmp_path / "work")
+        match_by_program(shifted_pair(5), DepthProgram("no-such-program {left}", "npy"), tmp_path / "work")
 
 
 def test_a_png_of_8_bits_is_refused_as_png16(tmp_path: Path) -> None:
@@ -172,7 +173,9 @@ def is_running(process: int) -> bool:
 
 def test_no_shell_sees_the_command(tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match="wrote no"):
-        match_by_program(shifted_pair(5), Program("echo $HOME; > {folder}/x", "npy", 9, str(tmp_path)), tmp_path / "w")
+        match_by_program(
+            shifted_pair(5), DepthProgram("echo $HOME; > {folder}/x", "npy", 9, str(tmp_path)), tmp_path / "w"
+        )
     assert "$HOME; >" in (tmp_path / "w" / LOG).read_text().splitlines()[1]
     assert not (tmp_path / "x").exists()
 

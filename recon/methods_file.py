@@ -1,0 +1,139 @@
+"""A methods file: TOML with a table for each method, ``[depth.NAME]``, ``[fusion.NAME]`` or ``[measure.NAME]``.
+
+This reads the file, and checks its names and the types of its values. What the tables of a kind mean is known where
+that kind of method is run: ``read_tables(path, "measure", taken)`` gives those of measures.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from recon.approaches import check_method_name
+from recon.programs import Program
+
+Built = TypeVar("Built")
+AProgram = TypeVar("AProgram", bound=Program)
+
+METHOD_KINDS = ("depth", "fusion", "measure")
+KINDS: dict[object, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "true or false"),
+    int: ((int,), "a whole number"),
+    float: ((int, float), "a number"),
+    float | None: ((int, float), "a number"),
+    str: ((str,), "a text"),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a methods file says about a method.
+
+    Parameters
+    ----------
+    place : where it stands, for messages: the file and the table's name
+    content : of the table
+    folder : of the file
+    """
+
+    place: str
+    content: dict[str, Any]
+    folder: Path
+
+    def method(self, known: Collection[str]) -> str:
+        """Return the name behind "method", or raise a ValueError if it is not a known one."""
+        method = self.content.get("method")
+        if not isinstance(method, str) or method not in known:
+            raise ValueError(f"{self.place} method is {method!r}, expected one of {', '.join(known)}")
+        return method
+
+    def built(self, kind: type[Built], **given: object) -> Built:
+        """Make an object of a dataclass from the entries, each of the type that the dataclass says.
+
+        Its fields in `given` are not the table's to say, and "method" is not one of them.
+        """
+        content = {name: value for name, value in self.content.items() if name != "method"}
+        return _built(kind, content, self.place, given)
+
+    def program(self, kind: type[AProgram]) -> AProgram:
+        """Return the program that the table says how to call."""
+        if "output" not in self.content:
+            raise ValueError(f"{self.place}: output is missing, the format of what the command writes")
+        return self.built(kind, folder=str(self.folder))
+
+
+def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[str, Table]:
+    """Read the tables of a kind of methods by the methods' names; there are none without a file.
+
+    Parameters
+    ----------
+    path : of the methods file
+    kind : of `METHOD_KINDS`
+    taken : names that stand for something else
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, holds another kind of table, or the name of a method cannot be used.
+    """
+    if path is None:
+        return {}
+    content = _read_toml(path)
+    unknown = [name for name in content if name not in METHOD_KINDS]
+    if unknown:
+        expected = ", ".join(f"[{name}.NAME]" for name in METHOD_KINDS)
+        raise ValueError(f"{path}: {', '.join(unknown)} is unknown, expected {expected}")
+    tables = {}
+    for name, table in _table(content.get(kind, {}), f"{path}: {kind}").items():
+        place = f"{path}: [{kind}.{name}]"
+        if name in taken:
+            raise ValueError(f"{place}: {name} is a method of this program; choose another name")
+        try:
+            check_method_name(name)
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from error
+        tables[name] = Table(place, _table(table, place), path.resolve().parent)
+    return tables
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: there is no such file") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path}: is not readable as TOML: {error}") from error
+
+
+def _table(content: Any, place: str) -> dict[str, Any]:
+    if not isinstance(content, dict):
+        raise ValueError(f"{place} is {content!r}, expected a table")
+    return dict(content)
+
+
+def _built(kind: type[Built], table: Mapping[str, Any], place: str, given: Mapping[str, object]) -> Built:
+    hints = get_type_hints(kind)
+    assert is_dataclass(kind)
+    kinds = {entry.name: hints[entry.name] for entry in fields(kind) if entry.name not in given}
+    values = {}
+    for name, value in table.items():
+        if name not in kinds:
+            raise ValueError(f"{place} {name} is unknown, expected {', '.join(kinds)}")
+        values[name] = _value(value, kinds[name], f"{place} {name}")
+    try:
+        return kind(**values, **given)
+    except ValueError as error:
+        raise ValueError(f"{place} {', '.join(table)}: {error}") from error
+
+
+def _value(value: Any, kind: Any, place: str) -> Any:
+    if is_dataclass(kind) and isinstance(kind, type):
+        return _built(kind, _table(value, place), place, {})
+    accepted, description = KINDS[kind]
+    if type(value) not in accepted or (isinstance(value, float) and not isfinite(value)):  # a bool is an int, too
+        raise ValueError(f"{place} is {value!r}, expected {description}")
+    return float(value) if float in accepted else value

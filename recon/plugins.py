@@ -1,0 +1,112 @@
+"""Methods of others that are installed as Python packages, found by their entry points.
+
+Names are read from the packages' metadata. So a package is imported only when its method is used, and one that is
+broken disturbs no other.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from recon.approaches import check_method_name
+
+DEPTH_GROUP, FUSION_GROUP, MEASURES_GROUP = "reconstudy.depth", "reconstudy.fusion", "reconstudy.measures"
+
+
+class PluginError(ValueError):
+    """A plug-in that cannot be used."""
+
+
+class PluginWarning(UserWarning):
+    """A plug-in that is left out because of its name."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """An entry point of an installed package, not imported yet.
+
+    Parameters
+    ----------
+    name : of the method
+    target : what the entry point names, MODULE:NAME
+    package, version : which bring it
+    """
+
+    name: str
+    target: str
+    package: str
+    version: str
+
+    def __str__(self) -> str:
+        return f"plug-in {self.name} of {self.package} {self.version}"
+
+    def load(self) -> object:
+        """Import what the entry point names, or raise a PluginError that says what is wrong."""
+        try:
+            return EntryPoint(self.name, self.target, "").load()
+        except Exception as error:  # a package of others may raise anything
+            raise PluginError(f"{self} cannot be imported ({self.target}): {error!r}") from error
+
+    def code_version(self) -> str:
+        """Digest the source of its module, or of all modules of its package, after it was loaded."""
+        return _source_digest(self.target.partition(":")[0].partition(".")[0])
+
+
+def registered(group: str, taken: Collection[str] = ()) -> dict[str, Plugin]:
+    """Find the plug-ins of a group by the methods' names, without importing them.
+
+    A plug-in is left out, with a PluginWarning that names it, if its name is taken, another package's too, or no
+    safe name for a method.
+
+    Parameters
+    ----------
+    group : of entry points
+    taken : names of this program's methods
+    """
+    plugins = sorted(map(_plugin, set(entry_points(group=group))), key=str)
+    times = Counter(plugin.name for plugin in plugins)
+    usable: dict[str, Plugin] = {}
+    for plugin in plugins:
+        problem = _name_problem(plugin, taken)
+        if times[plugin.name] > 1:
+            others = [str(other) for other in plugins if other.name == plugin.name and other != plugin]
+            problem = problem or f"its name is also that of {', '.join(others)}: remove one"
+        if problem:
+            warnings.warn(f"{plugin} is left out: {problem}", PluginWarning, stacklevel=2)
+        else:
+            usable[plugin.name] = plugin
+    return usable
+
+
+def _plugin(entry: EntryPoint) -> Plugin:
+    package = entry.dist
+    if package is None:
+        return Plugin(entry.name, entry.value, "an unknown package", "")
+    return Plugin(entry.name, entry.value, package.name, package.version)
+
+
+def _name_problem(plugin: Plugin, taken: Collection[str]) -> str:
+    if plugin.name in taken:
+        return f"{plugin.name} is a method of this program"
+    try:
+        check_method_name(plugin.name)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+@cache
+def _source_digest(module: str) -> str:
+    file = Path(import_module(module).__file__ or "")
+    digest = sha256()
+    for source in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,143 @@
+"""Programs of others, which do a part of the work: files in, files out.
+
+A program runs without a shell, in a folder of its own. What it prints goes to a log file there.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from shutil import rmtree
+from typing import ClassVar
+
+LOG = "log.txt"
+
+Value = str | int | float | list[str]  # what stands for a name in braces; a list becomes several arguments
+
+
+class ProgramError(ValueError):
+    """A program that could not be started, failed, took too long, or wrote nothing usable."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """How to call a program; the kinds of work derive from it, and say which names and formats there are.
+
+    Parameters
+    ----------
+    command : split into arguments as a shell would; then the names in braces are filled in
+    output : format of what it writes, one of `OUTPUTS`
+    timeout_s : it is stopped after so many seconds
+    folder : what {folder} stands for: that of the methods file
+
+    Raises
+    ------
+    ValueError
+        If the command or a value cannot be used.
+    """
+
+    PLACEHOLDERS: ClassVar[tuple[str, ...]] = ()  # names in braces, beside {folder}
+    LISTS: ClassVar[tuple[str, ...]] = ()  # those that stand for several arguments
+    OUTPUTS: ClassVar[tuple[str, ...]] = ()
+
+    command: str
+    output: str
+    timeout_s: float = 600.0
+    folder: str = "."
+
+    def __post_init__(self) -> None:
+        if self.output not in self.OUTPUTS:
+            raise ValueError(f"output is {self.output!r}, expected one of {', '.join(self.OUTPUTS)}")
+        if not (isfinite(self.timeout_s) and self.timeout_s > 0):
+            raise ValueError(f"timeout_s is {self.timeout_s}, expected a positive number of seconds")
+        if not self.arguments(dict.fromkeys(self.PLACEHOLDERS, 1) | {name: ["1"] for name in self.LISTS}):
+            raise ValueError("command is empty, expected a program and its arguments")
+
+    def arguments(self, values: Mapping[str, Value]) -> list[str]:
+        """Return the program and its arguments with the names in braces filled in.
+
+        A list, such as that of {clouds}, must be an argument of its own, and becomes as many as it has entries.
+        """
+        lists = {f"{{{name}}}": value for name, value in values.items() if isinstance(value, list)}
+        single = {name: value for name, value in values.items() if not isinstance(value, list)}
+        filled: list[str] = []
+        try:
+            for argument in shlex.split(self.command):
+                filled += lists.get(argument) or [argument.format_map({**single, "folder": self.folder})]
+        except (ValueError, LookupError, AttributeError, TypeError) as error:
+            names = ", ".join(f"{{{name}}}" for name in (*self.PLACEHOLDERS, *self.LISTS, "folder"))
+            alone = "".join(f"; {{{name}}} must be an argument of its own" for name in self.LISTS)
+            raise ValueError(
+                f"command is {self.command!r}, which cannot be filled in ({error!r}); "
+                f"expected arguments with {names}{alone}"
+            ) from error
+        return filled
+
+    def asks_for(self, name: str) -> bool:
+        """Return whether the command uses a name in braces."""
+        return f"{{{name}}}" in self.command
+
+    def run(self, values: Mapping[str, Value], folder: Path) -> None:
+        """Run the program in a folder, and print to its log there; if it is stopped, so is all that it started.
+
+        A ProgramError says how it failed.
+        """
+        arguments = self.arguments(values)
+        with (folder / LOG).open("w", encoding="utf-8") as printed:
+            print("$", shlex.join(arguments), file=printed, flush=True)
+            try:
+                process = subprocess.Popen(
+                    arguments,
+                    stdin=subprocess.DEVNULL,
+                    stdout=printed,
+                    stderr=subprocess.STDOUT,
+                    cwd=folder,
+                    start_new_session=True,
+                )
+            except (OSError, ValueError) as error:
+                raise ProgramError(f"the program could not be started: {error}") from error
+            try:
+                process.wait(self.timeout_s)
+            except subprocess.TimeoutExpired as error:
+                raise ProgramError(f"the program was stopped after {self.timeout_s:g} s, its timeout_s") from error
+            finally:
+                if process.returncode is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+                    process.wait()
+        if process.returncode:
+            raise ProgramError(f"the program ended with exit status {process.returncode}")
+
+
+@contextmanager
+def workplace(folder: Path) -> Iterator[None]:
+    """Empty a folder in which a program is then run and its result read; afterwards it keeps the program's log alone.
+
+    A ValueError within becomes a ProgramError that names the log, and the folder is left as it is, to try by hand.
+    """
+    _empty(folder)
+    log = folder / LOG
+    try:
+        yield
+    except ValueError as error:
+        raise ProgramError(f"{error}; its log is {log}") from error
+    printed = log.read_bytes()
+    _empty(folder)
+    log.write_bytes(printed)
+
+
+def check_written(path: Path) -> None:
+    """Raise a ProgramError if a program did not write its file."""
+    if not path.is_file():
+        raise ProgramError(f"the program wrote no {path.name}")
+
+
+def _empty(folder: Path) -> None:
+    rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True, exist_ok=True)
