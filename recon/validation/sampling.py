@@ -25,6 +25,46 @@ def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE
     return points[edges[:-1] + (at * np.diff(edges)).astype(np.int64)]
 
 
+def spread_over_triangles(
+    points: NDArray[np.floating], faces: NDArray[np.integer], n: int, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Choose places on triangles, uniformly by area.
+
+    Parameters
+    ----------
+    points : floating (N, 3)
+    faces : integer (M, 3)
+    n : number of places
+    rng : chooses them
+
+    Returns
+    -------
+    chosen : int64 (n,), the triangle of each place
+    weights : float64 (n, 3), of the triangle's corners, adding up to 1
+
+    Raises
+    ------
+    ValueError
+        If the triangles have no area.
+
+    Source
+    ------
+    G. Turk, "Generating random points in triangles", Graphics Gems (1990).
+    """
+    areas = triangle_areas(points, faces)
+    if not areas.sum() > 0:
+        raise ValueError(f"the mesh's {len(areas)} triangles have no area")
+    chosen = np.searchsorted(np.cumsum(areas), rng.random(n) * areas.sum(), side="right").clip(max=len(areas) - 1)
+    root, second = np.sqrt(rng.random((n, 1))), rng.random((n, 1))
+    return chosen, np.concatenate([1 - root, root * (1 - second), root * second], axis=1)
+
+
+def triangle_areas(points: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Compute the areas (M,) of triangles (M, 3) between points (N, 3), in the squared unit of length."""
+    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
 def thinned(points: NDArray[np.floating], cell: float) -> NDArray[np.floating]:
     """Return the first of points (N, 3) in every occupied cell of a grid: dense parts then count by their area."""
     return points[first_in_cells(points, cell)]

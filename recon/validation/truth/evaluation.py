@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import read_surface
 from recon.validation.clouds import TEXT_SUFFIXES, read_measured
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
-from recon.validation.sampling import cell_means, order_by_cells
+from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
 
@@ -79,13 +79,8 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
     """
     if not len(shape.faces):
         return shape.points
-    a, b, c = (shape.points[shape.faces[:, corner]] for corner in range(3))
-    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    if not areas.sum() > 0:
-        raise ValueError(f"the mesh's {len(areas)} triangles have no area")
-    chosen = np.searchsorted(np.cumsum(areas), rng.random(n) * areas.sum(), side="right").clip(max=len(areas) - 1)
-    root, second = np.sqrt(rng.random((n, 1))), rng.random((n, 1))  # Turk (1990): uniform in a triangle
-    return np.asarray((1 - root) * a[chosen] + root * (1 - second) * b[chosen] + root * second * c[chosen])
+    chosen, weights = spread_over_triangles(shape.points, shape.faces, n, rng)
+    return np.asarray(np.einsum("nc,nci->ni", weights, shape.points[shape.faces[chosen]]))
 
 
 def compare_points(
