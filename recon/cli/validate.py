@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import parse_frames, parse_position
+from recon.cli.options import parse_frames, parse_names, parse_position
 
 EVERY_DATASET = "all"
+SHOWN_OF_CLOUDS = ("d1_psnr_db", "d2_psnr_db", "chamfer", "f_score", "y_psnr_db", "pointssim_colour")
 DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the results are for; all: every scene.")]
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
@@ -27,7 +28,7 @@ UnitOption = Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or 
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Measure reconstructions: known objects, true meshes, sensors against each other, held-out views.",
+    help="Measure reconstructions: known objects, true meshes, clouds, sensors against each other, held-out views.",
 )
 
 
@@ -227,6 +228,74 @@ def validate_mesh(
     print_result({"report": str(page), **report}, sentence, as_json=as_json)
 
 
+@app.command("cloud")
+def validate_cloud(
+    clouds: Annotated[
+        list[Path],
+        typer.Argument(
+            help="For each approach a PLY of a cloud or mesh, or a folder with FRAME.ply for every frame; or a run."
+        ),
+    ],
+    reference: Annotated[
+        Path, typer.Option(help="PLY of the reference, or its folder of frames, such as CAPTURE/truth.")
+    ],
+    out: ReportOption,
+    approach: Annotated[
+        list[str] | None,
+        typer.Option(help="Approach that a cloud belongs to, once for each in order; default: the cloud's name."),
+    ] = None,
+    dataset: Annotated[
+        str | None, typer.Option(help="Scene of a study that the clouds show; default: the run's, else all.")
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="A:B for the frames A to B-1; default: all that are shared.")
+    ] = None,
+    measures: Annotated[
+        str | None,
+        typer.Option(help="Only these: d1, d2, chamfer, f_score, colour, pointssim, or one of --methods; with commas."),
+    ] = None,
+    peak: Annotated[
+        float | None,
+        typer.Option(
+            help="Peak of the PSNR of D1 and D2; default: the largest distance of neighbours in the reference."
+        ),
+    ] = None,
+    threshold: Annotated[
+        float | None, typer.Option(help="Of the F-score; default: a hundredth of the reference's longest side.")
+    ] = None,
+    density: Annotated[
+        float | None,
+        typer.Option(help="Samples of meshes per squared unit; default: what puts 100 000 on the reference."),
+    ] = None,
+    unit: Annotated[str, typer.Option(help="Unit of all clouds, for the tables; nothing is converted.")] = "mm",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the samples on meshes.")] = 1,
+    methods: Annotated[Path | None, typer.Option(help="TOML file of measures by other programs, such as PCQM.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare clouds or meshes with a reference: D1, D2, Chamfer, F-score, colours, PointSSIM, and other programs."""
+    from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds
+    from recon.validation.cloud_quality.plugin import plugin_measures
+    from recon.validation.cloud_quality.programs import program_measures
+    from recon.validation.cloud_quality.reading import Sampling
+    from recon.validation.cloud_quality.report import write_cloud_report
+    from recon.validation.cloud_quality.sequences import find_compared
+
+    settings = CloudSettings(
+        unit=unit,
+        peak=peak,
+        threshold=threshold,
+        sampling=Sampling(density, seed),
+        measures=parse_names(measures or ""),
+        others=plugin_measures() | program_measures(methods, out / "programs"),
+    )
+    files = find_compared(clouds, reference, names=tuple(approach or ()), dataset=dataset, frames=parse_frames(frames))
+    progress = ProgressLine()
+    comparison = measure_clouds(files, settings, progress)
+    progress.close()
+    page = write_cloud_report(comparison, out)
+    print_result({"report": str(page), **comparison.report}, _cloud_sentences(comparison.report, page), as_json=as_json)
+
+
 def parse_thresholds(text: str) -> tuple[float, ...]:
     """Read the thresholds of "FROM:TO", in steps of 2.5 mm, or of "FROM:TO:STEP"."""
     try:
@@ -261,6 +330,21 @@ def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
             f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
         ) from error
     return name or "S1", (x, y, z)
+
+
+def _cloud_sentences(report: dict[str, Any], page: Path) -> str:
+    from recon.validation.cloud_quality.report import mean_values, skipped_sentences
+
+    lines = []
+    for name in dict.fromkeys(value["approach"] for value in report["values"]):
+        shown = [
+            f"{value['measure']} {float(value['value']):.4g}{' ' * bool(value['unit'])}{value['unit']}"
+            for value in mean_values(report)
+            if value["approach"] == name and value["measure"] in SHOWN_OF_CLOUDS
+        ]
+        lines.append(f"{name}: {', '.join(shown) or 'see measures.csv'}")
+    lines += [f"remark: {remark}" for remark in report["remarks"]] + skipped_sentences(report["skipped"])
+    return "\n".join([*lines, f"Report: {page}"])
 
 
 def _view_sentences(report: dict[str, Any], page: Path) -> str:

@@ -62,6 +62,8 @@ def error_picture(
     errors: NDArray[np.floating],
     limit: float,
     views: Sequence[NDArray[np.float64]] = AXIS_VIEWS,
+    *,
+    unit: str = "mm",
 ) -> NDArray[np.uint8]:
     """Draw points coloured by signed error from each of the views, side by side, with the scale below.
 
@@ -71,14 +73,15 @@ def error_picture(
     errors : floating (N,), mm
     limit : mm, at which the colours end
     views : float64 (3, 3) each; rows are right, up and towards the viewer
+    unit : of the lengths, for the scale
     """
     colours = error_colours(errors, limit).astype(np.int64)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = np.asarray(points, dtype=np.float64) - middle
-    reach = 1.05 * max(float(np.abs(offsets @ axes[:2].T).max()) for axes in views)
+    reach = 1.05 * max(float(np.abs(offsets @ axes[:2].T).max()) for axes in views) or 1.0  # of a single point
     squares = [_splats(offsets @ axes.T, colours, reach, BACKGROUND) for axes in views]
     picture = np.concatenate(squares, axis=1)
-    return np.concatenate([picture, _colour_scale(limit, picture.shape[1])])
+    return np.concatenate([picture, _colour_scale(limit, picture.shape[1], unit)])
 
 
 def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: float, title: str) -> NDArray[np.uint8]:
@@ -120,12 +123,12 @@ def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np
     return np.concatenate(parts, axis=1)[:, :-gap]
 
 
-def _colour_scale(limit: float, width: int) -> NDArray[np.uint8]:
+def _colour_scale(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
     """Draw the colours from -limit to limit with the numbers beside them, uint8 (SCALE_PX, width, 3)."""
     strip = np.full((SCALE_PX, width, 3), 255, np.uint8)
     left, right = width // 2 - SCALE_WIDTH_PX // 2, width // 2 + SCALE_WIDTH_PX // 2
     strip[8 : SCALE_PX - 8, left:right] = error_colours(np.linspace(-limit, limit, right - left), limit)
-    low, high = f"{-limit:.3g} mm", f"{limit:.3g} mm"
+    low, high = f"{-limit:.3g} {unit}", f"{limit:.3g} {unit}"
     offset = cv2.getTextSize(low, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
     for text, column in ((low, left - offset - 8), (high, right + 8)):
         cv2.putText(strip, text, (column, SCALE_PX - 11), cv2.FONT_HERSHEY_SIMPLEX, 0.45, CIRCLE, 1, cv2.LINE_AA)

@@ -1,0 +1,312 @@
+"""Clouds or meshes of several approaches against a reference, frame by frame: the content of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
+from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
+from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen
+from recon.validation.cloud_quality.points import PointSet, diagonal, longest_side
+from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, read_shape, sampled
+from recon.validation.cloud_quality.sequences import Compared
+from recon.validation.measures import LESS, MORE, Measured, Subject, joined, measure_rows
+from recon.workers import Progress, no_progress
+
+SOURCE, REFERENCE = "validate cloud", "reference"
+WITH_PEAK = ("d1", "d2")  # measures with a PSNR
+ODD_SCALE, OTHER_UNIT = 8.0, 100.0  # ratios of size: to be remarked; to be refused
+NEAR_UNIT = 0.25  # relative difference from the ratio of two units
+TELLING = 50  # points; fewer say nothing about scale
+UNITS_APART = {1000: "metres against millimetres", 100: "metres against centimetres"}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A distorted cloud with its errors, to be drawn.
+
+    Parameters
+    ----------
+    name : of the approach
+    points : float32 (N, 3)
+    errors : float64 (N,), distances to the reference, in the unit of length
+    is_signed : whether errors are along the reference's normals, positive outside; else distances
+    """
+
+    name: str
+    points: NDArray[np.float32]
+    errors: NDArray[np.float64]
+    is_signed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What a comparison found: the content of report.json, all values, and the clouds of the first frame."""
+
+    report: dict[str, Any]
+    values: list[Measured]
+    shown: list[Shown]
+
+
+class Place(NamedTuple):
+    """Where a value stands in the table of measures."""
+
+    dataset: str
+    approach: str
+    frame: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class CloudSettings:
+    """Options of the comparison.
+
+    Parameters
+    ----------
+    unit : of all clouds, for tables; nothing is converted
+    peak : of the PSNR of D1 and D2; None for the largest distance between neighbours in each frame's reference
+    threshold : of the F-score; None for a hundredth of the longest side of the first frame's reference
+    sampling : of meshes
+    measures : names; none for all
+    others : measures of other programs and of plug-ins by name, each with its source in words
+    """
+
+    unit: str = "mm"
+    peak: float | None = None
+    threshold: float | None = None
+    sampling: Sampling = field(default_factory=Sampling)
+    measures: tuple[str, ...] = ()
+    others: Mapping[str, tuple[Measure, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, length in (("peak", self.peak), ("threshold", self.threshold)):
+            if length is not None and not (isfinite(length) and length > 0):
+                raise ValueError(f"the {name} is {length:g}, expected a positive length")
+
+    @property
+    def known(self) -> dict[str, tuple[Measure, str]]:
+        """All measures by name, with their sources."""
+        return {name: (measure, SOURCE) for name, measure in MEASURES.items()} | dict(self.others)
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What a comparison has found so far.
+
+    Parameters
+    ----------
+    clouds : a row for each cloud
+    values : of each frame
+    skipped : a row for each measure that could not be taken, with the reason
+    remarks : sentences on what to doubt
+    shown : clouds of the first frame
+    """
+
+    clouds: list[dict[str, Any]] = field(default_factory=list)
+    values: list[Measured] = field(default_factory=list)
+    skipped: list[dict[str, Any]] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    shown: list[Shown] = field(default_factory=list)
+
+
+def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progress = no_progress) -> Comparison:
+    """Compare every approach with the reference in every frame.
+
+    The value of a sequence is the mean of those of its frames.
+
+    Parameters
+    ----------
+    compared : files
+    settings : options of the comparison
+    progress : called as work is done
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, a cloud is a hundred times larger than its reference, or nothing can be measured.
+    """
+    names = chosen(settings.measures, tuple(settings.known))
+    settings = _completed(settings, compared)
+    findings = Findings(remarks=list(compared.left_out))
+    done, total = 0, len(compared.frames) * len(compared.approaches)
+    for frame in compared.frames:
+        reference = _prepared(compared.reference_of(frame), settings)
+        scale = Scale(settings.unit, settings.peak or intrinsic_peak(reference), settings.threshold)
+        findings.clouds.append(_cloud_row(REFERENCE, frame, reference) | {"peak": scale.peak})
+        for approach, files in compared.approaches.items():
+            progress("clouds", done, total)
+            pair = Pair(reference, _prepared(files[frame], settings), _pair_name(approach, frame))
+            findings.clouds.append(_cloud_row(approach, frame, pair.distorted))
+            findings.remarks.extend(_remarks(pair))
+            for name in names:
+                _measure(name, settings, pair, scale, Place(compared.dataset, approach, frame), findings)
+            if frame == compared.frames[0]:
+                findings.shown.append(_shown(approach, pair))
+            done += 1
+    progress("clouds", total, total)
+    if not findings.values:
+        raise ValueError(f"nothing can be measured: {findings.skipped[0]['reason']}")
+    values = _means(findings) if compared.frames != (None,) else []
+    values += findings.values
+    return Comparison(_report(compared, settings, names, findings, values), values, findings.shown)
+
+
+def _completed(settings: CloudSettings, compared: Compared) -> CloudSettings:
+    """Take the density and the threshold that were not given from the first frame's reference, for all frames."""
+    shape = read_shape(compared.reference_of(compared.frames[0]))
+    sampling = settings.sampling
+    if sampling.density is None and shape.area > 0:
+        sampling = Sampling(USUAL_POINTS / shape.area, sampling.seed)
+    threshold = settings.threshold or THRESHOLD_SHARE * longest_side(sampled(shape, sampling)) or None
+    return replace(settings, sampling=sampling, threshold=threshold)
+
+
+def _prepared(path: Path, settings: CloudSettings) -> Prepared:
+    return Prepared(sampled(read_shape(path), settings.sampling))
+
+
+def _pair_name(approach: str, frame: int | None) -> str:
+    return approach if frame is None else f"{approach}_{frame:04d}"
+
+
+def _measure(name: str, settings: CloudSettings, pair: Pair, scale: Scale, place: Place, findings: Findings) -> None:
+    """Take a measure of a pair, and add its values, or the reason why there are none, to the findings."""
+    measure, source = settings.known[name]
+    row = {"approach": place.approach, "frame": place.frame, "measure": name}
+    try:
+        values = measure(pair, scale)
+    except ValueError as error:
+        findings.skipped.append(row | {"reason": str(error)})
+        return
+    findings.values.extend(
+        Measured(*place, value.measure, value.direction, value.value, value.unit, value.better, source)
+        for value in values
+    )
+    if scale.peak is None and name in WITH_PEAK:
+        reason = f"{pair.reference.cloud.name}: has no two points apart to take a peak from; give --peak"
+        findings.skipped.append(row | {"measure": f"{name}_psnr_db", "reason": reason})
+
+
+def _shown(approach: str, pair: Pair) -> Shown:
+    points, others = pair.distorted.places.points, pair.reference.places.points
+    normals, nearest = pair.reference.cloud.normals, pair.first_in_reference
+    if normals is None:
+        return Shown(approach, points, np.sqrt(pair.to_reference.squared), is_signed=False)
+    differences = points.astype(np.float64) - others[nearest]
+    along = np.einsum("ij,ij->i", differences, pair.reference.places.first(normals)[nearest])
+    return Shown(approach, points, along, is_signed=True)
+
+
+def _means(findings: Findings) -> list[Measured]:
+    """Average values over frames, for each approach, measure and direction."""
+    groups: dict[tuple[str, str, str], list[Measured]] = {}
+    for value in findings.values:
+        groups.setdefault((value.approach, value.measure, value.direction), []).append(value)
+    return [replace(group[0], frame=None, value=float(np.mean([v.value for v in group]))) for group in groups.values()]
+
+
+def _cloud_row(name: str, frame: int | None, prepared: Prepared) -> dict[str, Any]:
+    cloud = prepared.cloud
+    return {
+        "approach": name,
+        "frame": frame,
+        "file": cloud.name,
+        "n_points": len(cloud),
+        "n_duplicates": len(cloud) - len(prepared.places.points),
+        "has_normals": cloud.normals is not None,
+        "has_colours": cloud.colours is not None,
+    }
+
+
+def _remarks(pair: Pair) -> list[str]:
+    """Return sentences on what makes a comparison doubtful; raise a ValueError if it makes no sense."""
+    distorted, reference = pair.distorted.cloud, pair.reference.cloud
+    return _size_remarks(distorted, reference) + [
+        f"{each.cloud.name}: {n_merged} of {len(each.cloud)} points lie where another does; "
+        "all measures but Chamfer and F-score take them as one"
+        for each in (pair.distorted, pair.reference)
+        if (n_merged := len(each.cloud) - len(each.places.points))
+    ]
+
+
+def _size_remarks(distorted: PointSet, reference: PointSet) -> list[str]:
+    size, real_size = diagonal(distorted), diagonal(reference)
+    if min(len(distorted), len(reference)) < TELLING or not min(size, real_size) > 0:
+        return []
+    ratio = max(size, real_size) / min(size, real_size)
+    if ratio >= ODD_SCALE:
+        unit = next((unit for unit in UNITS_APART if abs(ratio / unit - 1) < NEAR_UNIT), None)
+        doubt = "." if unit is None else f": {UNITS_APART[unit]}?"
+        relation = "larger" if size > real_size else "smaller"
+        sentence = (
+            f"{distorted.name}: is about {round_figure(unit or ratio)} times {relation} than its reference "
+            f"{reference.name} (diagonals {size:.3g} and {real_size:.3g}){doubt}"
+        )
+        if ratio >= OTHER_UNIT:
+            raise ValueError(f"{sentence} Bring both to one unit first")
+        return [sentence]
+    low, high = distorted.points.min(axis=0), distorted.points.max(axis=0)
+    if (low > reference.points.max(axis=0)).any() or (high < reference.points.min(axis=0)).any():
+        return [
+            f"{distorted.name}: lies wholly beside its reference {reference.name}; are both in the same coordinates?"
+        ]
+    return []
+
+
+def round_figure(ratio: float) -> str:
+    """Write a ratio with two digits, and spaces between thousands."""
+    digits = 1 - int(np.floor(np.log10(ratio)))
+    return f"{round(ratio, digits):,.0f}".replace(",", " ")
+
+
+def _report(
+    compared: Compared, settings: CloudSettings, names: Sequence[str], findings: Findings, values: Sequence[Measured]
+) -> dict[str, Any]:
+    """Return the content of report.json; it writes infinity as "inf", because JSON has no number for it."""
+    return {
+        "schema_version": 1,
+        "kind": "cloud",
+        "settings": {
+            "dataset": compared.dataset,
+            "frames": list(compared.frames),
+            "unit": settings.unit,
+            "peak": settings.peak,
+            "threshold": settings.threshold,
+            "density": settings.sampling.density,
+            "seed": settings.sampling.seed,
+            "measures": list(names),
+        },
+        "clouds": findings.clouds,
+        "values": [
+            asdict(value) | {"value": value.value if isfinite(value.value) else str(value.value)} for value in values
+        ],
+        "skipped": findings.skipped,
+        "remarks": list(dict.fromkeys(findings.remarks)),
+        "measures": _with_scores(values),
+    }
+
+
+def _with_scores(values: Sequence[Measured]) -> list[dict[str, Any]]:
+    """List the main measures of whole sequences, as a study takes them: finite ones, of both directions together."""
+    ours = {value.measure for value in values if value.source == SOURCE}
+    return joined(
+        [
+            measure_rows(
+                Subject(value.dataset, (value.approach,)),
+                value.measure,
+                value.value,
+                direction=LESS if value.better == "lower" else MORE,
+                unit=value.unit,
+            )
+            for value in values
+            if value.frame is None
+            and value.direction in ("", SYMMETRIC)
+            and (value.measure in WITH_SCORES or value.measure not in ours)
+        ]
+    )

@@ -1,0 +1,110 @@
+"""Points to be compared, as the measures take them, and the merging of points at one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class PointSet:
+    """Points with what is known of them; `read_point_set` reads them from a file.
+
+    Parameters
+    ----------
+    name : in messages
+    points : float32 (N, 3), in the unit of the file
+    normals : float32 (N, 3), of any length; None where unknown
+    colours : uint8 (N, 3), sRGB; None where unknown
+
+    Raises
+    ------
+    ValueError
+        If there is no point, the arrays differ in length, or a value is not finite; it names the row.
+    """
+
+    name: str
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32] | None = None
+    colours: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", np.ascontiguousarray(self.points, np.float32))
+        if not len(self.points):
+            raise ValueError(f"{self.name}: holds no points")
+        self._check("points", self.points)
+        if self.normals is not None:
+            object.__setattr__(self, "normals", np.ascontiguousarray(self.normals, np.float32))
+            self._check("normals", self.normals)
+        if self.colours is not None:
+            if self.colours.dtype != np.uint8:
+                raise ValueError(f"{self.name}: colours are {self.colours.dtype}, expected uint8")
+            self._check("colours", self.colours)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def _check(self, what: str, values: NDArray[np.generic]) -> None:
+        if values.shape != (len(self.points), 3):
+            raise ValueError(f"{self.name}: {what} have shape {values.shape}, expected ({len(self.points)}, 3)")
+        is_finite = np.isfinite(values).all(axis=1)
+        if not is_finite.all():
+            row = int(np.argmin(is_finite))
+            n_wrong = int(np.count_nonzero(~is_finite))
+            raise ValueError(
+                f"{self.name}: its {what} hold values that are not finite numbers in {n_wrong} "
+                f"{'row' if n_wrong == 1 else 'rows'}, the first in row {row} (counted from 0): "
+                f"{values[row].tolist()}; remove such points first"
+            )
+
+
+def longest_side(cloud: PointSet) -> float:
+    """Return the longest side of the bounding box, in the unit of length."""
+    return float(np.ptp(cloud.points, axis=0).max())
+
+
+def diagonal(cloud: PointSet) -> float:
+    """Return the diagonal of the bounding box, in the unit of length."""
+    return float(np.linalg.norm(np.ptp(cloud.points, axis=0).astype(np.float64)))
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The places where points lie, each once, in the order of x, then y, then z.
+
+    Parameters
+    ----------
+    points : float32 (M, 3)
+    order : int64 (N,), rows of the point set by place; those of one place in the file's order
+    starts : int64 (M,), where each place begins in `order`
+    """
+
+    points: NDArray[np.float32]
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of points at each place, int64 (M,)."""
+        return np.diff(self.starts, append=len(self.order))
+
+    def first(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return of values (N, C) of a set's points those of the first in the file at each place, (M, C)."""
+        return values[self.order[self.starts]]
+
+    def mean(self, values: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Average values (N, C) of a set's points over each place, (M, C)."""
+        sums = np.add.reduceat(values[self.order].astype(np.float64), self.starts, axis=0)
+        return np.asarray(sums / self.counts[:, None])
+
+
+def merged(points: NDArray[np.float32]) -> Places:
+    """Find the places where points float32 (N, 3) lie."""
+    order = np.lexsort(points.T[::-1])  # stable, so the file's order holds within a place
+    ordered = points[order]
+    is_new = np.ones(len(points), np.bool_)
+    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    starts = np.flatnonzero(is_new)
+    return Places(np.ascontiguousarray(ordered[starts]), order, starts)

@@ -1,0 +1,234 @@
+"""The command: which files it compares, what it says of poor input, and what it writes."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from shutil import copy
+
+import numpy as np
+import pytest
+
+from app.intake.reports import read_report
+from recon.geometry.mesh import Mesh, write_mesh
+from recon.pipeline.run import RUN_FILE, mesh_name
+from recon.studio import SynthParameters, synthesise
+from recon.studio.objects import ball as ball_mesh
+from recon.validation.cloud_quality.points import PointSet
+from recon.validation.cloud_quality.reading import Sampling, read_shape, sampled
+from recon.validation.measures import Measured
+from tests.command_line import Command
+from tests.recon.validation.cloud_quality.clouds import ball, refusal, table, validate, write
+
+FAST = ("--measures", "d1,chamfer")
+
+
+def sphere(path: Path, radius: float = 100.0) -> Path:
+    vertices, faces = ball_mesh(radius, 15.0)
+    normals = vertices / radius
+    levels = np.rint(127 * (1 + normals)).astype(np.uint8)
+    return write_mesh(path, Mesh(vertices.astype(np.float32), faces, normals.astype(np.float32), levels))
+
+
+def test_a_report_holds_every_measure_in_every_direction(command: Command, tmp_path: Path) -> None:
+    reference = write(tmp_path / "truth.ply", ball())
+    cloud = write(tmp_path / "mine.ply", ball(noise=1))
+    out = tmp_path / "report"
+    report = validate(command, out, cloud, "--reference", reference, "--peak", 200, "--dataset", "temple")
+    rows = {(row["measure"], row["direction"]): row for row in table(out)}
+    names = {"d1_mse", "d2_psnr_db", "d1_hausdorff_squared", "chamfer", "f_score", "y_mse", "cr_mse"}
+    names |= {f"pointssim_{part}" for part in ("geometry", "normals", "curvature", "colour", "normals_from_files")}
+    assert names <= {measure for measure, _ in rows}
+    assert len(rows) == 3 * len({measure for measure, _ in rows}) == len(report["values"])
+    row = rows["d1_psnr_db", "symmetric"]
+    assert (row["dataset"], row["approach"], row["frame"], row["unit"]) == ("temple", "mine", "", "dB")
+    mse = float(rows["d1_mse", "symmetric"]["value"])
+    assert float(row["value"]) == pytest.approx(10 * math.log10(3 * 200**2 / mse))
+    assert list(table(out)[0]) == list(Measured.__dataclass_fields__)
+    assert {"report.html", "clouds.csv", "errors_1.png"} <= {path.name for path in out.iterdir()}
+
+
+def test_a_study_takes_the_measures_of_a_report(command: Command, tmp_path: Path) -> None:
+    reference = write(tmp_path / "truth.ply", ball())
+    clouds = [write(tmp_path / f"{noise}.ply", ball(noise=noise)) for noise in (1, 2)]
+    names = ("--approach", "pm_fa", "--approach", "pm_fb", "--dataset", "temple")
+    validate(command, tmp_path / "report", *clouds, "--reference", reference, *names)
+    report = read_report(tmp_path / "report")
+    values = {(m.measure, m.approach): m.value for m in report.measures if m.dataset == "temple"}
+    assert report.kind == "cloud"
+    assert values["chamfer", "pm_fa"] < values["chamfer", "pm_fb"]
+    assert {m.measure: m.direction for m in report.measures}["f_score"] == "more is better"
+    assert len(report.measures) == 2 * 15
+
+
+def test_a_sequence_is_compared_frame_by_frame_and_its_value_is_the_mean(command: Command, tmp_path: Path) -> None:
+    for frame in range(3):
+        write(tmp_path / "truth" / "mesh" / f"{frame:04d}.ply", ball(seed=10 * frame + 1))
+        write(tmp_path / "a" / f"{frame:04d}.ply", ball(noise=1 + frame, seed=10 * frame + 1))
+        if frame:
+            write(tmp_path / "b" / f"frame_{frame}.ply", ball(noise=1, seed=10 * frame + 1))
+    out = tmp_path / "report"
+    clouds = (tmp_path / "a", tmp_path / "b")
+    report = validate(command, out, *clouds, "--reference", tmp_path / "truth", *FAST)
+    values = {
+        (row["approach"], row["frame"]): float(row["value"])
+        for row in table(out)
+        if (row["measure"], row["direction"]) == ("chamfer", "symmetric")
+    }
+    assert values.keys() == {(name, frame) for name in "ab" for frame in ("", "1", "2")}
+    assert values["a", ""] == pytest.approx((values["a", "1"] + values["a", "2"]) / 2)
+    assert report["remarks"] == ["a: frame 0 is left out, because another approach or the reference lacks them"]
+    chosen = validate(command, out, *clouds, "--reference", tmp_path / "truth", *FAST, "--frames", "2:3")
+    assert chosen["settings"]["frames"] == [2]
+    assert not chosen["remarks"]
+
+
+def test_a_mesh_is_sampled_with_the_density_and_seed_that_are_stated(tmp_path: Path) -> None:
+    shape = read_shape(sphere(tmp_path / "sphere.ply"))
+    cloud = sampled(shape, Sampling(density=0.02, seed=3))
+    assert len(cloud) == round(0.02 * shape.area)
+    radii = np.linalg.norm(cloud.points, axis=1)
+    assert 98 < radii.min() < radii.max() <= 100.001
+    assert cloud.normals is not None
+    assert cloud.colours is not None
+    assert np.linalg.norm(cloud.normals, axis=1) == pytest.approx(1, abs=1e-5)
+    assert np.abs(cloud.normals - cloud.points / radii[:, None]).max() < 0.05
+    assert np.abs(cloud.colours - 127 * (1 + cloud.normals)).max() < 8
+    octants = np.bincount((cloud.points > 0) @ [1, 2, 4])
+    assert octants == pytest.approx(len(cloud) / 8, rel=0.15)
+    again, other = (sampled(shape, Sampling(density=0.02, seed=seed)) for seed in (3, 4))
+    assert np.array_equal(again.points, cloud.points)
+    assert not np.array_equal(other.points, cloud.points)
+
+
+def test_equal_meshes_are_at_no_distance_and_one_that_is_larger_is_as_far_as_it_is_larger(
+    command: Command, tmp_path: Path
+) -> None:
+    same, larger = sphere(tmp_path / "same.ply"), sphere(tmp_path / "larger.ply", 103)
+    options = ("--reference", sphere(tmp_path / "truth.ply"), "--density", 0.1, "--measures", "d1,d2")
+    out = tmp_path / "report"
+    validate(command, out, same, larger, *options)
+    rows = {(row["approach"], row["measure"], row["direction"]): float(row["value"]) for row in table(out)}
+    assert rows["same", "d1_psnr_db", "symmetric"] == math.inf
+    assert rows["larger", "d2_mse", "symmetric"] == pytest.approx(9, rel=0.05)
+
+
+def test_what_clouds_lack_is_named_and_the_rest_is_measured(command: Command, tmp_path: Path) -> None:
+    reference = write(tmp_path / "truth.ply", ball(), normals=False)
+    cloud = write(tmp_path / "mine.ply", ball(noise=1), colours=False)
+    out = tmp_path / "report"
+    report = validate(command, out, cloud, "--reference", reference)
+    reasons = {row["measure"]: row["reason"] for row in report["skipped"]}
+    assert reasons.keys() == {"d2", "colour", "pointssim_colour", "pointssim_normals_from_files"}
+    assert reasons["d2"] == f"{reference}: has no normals (nx, ny, nz), which D2 takes from the reference"
+    assert reasons["colour"] == f"{cloud}: has no colours (red, green, blue of 8 bits)"
+    assert {"d1_mse", "chamfer", "f_score", "pointssim_curvature"} <= {row["measure"] for row in table(out)}
+    told = command("validate", "cloud", cloud, "--reference", reference, "-o", out)
+    assert f"not measured: colour of mine: {cloud}: has no colours" in told.out
+
+
+def test_one_point_is_measured_as_far_as_that_goes(command: Command, tmp_path: Path) -> None:
+    truth = write(tmp_path / "truth.ply", ball())
+    point = write(tmp_path / "point.ply", PointSet("point", np.array([[0, 0, 0]])))
+    values = {
+        value["measure"]: value["value"]
+        for value in validate(command, tmp_path / "report", point, "--reference", truth)["values"]
+    }
+    assert values["d1_mse"] == pytest.approx(100**2)
+    assert "pointssim_geometry" not in values
+    other_way = validate(command, tmp_path / "report", truth, "--reference", point)
+    reasons = {row["measure"]: row["reason"] for row in other_way["skipped"]}
+    assert "no two points apart to take a peak from; give --peak" in reasons["d1_psnr_db"]
+    assert "give --threshold" in reasons["f_score"]
+    assert "has points at 1 places, expected at least the 12" in reasons["pointssim_geometry"]
+
+
+def test_points_at_one_place_are_counted_and_told(command: Command, tmp_path: Path) -> None:
+    truth = write(tmp_path / "truth.ply", ball())
+    twice = write(tmp_path / "twice.ply", PointSet("twice", np.concatenate([ball().points, ball().points[:7]])))
+    report = validate(command, tmp_path / "report", twice, "--reference", truth, *FAST)
+    assert [row["n_duplicates"] for row in report["clouds"]] == [0, 7]
+    assert report["remarks"] == [
+        f"{twice}: 7 of 407 points lie where another does; all measures but Chamfer and F-score take them as one"
+    ]
+
+
+@pytest.mark.parametrize(("scale", "relation"), [(1000, "1 000 times larger"), (0.001, "1 000 times smaller")])
+def test_a_cloud_in_another_unit_is_refused_by_its_factor(
+    command: Command, tmp_path: Path, scale: float, relation: str
+) -> None:
+    truth = write(tmp_path / "truth.ply", ball())
+    cloud = write(tmp_path / "mine.ply", ball(noise=1), scale=scale)
+    line = refusal(command, tmp_path / "report", cloud, "--reference", truth)
+    assert f"mine.ply: is about {relation} than its reference" in line
+    assert "metres against millimetres? Bring both to one unit first" in line
+
+
+def test_a_cloud_of_odd_size_or_place_is_remarked(command: Command, tmp_path: Path) -> None:
+    truth = write(tmp_path / "truth.ply", ball())
+    large = write(tmp_path / "large.ply", ball(), scale=10)
+    far = write(tmp_path / "far.ply", PointSet("far", ball().points + np.float32(500)))
+    remarks = validate(command, tmp_path / "report", large, far, "--reference", truth, *FAST)["remarks"]
+    assert "is about 10 times larger than its reference" in remarks[0]
+    assert "lies wholly beside its reference" in remarks[1]
+
+
+def test_values_that_are_no_numbers_and_empty_files_are_refused_by_place(command: Command, tmp_path: Path) -> None:
+    truth = write(tmp_path / "truth.ply", ball())
+    out = tmp_path / "report"
+    rows = "1 2 3\n4 5 6\n7 nan 9\n"
+    header = "ply\nformat ascii 1.0\nelement vertex {n}\n" + "".join(f"property float {a}\n" for a in "xyz")
+    (tmp_path / "nan.ply").write_text(header.format(n=3) + "end_header\n" + rows)
+    (tmp_path / "empty.ply").write_text(header.format(n=0) + "end_header\n")
+    (tmp_path / "no.ply").write_text("")
+    nan = refusal(command, out, tmp_path / "nan.ply", "--reference", truth)
+    assert "nan.ply: its points hold values that are not finite numbers in 1 row, the first in row 2 " in nan
+    assert "[7.0, nan, 9.0]; remove such points first" in nan
+    assert "empty.ply: holds no points" in refusal(command, out, tmp_path / "empty.ply", "--reference", truth)
+    assert "no.ply: is not a whole PLY file" in refusal(command, out, tmp_path / "no.ply", "--reference", truth)
+    assert "there is no such file" in refusal(command, out, tmp_path / "gone.ply", "--reference", truth)
+
+
+def test_clouds_that_do_not_fit_together_are_refused(command: Command, tmp_path: Path) -> None:
+    one_file, other_file = (write(tmp_path / f"{name}.ply", ball(20)) for name in ("mine", "yours"))
+    for frame in (1, 2):
+        write(tmp_path / "early" / f"{frame}.ply", ball(20))
+        write(tmp_path / "late" / f"{frame + 5}.ply", ball(20))
+    (tmp_path / "none").mkdir()
+    out = tmp_path / "report"
+    early, late, none = (tmp_path / name for name in ("early", "late", "none"))
+    cases = [
+        ((early, one_file, "--reference", other_file), "some of the clouds are files, others folders"),
+        ((one_file, "--reference", early), "is a folder of frames, but"),
+        ((early, "--reference", late), "no frame that all have (early: 2 frames from 1 to 2; "),
+        ((early, "--reference", early, "--frames", "7:9"), "asked for 7 to 8"),
+        ((none, "--reference", one_file), "holds no cloud; expected FRAME.ply for every frame"),
+        ((one_file, one_file, "--reference", other_file), "there is a cloud of mine already"),
+        (
+            (one_file, "--approach", "a", "--approach", "b", "--reference", one_file),
+            "2 names of approaches for 1",
+        ),
+        ((one_file, "--reference", one_file, "--measures", "d3"), "unknown measure 'd3', expected some of d1, d2, "),
+        ((one_file, "--reference", one_file, "--peak", "-1"), "the peak is -1, expected a positive length"),
+        ((one_file, "--reference", one_file, "--density", "0"), "the density is 0, expected a positive number"),
+    ]
+    for arguments, message in cases:
+        assert message in refusal(command, out, *arguments)
+
+
+def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path: Path) -> None:
+    capture, run = tmp_path / "capture", tmp_path / "run"
+    synthesise(capture, SynthParameters(scene="sphere", n_sensors=2, n_frames=2, size=(64, 48)))
+    truth = capture / "truth" / "mesh" / "0001.ply"
+    for approach in ("id_fa", "id_fb"):
+        (run / "meshes" / approach).mkdir(parents=True)
+        copy(truth, run / mesh_name(approach, 1))
+    copy(capture / "capture.json", run)
+    content = {"schema_version": 1, "approaches": ["id_fa", "id_fb"], "frames": [1], "versions": {}}
+    (run / RUN_FILE).write_text(json.dumps(content))
+    report = validate(command, tmp_path / "report", run, "--reference", capture / "truth", *FAST, "--density", 0.01)
+    assert {value["approach"] for value in report["values"]} == {"id_fa", "id_fb"}
+    assert report["settings"]["dataset"] == "sphere"
+    assert report["settings"]["frames"] == [1]
+    assert {value["value"] for value in report["values"] if value["measure"] == "d1_mse"} == {0}
