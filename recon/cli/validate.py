@@ -333,6 +333,7 @@ def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
 
 
 def _cloud_sentences(report: dict[str, Any], page: Path) -> str:
+    from recon.validation.cloud_quality.evaluation import SOURCE
     from recon.validation.cloud_quality.report import mean_values, skipped_sentences
 
     lines = []
@@ -340,7 +341,7 @@ def _cloud_sentences(report: dict[str, Any], page: Path) -> str:
         shown = [
             f"{value['measure']} {float(value['value']):.4g}{' ' * bool(value['unit'])}{value['unit']}"
             for value in mean_values(report)
-            if value["approach"] == name and value["measure"] in SHOWN_OF_CLOUDS
+            if value["approach"] == name and (value["measure"] in SHOWN_OF_CLOUDS or value["source"] != SOURCE)
         ]
         lines.append(f"{name}: {', '.join(shown) or 'see measures.csv'}")
     lines += [f"remark: {remark}" for remark in report["remarks"]] + skipped_sentences(report["skipped"])

@@ -209,9 +209,7 @@ def pointssim(measure: str, pair: Pair, parameters: PointSsimParameters = PointS
     to_distorted = similarity(features, others[pair.first_in_distorted])
     to_reference = similarity(features[pair.first_in_reference], others)
     if np.isnan(to_distorted).all() or np.isnan(to_reference).all():
-        raise ValueError(
-            f"{pair.name}: no two neighbourhoods have a {measure} to compare; are all points on a line?"
-        )
+        raise ValueError(f"{pair.name}: no two neighbourhoods have a {measure} to compare; are all points on a line?")
     pool = POOLINGS[parameters.pooling]
     return both_ways(measure, pool(to_distorted), pool(to_reference), unit="", better="higher")
 
