@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -156,6 +157,11 @@ def write_bytes(path: Path, content: bytes) -> Path:
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
     return path
+
+
+def plain_name(name: str) -> str:
+    """Return a name as a part of a file's name: what is no letter, digit, dot or hyphen becomes an underscore."""
+    return re.sub(r"[^A-Za-z0-9.-]", "_", name)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:

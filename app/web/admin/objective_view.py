@@ -18,11 +18,13 @@ TITLES = {
     "object": "Known object",
     "mesh": "Against the truth",
     "views": "Sensors and views",
+    "cloud": "Clouds against a reference",
 }
 CAPTIONS = {
     "curve": "Share of points within each threshold",
     "scores": "Precision, recall and F-score against the threshold",
     "psnr": "PSNR of every view",
+    "measures": "Every measure by approach",
     "errors": "Signed errors",
 }
 NUMBERS_OF = {"psnr": "views"}  # figures whose table has another name

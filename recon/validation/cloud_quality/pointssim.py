@@ -221,4 +221,5 @@ def _structure(prepared: Prepared, neighbours: int) -> Structure:
 
 def similarity(features: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the similarity of features (N,) of associated points, float64 (N,): 1 where they are equal."""
-    return np.asarray(1 - np.abs(features - others) / (np.maximum(np.abs(features), np.abs(others)) + TINY))
+    with np.errstate(invalid="ignore"):  # a relative dispersion about 0 is infinite, and compares with nothing
+        return np.asarray(1 - np.abs(features - others) / (np.maximum(np.abs(features), np.abs(others)) + TINY))

@@ -20,6 +20,7 @@ from recon.validation.cloud_quality.compared import Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.measures import BETTER
+from recon.validation.page import plain_name
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
@@ -112,7 +113,7 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
     ProgramError
         If the program fails in any way; it names the log.
     """
-    place = folder.resolve() / re.sub(r"[^\w.-]", "_", pair.name)
+    place = folder.resolve() / plain_name(pair.name)
     files = {"reference": place / "reference.ply", "distorted": place / "distorted.ply"}
     with workplace(place):
         _write(files["reference"], pair.reference.cloud)

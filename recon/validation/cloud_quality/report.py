@@ -13,6 +13,7 @@ from recon.validation.cloud_quality.measures import WITH_SCORES
 from recon.validation.page import (
     PALETTE,
     Section,
+    plain_name,
     write_bytes,
     write_figure,
     write_measures,
@@ -123,9 +124,9 @@ def _pictures(comparison: Comparison, out: Path) -> Section:
     figures = []
     limit = max(error_limit(shown.errors) for shown in comparison.shown)
     unit = comparison.report["settings"]["unit"]
-    for number, shown in enumerate(comparison.shown[:MOST_PICTURES]):
+    for shown in comparison.shown[:MOST_PICTURES]:
         picture = png(error_picture(shown.points, shown.errors, limit, unit=unit))
-        write_bytes(out / f"errors_{number + 1}.png", picture)
+        write_bytes(out / f"errors_{plain_name(shown.name)}.png", picture)
         figures.append((f"{shown.name}, along each of the three axes of the world.", picture))
     kind = (
         "Blue lies behind the reference's surface, red before it, by the normals of the nearest points"

@@ -46,7 +46,7 @@ def test_a_report_holds_every_measure_in_every_direction(command: Command, tmp_p
     mse = float(rows["d1_mse", "symmetric"]["value"])
     assert float(row["value"]) == pytest.approx(10 * math.log10(3 * 200**2 / mse))
     assert list(table(out)[0]) == list(Measured.__dataclass_fields__)
-    assert {"report.html", "clouds.csv", "errors_1.png"} <= {path.name for path in out.iterdir()}
+    assert {"report.html", "clouds.csv", "errors_mine.png"} <= {path.name for path in out.iterdir()}
 
 
 def test_a_study_takes_the_measures_of_a_report(command: Command, tmp_path: Path) -> None:

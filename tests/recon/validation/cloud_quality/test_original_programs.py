@@ -23,6 +23,7 @@ from recon.validation.cloud_quality.reading import read_shape
 
 PAIRS = ("torus_noise_low", "person_voxel_merged", "real_half_colour_noise")
 SMALLEST_DOUBLE = 1e-300  # the program prints one where nothing is as far as that
+WITH_TIES = 3e-2  # by which curvatures differ between libraries of linear algebra where eigenvalues tie
 PART = {
     "pointssim_geometry": "geometry",
     "pointssim_normals": "normals_estimated",
@@ -76,8 +77,7 @@ def test_the_peak_that_pc_error_finds_is_found(real_data: Path, name: str) -> No
 @pytest.mark.parametrize("name", PAIRS)
 def test_similarities_are_those_of_the_scripts_of_pointssim(real_data: Path, name: str, quantity: str) -> None:
     pair, expected = case(real_data / "metrics", name)
-    if quantity == "pointssim_curvature" and not expected["pointssim"]["curvature_reproducible_to_1e-4"]:
-        pytest.skip("the eigenvalues tie, and the curvature depends on the signs that a library gives the eigenvectors")
+    has_ties = quantity == "pointssim_curvature" and not expected["pointssim"]["curvature_reproducible_to_1e-4"]
     scripts = expected["pointssim"][PART[quantity]]
     for estimator in ESTIMATORS:
         for pooling in POOLINGS:
@@ -86,4 +86,4 @@ def test_similarities_are_those_of_the_scripts_of_pointssim(real_data: Path, nam
                 for value in pointssim(quantity, pair, PointSsimParameters(estimator, pooling))
             }
             theirs = {direction: scripts[direction][estimator][pooling] for direction in DIRECTION.values()}
-            assert ours == pytest.approx(theirs, rel=1e-6), (estimator, pooling)
+            assert ours == pytest.approx(theirs, rel=WITH_TIES if has_ties else 1e-6), (estimator, pooling)
