@@ -14,18 +14,15 @@ from numpy.typing import NDArray
 from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
 from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
 from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen
-from recon.validation.cloud_quality.points import PointSet, diagonal, longest_side
+from recon.validation.cloud_quality.points import longest_side
 from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, read_shape, sampled
+from recon.validation.cloud_quality.remarks import remarks_on
 from recon.validation.cloud_quality.sequences import Compared
 from recon.validation.measures import LESS, MORE, Measured, Subject, joined, measure_rows
 from recon.workers import Progress, no_progress
 
 SOURCE, REFERENCE = "validate cloud", "reference"
 WITH_PEAK = ("d1", "d2")  # measures with a PSNR
-ODD_SCALE, OTHER_UNIT = 8.0, 100.0  # ratios of size: to be remarked; to be refused
-NEAR_UNIT = 0.25  # relative difference from the ratio of two units
-TELLING = 50  # points; fewer say nothing about scale
-UNITS_APART = {1000: "metres against millimetres", 100: "metres against centimetres"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +140,7 @@ def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progre
             progress("clouds", done, total)
             pair = Pair(reference, _prepared(files[frame], settings), _pair_name(approach, frame))
             findings.clouds.append(_cloud_row(approach, frame, pair.distorted))
-            findings.remarks.extend(_remarks(pair))
+            findings.remarks.extend(remarks_on(pair))
             for name in names:
                 _measure(name, settings, pair, scale, Place(compared.dataset, approach, frame), findings)
             if frame == compared.frames[0]:
@@ -222,47 +219,6 @@ def _cloud_row(name: str, frame: int | None, prepared: Prepared) -> dict[str, An
         "has_normals": cloud.normals is not None,
         "has_colours": cloud.colours is not None,
     }
-
-
-def _remarks(pair: Pair) -> list[str]:
-    """Return sentences on what makes a comparison doubtful; raise a ValueError if it makes no sense."""
-    distorted, reference = pair.distorted.cloud, pair.reference.cloud
-    return _size_remarks(distorted, reference) + [
-        f"{each.cloud.name}: {n_merged} of {len(each.cloud)} points lie where another does; "
-        "all measures but Chamfer and F-score take them as one"
-        for each in (pair.distorted, pair.reference)
-        if (n_merged := len(each.cloud) - len(each.places.points))
-    ]
-
-
-def _size_remarks(distorted: PointSet, reference: PointSet) -> list[str]:
-    size, real_size = diagonal(distorted), diagonal(reference)
-    if min(len(distorted), len(reference)) < TELLING or not min(size, real_size) > 0:
-        return []
-    ratio = max(size, real_size) / min(size, real_size)
-    if ratio >= ODD_SCALE:
-        unit = next((unit for unit in UNITS_APART if abs(ratio / unit - 1) < NEAR_UNIT), None)
-        doubt = "." if unit is None else f": {UNITS_APART[unit]}?"
-        relation = "larger" if size > real_size else "smaller"
-        sentence = (
-            f"{distorted.name}: is about {round_figure(unit or ratio)} times {relation} than its reference "
-            f"{reference.name} (diagonals {size:.3g} and {real_size:.3g}){doubt}"
-        )
-        if ratio >= OTHER_UNIT:
-            raise ValueError(f"{sentence} Bring both to one unit first")
-        return [sentence]
-    low, high = distorted.points.min(axis=0), distorted.points.max(axis=0)
-    if (low > reference.points.max(axis=0)).any() or (high < reference.points.min(axis=0)).any():
-        return [
-            f"{distorted.name}: lies wholly beside its reference {reference.name}; are both in the same coordinates?"
-        ]
-    return []
-
-
-def round_figure(ratio: float) -> str:
-    """Write a ratio with two digits, and spaces between thousands."""
-    digits = 1 - int(np.floor(np.log10(ratio)))
-    return f"{round(ratio, digits):,.0f}".replace(",", " ")
 
 
 def _report(
