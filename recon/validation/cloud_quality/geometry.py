@@ -3,8 +3,8 @@
 Source
 ------
 D. Tian, H. Ochimizu, C. Feng, R. Cohen, A. Vetro, "Geometric distortion metrics for point cloud compression", ICIP
-2017: equations 1 to 3 (D1), 4 to 6 (D2); ISO/IEC JTC1/SC29/WG11 N18665, "Common test conditions for point cloud
-compression" (2019), annex on metrics. Rules that neither states are those of mpeg-pcc-dmetric 0.14.1.
+2017: the point-to-point (D1) and the point-to-plane (D2) error. Rules that it does not state, such as the 3 in the
+PSNR, are those of MPEG's program pc_error (mpeg-pcc-dmetric 0.14.1).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def d1(pair: Pair, peak: float | None, unit: str) -> list[Value]:
 
     Source
     ------
-    Tian et al. (2017), equations 1 to 3; the 3 is that of N18665.
+    Tian et al. (2017), the point-to-point error; the 3 is that of pc_error.
     """
     return _distances("d1", (pair.to_distorted.squared, pair.to_reference.squared), peak, unit)
 
@@ -75,7 +75,7 @@ def d2(pair: Pair, peak: float | None, unit: str) -> list[Value]:
 
     Source
     ------
-    Tian et al. (2017), equations 4 to 6.
+    Tian et al. (2017), the point-to-plane error.
     """
     normals = _reference_normals(pair)
     derived = derived_normals(pair, normals)
@@ -134,7 +134,7 @@ def f_score(pair: Pair, threshold: float) -> list[Value]:
 
     Source
     ------
-    Knapitsch et al., "Tanks and Temples" (2017), section 3.3, equations 3 to 5.
+    Knapitsch et al., "Tanks and Temples" (2017): precision, recall and F-score at a distance.
     """
     score = compared(*_of_every_point(pair), (threshold,))["scores"][0]
     recall, precision, _ = both_ways("f_score", score["recall"], score["precision"], unit="share", better="higher")

@@ -5,8 +5,8 @@ features of associated points, each of one cloud and its nearest of the other, a
 
 Source
 ------
-E. Alexiou, T. Ebrahimi, "Towards a Point Cloud Structural Similarity Metric", ICMEW 2020: section 3 (quantities in 3.1,
-estimators in 3.2, the similarity of equation 1 and the pooling of equation 2).
+E. Alexiou, T. Ebrahimi, "Towards a Point Cloud Structural Similarity Metric", ICMEW 2020, and its authors'
+scripts: quantities, estimators of dispersion, relative difference and pooling.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def pointssim(measure: str, pair: Pair, parameters: PointSsimParameters = PointS
 
     Source
     ------
-    Alexiou and Ebrahimi (2020), equations 1 and 2.
+    Alexiou and Ebrahimi (2020): relative difference of features, pooled over the points.
     """
     real, distorted = (_structure(cloud, parameters.neighbours) for cloud in (pair.reference, pair.distorted))
     features, others = (each.features(measure, parameters.estimator) for each in (real, distorted))
