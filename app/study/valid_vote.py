@@ -33,9 +33,11 @@ def check_viewing(viewing: Mapping[str, Any], first_shown: Label, *, has_referen
     Raises
     ------
     InvalidVoteError
-        If another label was shown first, a switch does not change what is shown or goes to what is not there, or
+        If nothing was shown, another label was shown first, a switch does not change what is shown or goes to what is not there, or
         switches are not in the order of time.
     """
+    if not viewing["shown_ms"] > 0:
+        raise InvalidVoteError(f"shown_ms is {viewing['shown_ms']}; nobody can vote on what was not shown")
     if viewing["first_shown"] != first_shown:
         raise InvalidVoteError(f"first_shown is {viewing['first_shown']!r}; the trial shows {first_shown!r} first")
     shown, at_ms = first_shown, 0.0

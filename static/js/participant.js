@@ -3,7 +3,7 @@
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
-import { byId } from "./elements.js";
+import { byId, required } from "./elements.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, stayOnSubmit } from "./page.js";
@@ -14,7 +14,7 @@ import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
-import { dialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
+import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
 
 /** @typedef {import("./session.js").Session} Session */
 
@@ -72,7 +72,7 @@ document.getElementById("end-practice")?.addEventListener("click", endPractice);
 questionnaire?.addEventListener("submit", sendInterview);
 questionnaire?.addEventListener("keydown", stayOnEnter);
 questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.owner));
-for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => dialog().showModal());
+for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => openDialog("withdraw"));
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
 if (page.dataset.state === "mine") guarded(resume);
@@ -261,7 +261,7 @@ function thank() {
 
 /** Withdraws from the study; what was not sent is dropped. */
 function leaveForGood() {
-  dialog().close();
+  required(HTMLDialogElement, "#withdraw").close();
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");

@@ -8,7 +8,9 @@ import { byId, required } from "./elements.js";
 import { PixelStage } from "./pixel-stage.js";
 import { answerItem, readItem, readPicture, readScreening, sendCard, sendDistance, skipTest } from "./session.js";
 import { enterFullScreen } from "./page.js";
+import { isSettling, settle } from "./settling.js";
 import { tenths } from "./viewing.js";
+import { isDialogOpen, openDialog } from "./views.js";
 
 /**
  * @typedef {import("./session.js").ScreeningState} ScreeningState
@@ -83,6 +85,7 @@ async function takeItems(page, test, view, draw, blank) {
     const shown = item;
     page.tell({ item: shown.number, items: shown.total });
     await draw(await patiently(() => readPicture(shown.picture)));
+    settle();
     const answer = await answered(page, view, shown);
     blank();
     const pause = new Promise((resolve) => setTimeout(resolve, BLANK_MS));
@@ -101,6 +104,7 @@ function answered(page, view, item) {
   return new Promise((resolve) => {
     const listening = new AbortController();
     const give = (/** @type {number | null} */ answer) => {
+      if (isSettling()) return;
       if (answer === null ? !item.may_be_nothing : !item.choices.includes(answer)) return;
       listening.abort();
       stopKeys();
@@ -127,6 +131,7 @@ async function measure(page, state) {
 /** @param {Page} page @returns {Promise<ScreeningState | null>} null: there is no card */
 async function fitCards(page) {
   card ??= new BankCard(byId("card-fitting"));
+  byId("no-card").onclick = () => openDialog("without-card");
   byId("card-again").hidden = true;
   for (;;) {
     const card_widths = [];
@@ -134,7 +139,7 @@ async function fitCards(page) {
       page.tell({ card: card_widths.length + 1 });
       card.startAnew();
       page.show("card");
-      if ((await pressed("card-fits", "no-card")) === "no-card") return null;
+      if ((await pressed("card-fits", "no-card-yes")) === "no-card-yes") return null;
       card_widths.push(card.width);
     }
     const facts = { card_widths, device_pixel_ratio: devicePixelRatio, window_height: innerHeight };
@@ -243,6 +248,3 @@ function submittedNumber(form) {
   });
 }
 
-function isDialogOpen() {
-  return document.querySelector("dialog[open]") !== null;
-}

@@ -2,6 +2,7 @@
 
 import { byId, required } from "./elements.js";
 import { fill } from "./page.js";
+import { settle } from "./settling.js";
 
 export const page = byId("study");
 
@@ -30,6 +31,7 @@ export function showAtTheEnd(name) {
 
 /** @param {string} name */
 function change(name) {
+  settle();
   for (const view of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-view]"))) {
     view.hidden = view.dataset.view !== name;
   }
@@ -42,16 +44,24 @@ function change(name) {
 /** Enter presses a page's main button, wherever the focus is. @param {KeyboardEvent} event */
 export function pressPrimary(event) {
   const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
-  if (event.key !== "Enter" || event.repeat || hasOwnEnter || dialog().open) return;
+  if (event.key !== "Enter" || event.repeat || hasOwnEnter || isDialogOpen()) return;
   const button = page.querySelector(`[data-view="${page.dataset.showing}"] [data-primary]`);
   if (!(button instanceof HTMLElement) || button.hidden) return;
   event.preventDefault();
   button.click();
 }
 
-/** The dialog that asks whether the participant wants to withdraw. */
-export function dialog() {
-  return required(HTMLDialogElement, "#withdraw");
+/** Opens a dialog over the view. @param {string} id @returns {HTMLDialogElement} */
+export function openDialog(id) {
+  const dialog = required(HTMLDialogElement, `#${id}`);
+  settle();
+  dialog.addEventListener("close", settle, { once: true });
+  dialog.showModal();
+  return dialog;
+}
+
+export function isDialogOpen() {
+  return document.querySelector("dialog[open]") !== null;
 }
 
 /** @param {string} name @returns {HTMLElement} */

@@ -1,12 +1,15 @@
 /** The form on which participants choose, by mouse or by key; they may change their mind until Next. */
 
 import { required } from "./elements.js";
-import { after, enterFullScreen, isPlain } from "./page.js";
+import { enterFullScreen, isPlain } from "./page.js";
+import { settle } from "./settling.js";
 
 /** @typedef {import("./session.js").Vote["choice"]} Choice */
 
-const VOTING_OPENS_AFTER_MS = 350; // a click meant to switch must not choose
-const CHOICE_OF_KEY = new Map([["1", "a"], ["2", "none"], ["3", "b"]]);
+/** Digits by their place: on French keyboards they need the shift key otherwise. @type {Map<string, Choice>} */
+const CHOICE_OF_KEY = new Map([
+  ["Digit1", "a"], ["Digit2", "none"], ["Digit3", "b"], ["Numpad1", "a"], ["Numpad2", "none"], ["Numpad3", "b"],
+]); // prettier-ignore
 
 /**
  * @param {HTMLFormElement} form @param {AbortSignal} signal
@@ -17,7 +20,7 @@ export function askForChoice(form, signal, onNext) {
   form.reset();
   hint.textContent = "";
   required(HTMLElement, "legend", form).focus({ preventScroll: true });
-  guardFromClicks(form, signal);
+  settle(); // a press meant to switch must not choose
   offerFullScreen(form, signal);
   let n_choices = 0;
   form.addEventListener("change", () => {
@@ -35,7 +38,7 @@ export function askForChoice(form, signal, onNext) {
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
 function answerByKey(event, form) {
   if (event.repeat || !isPlain(event)) return;
-  const choice = CHOICE_OF_KEY.get(event.key);
+  const choice = CHOICE_OF_KEY.get(event.code);
   if (choice) {
     const radio = required(HTMLInputElement, `input[value="${choice}"]`, form);
     radio.focus({ preventScroll: true });
@@ -44,12 +47,6 @@ function answerByKey(event, form) {
     event.preventDefault();
     form.requestSubmit();
   }
-}
-
-/** @param {HTMLFormElement} form @param {AbortSignal} signal */
-function guardFromClicks(form, signal) {
-  form.classList.add("arriving");
-  after(VOTING_OPENS_AFTER_MS, signal, () => form.classList.remove("arriving"));
 }
 
 /** @param {HTMLFormElement} form @param {AbortSignal} signal */

@@ -18,7 +18,7 @@ ABOVE_DIAL = 0.62  # of the window's height
 DRAWN = """() => {
   const canvas = document.getElementById("ring-canvas");
   const { width, height } = canvas;
-  if (width === 0) return false;
+  if (width === 0 || "settling" in document.documentElement.dataset) return false;
   const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
   return pixels.some((level) => level < 128);
 }"""
@@ -32,6 +32,7 @@ def fits_card(visitor: Visitor) -> None:
         slider.press("Home")
         for _ in range(2):
             slider.press("PageUp")
+        visitor.is_settled()
         visitor.page.keyboard.press("Enter")
 
 
@@ -72,6 +73,7 @@ def answers_plates(page: Page) -> None:
     for number in range(1, N_PLATES + 1):
         shows(page, f"Disc {number} of {N_PLATES}")
         expect(plate).to_be_visible()
+        Visitor(page).is_settled()
         page.keyboard.press(PLATE_KEYS[Observer().answer_plate(picture_of(plate), rng)])
 
 

@@ -18,6 +18,7 @@ from app.simulation.participants import begin, next_trial, vote
 from tests.browser.numbered_films import Draw, decode_squares
 
 LONGEST_WAIT_S = 30.0
+SETTLED = "html:not([data-settling])"  # see static/js/settling.js
 PAINTED = """(n) => new Promise((done) => {
     const paint = () => (n-- > 0 ? requestAnimationFrame(paint) : done());
     paint();
@@ -89,15 +90,20 @@ class Visitor:
         self.page.goto(study.address)
 
     def sees(self, view: str) -> None:
-        self.page.locator(f"[data-view={view}]").wait_for()
+        """Waits for a view, and until presses count on it."""
+        self.page.locator(f"{SETTLED} [data-view={view}]").wait_for()
+
+    def is_settled(self) -> None:
+        """Waits until presses count."""
+        self.page.locator(SETTLED).wait_for()
 
     def watches(self, n_pictures: int) -> None:
         """Looks on while the browser paints the screen so many times, up to 60 a second."""
         self.page.evaluate(PAINTED, n_pictures)
 
     def is_in(self, state: str) -> None:
-        """Waits for a state of the trial."""
-        self.page.locator(f"#trial[data-state={state}]").wait_for()
+        """Waits for a state of the trial, and until presses count in it."""
+        self.page.locator(f"{SETTLED} #trial[data-state={state}]").wait_for()
 
     def votes(self, key: str) -> None:
         self.is_in("voting")
@@ -136,6 +142,7 @@ class Visitor:
                 others.or_(again).first.wait_for()
                 is_switched = not again.is_visible()
                 if not is_switched:
+                    self.is_settled()
                     self.page.keyboard.press("Enter")
         self.sees("practice-done")
 

@@ -202,6 +202,7 @@ def test_a_participant_withdraws_and_nothing_more_is_taken(study: Study, page: P
     visitor.votes("1")
     visitor.is_in("voting")
     page.get_by_role("button", name="Withdraw").click()
+    visitor.is_settled()
     page.keyboard.press("Enter")  # no, go on
     expect(page.get_by_role("dialog")).to_be_hidden()
     page.get_by_role("button", name="Withdraw").click()

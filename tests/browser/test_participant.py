@@ -92,8 +92,8 @@ def test_another_participant_begins_at_the_same_browser(study: Study, page: Page
     page.get_by_role("button", name="Begin as another participant").click()
     visitor.sees("welcome")
     page.get_by_role("button", name="Begin").click()
-    visitor.sees("instructions-1")
-    for _ in range(3):
+    for number in (1, 2, 3):
+        visitor.sees(f"instructions-{number}")
         page.keyboard.press("Enter")
     visitor.votes("3")
     visitor.is_in("exposure")

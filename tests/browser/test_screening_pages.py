@@ -168,6 +168,7 @@ def test_the_blind_spot_a_step_back_that_cannot_be_taken_and_a_reload(
     check_accessibility(page)
     page.get_by_role("button", name="I cannot move back").click()
     expect(page.get_by_text("From here this display cannot show rings")).to_be_visible()
+    visitor.is_settled()
     page.keyboard.press("Enter")
     shows(page, "Ring 1 of 24")
     page.wait_for_function(DRAWN)  # before it is, there is nothing to answer
@@ -198,6 +199,7 @@ def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, p
         slider.press(key)
         page.get_by_role("button", name="It fits").click()
     expect(page.get_by_role("alert").filter(has_text="too different")).to_be_visible()
+    visitor.is_settled()
     card = page.locator(".bank-card").bounding_box()
     assert card is not None
     before = float(slider.input_value())
@@ -207,6 +209,7 @@ def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, p
     page.mouse.up()
     assert float(slider.input_value()) == pytest.approx(before + 30, abs=1)
     page.get_by_role("button", name="I have no card").click()
+    page.get_by_role("button", name="Yes, leave the test out").click()
     visitor.sees("screened-out")
     check_accessibility(page)
     page.reload()

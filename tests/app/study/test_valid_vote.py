@@ -28,6 +28,7 @@ def test_looks_that_alternate_in_time_are_valid(switches: tuple[tuple[str, float
         (looks(("a", 10.0)), "switch 1 goes to 'a'"),
         (looks(("b", 10.0), ("b", 20.0)), "switch 2 goes to 'b'"),
         (looks(("b", 10.0), ("a", 9.0)), "switch 2 is at 9.0 ms"),
+        (looks() | {"shown_ms": 0.0}, "shown_ms is 0.0"),
     ],
 )
 def test_contradictions_are_refused_with_their_place(wrong: dict[str, Any], complaint: str) -> None:

@@ -35,8 +35,9 @@ beforeEach(async (context) => {
     page.children.set(`[data-view="${name}"] [data-primary]`, [buttons[index]]);
   });
   const elements = { "#study": page, "#withdraw": dialog };
-  globalThis.document = { querySelector: (selector) => elements[selector] ?? null };
-  globalThis.window = { scrollTo: () => {} };
+  const querySelector = (selector) => (selector === "dialog[open]" ? (dialog.open ? dialog : null) : elements[selector] ?? null);
+  globalThis.document = { querySelector, documentElement: make(HTMLElement) };
+  globalThis.window = { scrollTo: () => {}, addEventListener: () => {}, setTimeout: () => 1 };
   views = await import(`../../../static/js/views.js?test=${encodeURIComponent(context.name)}`);
 });
 
