@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.render.rasterise import height_map, in_threads
-from recon.render.scene import LitMesh, Scene, floor_grid, floor_reach
+from recon.geometry.mesh import Model
+from recon.render.heights import height_map
+from recon.render.rasterise import in_threads
+from recon.render.scene import Scene, floor_grid, floor_reach
 from recon.rig import Camera
 
 CONTACT_HEIGHT = 0.06  # of the bounds' radius: how far above the floor a surface still darkens it by contact
@@ -17,8 +19,8 @@ NARROW, WIDE = 0.012, 0.07  # standard deviation of the shadows' edges, of the f
 FADE = 2.2  # radii of the bounds after which the floor is half the horizon's colour
 
 
-def floor_shade(mesh: LitMesh, scene: Scene) -> NDArray[np.float32]:
-    """Compute how much darker the floor is below a mesh.
+def floor_shade(model: Model, scene: Scene) -> NDArray[np.float32]:
+    """Compute how much darker the floor is below a model.
 
     Returns
     -------
@@ -28,7 +30,7 @@ def floor_shade(mesh: LitMesh, scene: Scene) -> NDArray[np.float32]:
     if not background.has_floor:
         return np.zeros((2, 2), dtype=np.float32)
     straight, oblique = (
-        height_map(grid.project(mesh.vertices), mesh.faces, grid.shape)
+        height_map(model, grid)
         for grid in (floor_grid(scene, np.array([0.0, 1.0, 0.0])), floor_grid(scene, scene.to_light))
     )
     radius = scene.radius

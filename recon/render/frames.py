@@ -1,4 +1,4 @@
-"""From meshes and cameras to pictures, by one of two renderers: the stage between mesh and video."""
+"""From models and cameras to pictures, by one of two renderers: the stage between model and video."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh
+from recon.geometry.mesh import Model
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
-from recon.render.scene import Scene, Shot, transformed
+from recon.render.scene import LitMesh, LitSplats, Scene, Shot, transformed
+from recon.render.splats import draw_discs
+from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.rig import Camera
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
@@ -24,15 +26,25 @@ Renderer = Callable[[Iterable[Shot]], Iterator[NDArray[np.uint8]]]
 
 def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     """Draw shots by the rasteriser of this package, four samples a pixel; yields uint8 (H, W, 3), sRGB."""
+    drawn: LitMesh | None = None
+    texture = NO_MIPMAPS
     for shot in shots:
-        draw_model(
-            shot.picture,
-            _projected(shot.mesh.vertices, shot.camera),
-            shot.mesh.faces,
-            shot.mesh.front,
-            shot.mesh.back,
-            threads=shot.threads,
-        )
+        model, projected = shot.model, _projected(shot.model.vertices, shot.camera)
+        if isinstance(model, LitSplats):
+            reach = model.radius_mm * shot.camera.K[0, 0], model.radius_mm * shot.camera.K[1, 1]
+            draw_discs(shot.picture, projected, model.colours, reach, threads=shot.threads)
+        else:
+            if model is not drawn:
+                texture, drawn = mipmaps(model.texture) if model.texture else NO_MIPMAPS, model
+            draw_model(
+                shot.picture,
+                projected,
+                model.faces,
+                model.front,
+                model.back,
+                texture=texture,
+                threads=shot.threads,
+            )
         yield shot.picture
 
 
@@ -40,14 +52,14 @@ RENDERERS: dict[str, Renderer] = {"pyrender": pyrender_frames, "software": softw
 
 
 def render_frames(
-    meshes: Iterable[Mesh] | Callable[[int], Mesh],
+    meshes: Iterable[Model] | Callable[[int], Model],
     cameras: Sequence[Camera],
     scene: Scene,
     *,
     renderer: str = "auto",
     threads: int = 1,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draw the model in the scene for each camera.
+    """Draw a mesh or splats in the scene for each camera.
 
     Parameters
     ----------
@@ -64,7 +76,7 @@ def render_frames(
     Raises
     ------
     ValueError
-        If the renderer is unknown, a mesh cannot be drawn (the message names the frame), or the meshes end early.
+        If the renderer is unknown, a model cannot be drawn (the message names the frame), or the meshes end early.
     NoRendererError
         If pyrender was asked for and cannot draw here.
     """
@@ -99,21 +111,21 @@ def describe_renderer(name: str) -> str:
 
 
 def _shots(
-    meshes: Iterable[Mesh] | Callable[[int], Mesh], cameras: Sequence[Camera], scene: Scene, threads: int
+    meshes: Iterable[Model] | Callable[[int], Model], cameras: Sequence[Camera], scene: Scene, threads: int
 ) -> Iterator[Shot]:
     in_turn = map(meshes, count()) if callable(meshes) else iter(meshes)
-    last: Mesh | None = None
+    last: Model | None = None
     for frame, camera in enumerate(cameras):
-        mesh = next(in_turn, None)
-        if mesh is None:
+        model = next(in_turn, None)
+        if model is None:
             raise ValueError(f"the meshes ended after {frame} of {len(cameras)} frames")
-        if mesh is not last:
+        if model is not last:
             try:
-                model = lit(mesh, scene)
+                shown = lit(model, scene)
             except ValueError as error:
                 raise ValueError(f"frame {frame}: {error}") from error
-            shade, last = floor_shade(model, scene), mesh
-        yield Shot(model, camera, backdrop(scene, camera, shade, threads=threads), threads)
+            shade, last = floor_shade(model, scene), model
+        yield Shot(shown, camera, backdrop(scene, camera, shade, threads=threads), threads)
 
 
 def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:

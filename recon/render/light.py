@@ -1,5 +1,7 @@
 """Light on the model: captured colours times a soft gain, baked into the vertices for either side of the surface.
 
+A texture keeps its colours, and the vertices hold the gain alone. Discs show their front, because they face the camera.
+
 A reconstructed surface is dense, a few pixels a triangle, so light interpolated between vertices looks like light per
 pixel; and it depends on no camera, so a model that stands still is lit once and both renderers show the same light.
 """
@@ -10,17 +12,29 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh
-from recon.render.rasterise import height_map
-from recon.render.scene import LitMesh, Scene, light_grid
+from recon.geometry.mesh import Mesh, Model, Splats
+from recon.render.heights import height_map
+from recon.render.scene import LitMesh, LitModel, LitSplats, Scene, light_grid
+from recon.render.texture import drawable
 
 GAMMA = 2.2  # light multiplies linear values; for a power law that is gain ** (1 / GAMMA) on encoded ones
 SHADOW_BIAS = 0.012  # of the bounds' radius: layers of noisy surface nearer than that do not shade each other
 SHADOW_TAPS = 2  # texels to either side over which the shadow's edge is softened
 
 
-def lit(mesh: Mesh, scene: Scene) -> LitMesh:
-    """Light a mesh by the scene's light.
+def lit(model: Model, scene: Scene) -> LitModel:
+    """Light a model by the scene's light.
+
+    Raises
+    ------
+    ValueError
+        If a mesh has no faces, or a cloud no points.
+    """
+    return lit_splats(model, scene) if isinstance(model, Splats) else lit_mesh(model, scene)
+
+
+def lit_mesh(mesh: Mesh, scene: Scene) -> LitMesh:
+    """Light both sides of a mesh by the scene's light.
 
     Raises
     ------
@@ -29,18 +43,44 @@ def lit(mesh: Mesh, scene: Scene) -> LitMesh:
     """
     if len(mesh.faces) == 0:
         raise ValueError(f"a mesh of {len(mesh.vertices)} vertices has no faces: there is nothing to render")
-    vertices, faces = mesh.vertices, mesh.faces
+    colours = mesh.colours if mesh.texture is None else np.full_like(mesh.colours, 255)
+    front, back = _sides(mesh, mesh.vertices, mesh.normals, colours, scene)
+    return LitMesh(mesh.vertices, mesh.faces, front, back, mesh.texture and drawable(mesh.texture))
+
+
+def lit_splats(splats: Splats, scene: Scene) -> LitSplats:
+    """Light the front of splats by the scene's light.
+
+    Raises
+    ------
+    ValueError
+        If there is no point.
+    """
+    cloud = splats.cloud
+    if len(cloud) == 0:
+        raise ValueError("the cloud has no points: there is nothing to render")
+    front, _ = _sides(splats, cloud.points, cloud.normals, cloud.colours, scene)
+    return LitSplats(cloud.points, front, splats.radius_mm)
+
+
+def _sides(
+    model: Model,
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    scene: Scene,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Light the front and the back of points (N, 3) of a model that casts shadows on itself, uint8 (N, 3) each."""
     if scene.background.ambient >= 1:
-        return LitMesh(vertices, faces, mesh.colours, mesh.colours)
+        return colours, colours
     grid = light_grid(scene)
-    shadow = height_map(grid.project(vertices), faces, grid.shape)
+    shadow = height_map(model, grid)
     radius = np.float32(scene.radius * SHADOW_BIAS)
     # A point is tested where it lies a little off the surface, so that a surface does not shade itself.
-    lifted = grid.project(vertices + mesh.normals * radius), grid.project(vertices - mesh.normals * radius)
-    visible = _visibility(shadow, *lifted, _towards_light(mesh.normals, scene), radius)
-    gains = _gains(mesh.normals, scene, visible)
-    front, back = (np.rint(mesh.colours * gain[:, None]).astype(np.uint8) for gain in gains)
-    return LitMesh(vertices, faces, front, back)
+    lifted = grid.project(points + normals * radius), grid.project(points - normals * radius)
+    visible = _visibility(shadow, *lifted, _towards_light(normals, scene), radius)
+    front, back = (np.rint(colours * gain[:, None]).astype(np.uint8) for gain in _gains(normals, scene, visible))
+    return front, back
 
 
 def _towards_light(normals: NDArray[np.float32], scene: Scene) -> NDArray[np.float32]:

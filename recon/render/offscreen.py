@@ -1,7 +1,8 @@
 """The pyrender renderer: models drawn by OpenGL without a window, on EGL or, where that is missing, on OSMesa.
 
-pyrender draws the lit mesh flat, so that the colours of its vertices are shown as they are (its own lights would take
-them as linear), and the picture is laid over the same backdrop that the software renderer draws on.
+pyrender draws the lit model flat, so that the colours of its vertices and texture are shown as they are (its own lights
+would take them as linear), and the picture is laid over the same backdrop that the software renderer draws on. Its
+points are squares of one size in pixels, so splats are drawn as polygons, made anew for every frame.
 """
 
 from __future__ import annotations
@@ -17,13 +18,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.render.scene import LitMesh, Shot
+from recon.render.scene import LitMesh, LitModel, LitSplats, Shot
+from recon.render.splats import LEAST_RADIUS
 from recon.rig import Camera
 
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast", "software")
 STRIPS = 8  # that a picture is drawn in: samples and read-back of a whole one of full HD take 120 MB, measured
+DISC_CORNERS = 8  # an octagon as large as the disc differs from it by 0.05 of the radius
+SPLATS_AT_ONCE = 2**16  # that pyrender copies several times on the way to OpenGL, about 1 kB each
 PROBE_TIMEOUT_S = 60
 # In a process of its own: PyOpenGL cannot change its platform once loaded, and a broken driver may crash.
 PROBE = """
@@ -84,16 +88,16 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     renderer: Any = None
     scene = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 0.0))
     try:
-        shown: LitMesh | None = None
+        shown: LitModel | None = None
         for shot in shots:
             width, height = shot.camera.size
             strip = -(-height // STRIPS)
             renderer = renderer or pyrender.OffscreenRenderer(width * scale, strip * scale)
             renderer.viewport_width, renderer.viewport_height = width * scale, strip * scale
-            if shot.mesh is not shown:
+            if shot.model is not shown or isinstance(shot.model, LitSplats):
                 _empty(pyrender, renderer, scene)
-                scene.add(_two_sided(pyrender, shot.mesh))
-                shown = shot.mesh
+                scene.add(_placed(pyrender, shot))
+                shown = shot.model
             for top in range(0, height, strip):
                 part = shot.picture[top : top + strip]
                 _lay_over(part, _drawn(pyrender, renderer, scene, shot, top, scale)[: len(part)])
@@ -128,16 +132,25 @@ def _empty(pyrender: Any, renderer: Any, scene: Any) -> None:
     scene.remove_node(lens)
 
 
+def _placed(pyrender: Any, shot: Shot) -> Any:
+    """Make a pyrender mesh of what a shot shows."""
+    if isinstance(shot.model, LitSplats):
+        return _discs(pyrender, shot.model, shot.camera)
+    return _two_sided(pyrender, shot.model)
+
+
 def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
     """Make a pyrender mesh that shows other colours from behind: two surfaces, each visible from its front."""
-    material = pyrender.MetallicRoughnessMaterial(doubleSided=False)
+    picture = mesh.texture and pyrender.Texture(source=mesh.texture.pixels, source_channels="RGB")
+    material = pyrender.MetallicRoughnessMaterial(doubleSided=False, baseColorTexture=picture)
     sides = ((mesh.faces, mesh.front), (mesh.faces[:, ::-1], mesh.back))
     return pyrender.Mesh(
         [
             pyrender.Primitive(
                 positions=mesh.vertices,
                 indices=np.ascontiguousarray(faces),
-                color_0=np.pad(colours.astype(np.float32) / 255, ((0, 0), (0, 1)), constant_values=1),
+                color_0=_rgba(colours),
+                texcoord_0=mesh.texture and mesh.texture.uv,
                 material=material,
                 mode=pyrender.constants.GLTF.TRIANGLES,
             )
@@ -146,9 +159,41 @@ def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
     )
 
 
+def _discs(pyrender: Any, splats: LitSplats, camera: Camera) -> Any:
+    """Make a pyrender mesh of polygons parallel to the picture, each as large as its disc."""
+    angles = 2 * np.pi * np.arange(DISC_CORNERS) / DISC_CORNERS
+    stretch = np.sqrt(np.pi / (DISC_CORNERS / 2 * np.sin(2 * np.pi / DISC_CORNERS)))  # of the corners, for equal areas
+    right, down, _ = camera.rotation
+    corners = stretch * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    first = np.arange(1, DISC_CORNERS - 1)
+    fan = np.stack([np.zeros_like(first), first, first + 1], axis=1)
+    primitives = []
+    for start in range(0, len(splats.vertices), SPLATS_AT_ONCE):
+        middles = splats.vertices[start : start + SPLATS_AT_ONCE]
+        depth = camera.points_in_camera(middles)[:, 2:]
+        across, along = (np.maximum(splats.radius_mm, LEAST_RADIUS * depth / camera.K[axis, axis]) for axis in (0, 1))
+        offsets = (across * corners[:, 0])[..., None] * right + (along * corners[:, 1])[..., None] * down  # (N, 8, 3)
+        faces = fan + DISC_CORNERS * np.arange(len(middles))[:, None, None]
+        primitives.append(
+            pyrender.Primitive(
+                positions=(middles[:, None] + offsets).reshape(-1, 3).astype(np.float32),
+                indices=faces.reshape(-1, 3).astype(np.uint32),
+                color_0=_rgba(np.repeat(splats.colours[start : start + SPLATS_AT_ONCE], DISC_CORNERS, axis=0)),
+                material=pyrender.MetallicRoughnessMaterial(doubleSided=True),
+                mode=pyrender.constants.GLTF.TRIANGLES,
+            )
+        )
+    return pyrender.Mesh(primitives)
+
+
+def _rgba(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Convert colours (N, 3) to OpenGL's, float32 (N, 4), 0 to 1."""
+    return np.pad(colours.astype(np.float32) / 255, ((0, 0), (0, 1)), constant_values=1)
+
+
 def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale: int) -> NDArray[np.uint8]:
     """Draw the model alone from row `top` on, uint8 (rows, W, 4): colours multiplied by coverage, and coverage."""
-    depth = shot.camera.points_in_camera(shot.mesh.vertices)[:, 2]
+    depth = shot.camera.points_in_camera(shot.model.vertices)[:, 2]
     near = max(float(depth.min()) * 0.9, 1.0)
     K = shot.camera.K
     lens = pyrender.IntrinsicsCamera(

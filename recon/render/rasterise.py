@@ -4,6 +4,9 @@ Convention: pixel centres at integers. Corners are snapped to 1/256 pixel and co
 with the top-left rule, so neighbouring triangles neither overlap nor leave cracks. Each tile of the picture is drawn by
 one thread in the order of the faces: the picture is the same, bit by bit, for any number of threads.
 
+A texture is sampled as OpenGL does: at the size with one texel a pixel in the direction that needs more of them,
+between the two nearest sizes and the four nearest texels of each.
+
 pyrender needs OpenGL, takes 3 to 4 times as long without a GPU (docs/surface.md), and its pixels depend on the driver;
 the fly-throughs are drawn by it where there is a GPU (`offscreen`).
 """
@@ -16,6 +19,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from recon.render.texture import NO_MIPMAPS, Mipmaps
 
 SUBPIXELS = 256  # snapping grid of corners
 TILE = 64  # pixels; four samples of inverse depth and face of a tile are 128 KiB and stay in the second-level cache
@@ -30,24 +35,6 @@ FARTHEST_PIXEL = (
 )  # corners beyond are too far outside for exact 64-bit edge functions; their faces are not drawn
 
 
-def height_map(points: NDArray[np.float32], faces: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Find the smallest third coordinate that the triangles reach at each pixel.
-
-    Parameters
-    ----------
-    points : float32 (N, 3): column, row, depth of each vertex
-    faces : int32 (M, 3)
-    shape : (rows, columns)
-
-    Returns
-    -------
-    float32 (rows, columns), infinite where there is no triangle
-    """
-    heights = np.full(shape, np.inf, dtype=np.float32)
-    _draw_heights(points, faces, heights)
-    return heights
-
-
 def draw_model(
     picture: NDArray[np.uint8],
     projected: NDArray[np.float32],
@@ -55,6 +42,7 @@ def draw_model(
     front: NDArray[np.uint8],
     back: NDArray[np.uint8],
     *,
+    texture: Mipmaps = NO_MIPMAPS,
     threads: int = 1,
 ) -> None:
     """Draw triangles over a picture, four samples a pixel, each face from whichever side it is seen.
@@ -65,6 +53,7 @@ def draw_model(
     projected : float32 (N, 3): column, row (pixels) and depth (mm) of each vertex
     faces : int32 (M, 3), counter-clockwise seen from the front
     front, back : uint8 (N, 3), colours of the vertices on either side
+    texture : multiplied by those colours, 255 leaving it as it is; by default there is none
     threads : how many threads share the tiles; the picture does not depend on it
     """
     corners, inverse_depth = _snapped(projected)
@@ -72,7 +61,22 @@ def draw_model(
     starts, members = _binned(corners, inverse_depth, faces, picture.shape[0], picture.shape[1], rows, columns)
 
     def draw(first: int) -> None:
-        _draw_tiles(picture, corners, inverse_depth, faces, front, back, starts, members, first, threads, columns)
+        _draw_tiles(
+            picture,
+            corners,
+            inverse_depth,
+            faces,
+            front,
+            back,
+            texture.uv,
+            texture.texels,
+            texture.levels,
+            starts,
+            members,
+            first,
+            threads,
+            columns,
+        )
 
     in_threads(draw, threads)
 
@@ -155,7 +159,7 @@ def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_column
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
-    picture, corners, inverse_depth, faces, front, back, starts, members, first, step, tile_columns
+    picture, corners, inverse_depth, faces, front, back, uv, texels, levels, starts, members, first, step, tile_columns
 ):
     """Draw every `step`-th tile from `first` on."""
     nearest = np.empty((TILE, TILE, N_SAMPLES), dtype=np.float32)  # inverse depth of what each sample sees
@@ -169,7 +173,7 @@ def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
         seen[:] = -1
         for m in range(starts[tile], starts[tile + 1]):
             _see_face(corners, inverse_depth, faces, members[m], nearest, seen, y0, x0, y1, x1)
-        _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1)
+        _shade(picture, corners, inverse_depth, faces, front, back, uv, texels, levels, seen, y0, x0, y1, x1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,7 +228,9 @@ def _kept_out(x_step, y_step):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
+def _shade(  # type: ignore[no-untyped-def]  # numba
+    picture, corners, inverse_depth, faces, front, back, uv, texels, levels, seen, y0, x0, y1, x1
+):
     """Colour a tile: once for each face that a pixel's samples see, at the middle of those samples."""
     for y in range(y0, y1):
         for x in range(x0, x1):
@@ -246,6 +252,9 @@ def _shade(picture, corners, inverse_depth, faces, front, back, seen, y0, x0, y1
                     continue
                 px, py = x * SUBPIXELS + sx / count, y * SUBPIXELS + sy / count
                 r, g, b = _colour_at(px, py, corners, inverse_depth, faces, front, back, face)
+                if levels.shape[0] > 0:
+                    texel = _texture_at(px, py, corners, inverse_depth, faces, uv, texels, levels, face)
+                    r, g, b = r * texel[0], g * texel[1], b * texel[2]
                 red += r * np.float32(count)
                 green += g * np.float32(count)
                 blue += b * np.float32(count)
@@ -279,26 +288,63 @@ def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # typ
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _draw_heights(points, faces, heights):  # type: ignore[no-untyped-def]  # numba
-    """Lower each pixel of `heights` to the smallest depth of the triangles over its centre."""
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-        cx, cy = points[c, 0], points[c, 1]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0 or not np.isfinite(area):
-            continue
-        left, right = max(0, int(np.ceil(min(ax, bx, cx)))), min(heights.shape[1] - 1, int(np.floor(max(ax, bx, cx))))
-        top, bottom = max(0, int(np.ceil(min(ay, by, cy)))), min(heights.shape[0] - 1, int(np.floor(max(ay, by, cy))))
-        if left > right or top > bottom:
-            continue
-        scale = np.float32(1) / area
-        a_dx, a_dy, b_dx, b_dy = (by - cy) * scale, (cx - bx) * scale, (cy - ay) * scale, (ax - cx) * scale
-        za, zb, zc = points[a, 2], points[b, 2], points[c, 2]
-        for y in range(top, bottom + 1):
-            for x in range(left, right + 1):
-                dx, dy = np.float32(x) - cx, np.float32(y) - cy
-                wa, wb = a_dx * dx + a_dy * dy, b_dx * dx + b_dy * dy
-                wc = np.float32(1) - wa - wb
-                if wa >= 0 and wb >= 0 and wc >= 0:
-                    heights[y, x] = min(heights[y, x], wa * za + wb * zb + wc * zc)
+def _texture_at(px, py, corners, inverse_depth, faces, uv, texels, levels, face):  # type: ignore[no-untyped-def]  # numba
+    """Return what the texture of a face, correct in perspective, multiplies its colour by, at a point inside it."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    za, zb, zc = np.float64(inverse_depth[a]), np.float64(inverse_depth[b]), np.float64(inverse_depth[c])
+    ax, ay = px - corners[a, 0], py - corners[a, 1]
+    bx, by = px - corners[b, 0], py - corners[b, 1]
+    cx, cy = px - corners[c, 0], py - corners[c, 1]
+    wa, wb, wc = (bx * cy - by * cx) * za, (cx * ay - cy * ax) * zb, (ax * by - ay * bx) * zc
+    scale = 1.0 / (wa + wb + wc)
+    u = (wa * uv[a, 0] + wb * uv[b, 0] + wc * uv[c, 0]) * scale
+    v = (wa * uv[a, 1] + wb * uv[b, 1] + wc * uv[c, 1]) * scale
+    height, width = levels[0, 1], levels[0, 2]
+    footprint = 0.0  # squared length in texels of the longer of a pixel's two sides
+    for axis in range(2):
+        if axis == 0:
+            wa, wb, wc = (cy - by) * za, (ay - cy) * zb, (by - ay) * zc
+        else:
+            wa, wb, wc = (bx - cx) * za, (cx - ax) * zb, (ax - bx) * zc
+        du = (wa * (uv[a, 0] - u) + wb * (uv[b, 0] - u) + wc * (uv[c, 0] - u)) * scale * SUBPIXELS * width
+        dv = (wa * (uv[a, 1] - v) + wb * (uv[b, 1] - v) + wc * (uv[c, 1] - v)) * scale * SUBPIXELS * height
+        footprint = max(footprint, du * du + dv * dv)
+    last = levels.shape[0] - 1
+    if footprint <= 1.0 or last == 0:
+        return _bilinear(texels, levels[0], u, v)
+    size = min(0.5 * np.log2(footprint), np.float64(last))
+    level = min(int(size), last - 1)
+    r, g, b = _bilinear(texels, levels[level], u, v)
+    r_next, g_next, b_next = _bilinear(texels, levels[level + 1], u, v)
+    share = np.float32(size - level)
+    return r + share * (r_next - r), g + share * (g_next - g), b + share * (b_next - b)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bilinear(texels, level, u, v):  # type: ignore[no-untyped-def]  # numba
+    """Interpolate between the four nearest texels of one level, 0 to 1; the texture repeats."""
+    start, height, width = level[0], level[1], level[2]
+    x, y = (u - np.floor(u)) * width - 0.5, (np.ceil(v) - v) * height - 0.5
+    left, top = int(np.floor(x)), int(np.floor(y))
+    s, t = np.float32(x - left), np.float32(y - top)
+    right, bottom = left + 1, top + 1
+    if left < 0:
+        left = width - 1
+    if right >= width:
+        right = 0
+    if top < 0:
+        top = height - 1
+    if bottom >= height:
+        bottom = 0
+    upper_left, upper_right = texels[start + top * width + left], texels[start + top * width + right]
+    lower_left, lower_right = texels[start + bottom * width + left], texels[start + bottom * width + right]
+    share = np.float32(1.0 / 255.0)
+    right_share, lower_share = s * share, t
+    left_share, upper_share = share - right_share, np.float32(1) - t
+    wa, wb = left_share * upper_share, right_share * upper_share
+    wc, wd = left_share * lower_share, right_share * lower_share
+    return (
+        wa * upper_left[0] + wb * upper_right[0] + wc * lower_left[0] + wd * lower_right[0],
+        wa * upper_left[1] + wb * upper_right[1] + wc * lower_left[1] + wd * lower_right[1],
+        wa * upper_left[2] + wb * upper_right[2] + wc * lower_left[2] + wd * lower_right[2],
+    )

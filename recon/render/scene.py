@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import Texture
 from recon.render.camera_path import checked_bounds
 from recon.rig import Camera, bounds_corners, look_at
 
@@ -112,13 +113,34 @@ class LitMesh:
     ----------
     vertices : float32 (N, 3), mm
     faces : int32 (M, 3)
-    front, back : uint8 (N, 3), sRGB
+    front, back : uint8 (N, 3), sRGB; with a texture the share of its colours that the light leaves, 255 for all
+    texture : of the same N vertices; None for none
     """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     front: NDArray[np.uint8]
     back: NDArray[np.uint8]
+    texture: Texture | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LitSplats:
+    """Points with the colours to show, each as a disc that faces the camera.
+
+    Parameters
+    ----------
+    vertices : float32 (N, 3), mm, middles of the discs
+    colours : uint8 (N, 3), sRGB
+    radius_mm : of the discs, mm
+    """
+
+    vertices: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    radius_mm: float
+
+
+LitModel = LitMesh | LitSplats
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +149,13 @@ class Shot:
 
     Parameters
     ----------
-    mesh : the model, lit
+    model : lit
     camera : from where
     picture : uint8 (H, W, 3), the scene without the model; the renderer may draw over it
     threads : how many threads the renderer may use
     """
 
-    mesh: LitMesh
+    model: LitModel
     camera: Camera
     picture: NDArray[np.uint8]
     threads: int = 1

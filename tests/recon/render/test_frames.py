@@ -14,7 +14,7 @@ from recon.render import offscreen
 from recon.render.backdrop import floor_shade
 from recon.render.camera_path import camera_path
 from recon.render.frames import RENDERERS, choose_renderer, describe_renderer, render_frames, software_frames
-from recon.render.light import lit
+from recon.render.light import lit, lit_mesh
 from recon.render.offscreen import NoRendererError, working_platform
 from recon.render.scene import BACKGROUNDS, Scene, Shot, floor_grid, floor_reach, scene_around
 from recon.rig import Camera, Rig, Sensor, look_at
@@ -122,7 +122,7 @@ def test_the_inside_of_an_open_surface_is_seen_and_darker_than_its_outside(rende
 def test_light_never_makes_a_captured_colour_brighter_and_leaves_its_hue() -> None:
     mesh = uniform(ball(), (200, 120, 60))
     scene = scene_around(BOUNDS, cameras())
-    model = lit(mesh, scene)
+    model = lit_mesh(mesh, scene)
     for side in (model.front, model.back):
         assert (side <= mesh.colours).all()
         ratio = side / mesh.colours
@@ -139,7 +139,7 @@ def test_a_surface_does_not_shade_itself_but_what_lies_behind_it() -> None:
     far.apply_translation(CENTRE - scene.to_light * 100)
     both = uniform(coloured(trimesh.util.concatenate([near, far])), (200, 200, 200))
     facing = both.normals @ scene.to_light > 0.5
-    front = lit(both, scene).front[:, 0].astype(int)
+    front = lit_mesh(both, scene).front[:, 0].astype(int)
     half = len(near.vertices)
     assert front[:half][facing[:half]].min() > 170
     assert front[half:][facing[half:]].max() < front[:half][facing[:half]].min()
@@ -163,7 +163,7 @@ def test_the_shadow_on_the_floor_lies_away_from_the_light_and_ends_before_the_ma
     scene = scene_around(BOUNDS, cameras())
     body = trimesh.creation.box((40, 600, 40))
     body.apply_translation((0, 300, 0))
-    shade = floor_shade(lit(coloured(body), scene), scene)
+    shade = floor_shade(coloured(body), scene)
     grid = floor_grid(scene, np.array([0.0, 1.0, 0.0]))
     z, x = np.mgrid[0 : shade.shape[0], 0 : shade.shape[1]] * grid.texel - floor_reach(scene)
     middle = np.array([(shade * x).sum(), (shade * z).sum()]) / shade.sum()

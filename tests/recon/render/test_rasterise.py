@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from recon.render.rasterise import SAMPLE_X, SAMPLE_Y, SUBPIXELS, draw_model, height_map
+from recon.render.heights import triangle_heights
+from recon.render.rasterise import SAMPLE_X, SAMPLE_Y, SUBPIXELS, draw_model
 
 NOTHING, ON_AN_EDGE = -1, -2
 BRIGHT = 252  # a multiple of four: coverage by n samples is exactly 63 n
@@ -139,7 +140,7 @@ def test_heights_are_those_of_the_lowest_surface() -> None:
     plane = corners @ [0.5, -0.25] + 100
     points = np.concatenate([np.column_stack([corners, plane]), np.column_stack([corners, plane + 7])])
     faces = np.array([[3, 4, 5], [0, 1, 2]], dtype=np.int32)
-    heights = height_map(points.astype(np.float32), faces, (20, 24))
+    heights = triangle_heights(points.astype(np.float32), faces, (20, 24))
     y, x = np.mgrid[0:20, 0:24]
     np.testing.assert_allclose(heights, 0.5 * x - 0.25 * y + 100, atol=1e-3)
-    assert np.isinf(height_map(points.astype(np.float32), faces[:0], (4, 4))).all()
+    assert np.isinf(triangle_heights(points.astype(np.float32), faces[:0], (4, 4))).all()
