@@ -21,7 +21,7 @@ METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 def glb_bytes(
     vertices: NDArray[np.float32], faces: NDArray[np.int32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
 ) -> bytes:
-    """Encode a mesh as binary glTF 2.0, unlit and visible from both sides.
+    """Encode a mesh with a colour on every vertex as binary glTF 2.0, unlit and visible from both sides.
 
     Parameters
     ----------
@@ -32,10 +32,42 @@ def glb_bytes(
     """
     linear = np.full((len(colours), 4), 65535, dtype="<u2")
     linear[:, :3] = _linear_from_srgb()[colours]
+    return _glb(vertices, faces, normals, ("COLOR_0", linear, 5123, "VEC4"))
+
+
+def textured_glb_bytes(
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    uv: NDArray[np.float32],
+    png: bytes,
+) -> bytes:
+    """Encode a textured mesh as binary glTF 2.0, unlit and visible from both sides.
+
+    Parameters
+    ----------
+    vertices : float32 (N, 3), mm
+    faces : int32 (M, 3)
+    normals : float32 (N, 3), unit length
+    uv : float32 (N, 2), (0, 0) is the lower left corner of the picture; glTF counts from the upper left one
+    png : the picture, sRGB, which glTF expects in textures
+    """
+    places = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")
+    return _glb(vertices, faces, normals, ("TEXCOORD_0", places, 5126, "VEC2"), png)
+
+
+def _glb(
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    colouring: tuple[str, NDArray[Any], int, str],
+    png: bytes = b"",
+) -> bytes:
+    """Encode a mesh whose vertices carry linear colours, or places in a picture."""
     arrays = [
         ("POSITION", vertices.astype("<f4"), 5126, "VEC3", 34962),
         ("NORMAL", normals.astype("<f4"), 5126, "VEC3", 34962),
-        ("COLOR_0", linear, 5123, "VEC4", 34962),
+        (*colouring, 34962),
         ("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
     ]
     views: list[dict[str, Any]] = []
@@ -50,6 +82,7 @@ def glb_bytes(
             accessors[-1]["normalized"] = True
     binary = b"".join(array.tobytes() for _, array, *_ in arrays)
     attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
+    surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     document = {
         "asset": {"version": "2.0", "generator": "reconstudy"},
         "extensionsUsed": ["KHR_materials_unlit"],
@@ -58,16 +91,19 @@ def glb_bytes(
         "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0, "mode": 4}]}],
         "materials": [
-            {
-                "doubleSided": True,
-                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1},
-                "extensions": {"KHR_materials_unlit": {}},
-            }
+            {"doubleSided": True, "pbrMetallicRoughness": surface, "extensions": {"KHR_materials_unlit": {}}}
         ],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": len(binary)}],
+        "buffers": [{"byteLength": len(binary) + len(png)}],
     }
+    if png:
+        surface["baseColorTexture"] = {"index": 0}
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(png)})
+        document["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
+        document["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]  # repeating
+        document["textures"] = [{"source": 0, "sampler": 0}]
+        binary += png + b"\0" * (-len(png) % 4)
     text = json.dumps(document, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary

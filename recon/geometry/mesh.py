@@ -9,10 +9,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.geometry.glb import glb_bytes
+from recon.geometry.glb import glb_bytes, textured_glb_bytes
+from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
     FLOAT_NORMAL,
     UINT8_COLOUR,
@@ -165,10 +167,13 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     Raises
     ------
     ValueError
-        If there is no mesh.
+        If there is no mesh, or one has a texture: the merged mesh could show only one of them.
     """
     if not meshes:
         raise ValueError("merging needs at least one mesh, found none")
+    textured = [number for number, mesh in enumerate(meshes, 1) if mesh.texture is not None]
+    if textured:
+        raise ValueError(f"mesh {textured[0]} of {len(meshes)} has a texture; only meshes without can be merged")
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
@@ -230,24 +235,29 @@ def holds_points(path: Path) -> bool:
 
 
 def write_mesh(path: Path, mesh: Mesh) -> Path:
-    """Write a mesh as binary PLY or as GLB, whole or not at all; the same mesh gives the same bytes.
+    """Write a mesh as binary PLY or GLB, a textured one as GLB or OBJ; the same mesh gives the same bytes.
+
+    Every file is whole or absent. Beside a.obj come its material a.mtl and its picture a.png.
 
     Convention
     ----------
-    PLY keeps millimetres and sRGB bytes. GLB, as glTF 2.0 wants it, is scaled to metres by its node and holds
-    linear colours in 16 bits, from which the sRGB bytes come back exactly; its material is unlit, because the
-    studio's light is already in the colours.
+    PLY and OBJ keep millimetres and sRGB bytes. GLB, as glTF 2.0 wants it, is scaled to metres by its node and holds
+    linear colours in 16 bits, from which the sRGB bytes come back exactly, or a PNG; its material is unlit, because
+    the studio's light is already in the colours.
 
     Raises
     ------
     ValueError
-        If the mesh has no face or the name ends neither in .ply nor in .glb.
+        If the mesh has no face, or the name does not end in .ply, .glb or .obj, or the format cannot hold its colours.
     """
-    _check_suffix(path, (".ply", ".glb"))
+    _check_suffix(path, (".ply", ".glb", ".obj"))
     if not len(mesh.faces):
         raise ValueError(f"{path}: the mesh has no face, nothing to write")
+    if path.suffix.lower() == ".obj":
+        return _write_obj(path, mesh)
     if path.suffix.lower() == ".glb":
-        return _write(path, glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours))
+        return _write(path, _glb_of(mesh))
+    _check_no_texture(path, mesh)
     return _write(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
 
 
@@ -263,8 +273,10 @@ def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]
     Raises
     ------
     ValueError
-        If there is no point, or the name does not end in .ply.
+        If there is no point, the mesh has a texture, or the name does not end in .ply.
     """
+    if isinstance(model, Mesh):
+        _check_no_texture(path, model)
     points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
     _check_points(path, points)
     return _write(path, ply_bytes(_oriented(points, model.normals, model.colours) | {"error": errors}, faces))
@@ -388,6 +400,11 @@ def _check_points(path: Path, points: NDArray[np.floating]) -> None:
         raise ValueError(f"{path}: there is no point, nothing to write")
 
 
+def _check_no_texture(path: Path, mesh: Mesh) -> None:
+    if mesh.texture is not None:
+        raise ValueError(f"{path}: the mesh has a texture, which PLY cannot hold; write it as .glb or .obj")
+
+
 def _no_cloud() -> bytes:
     points = np.empty((0, 3), np.float32)
     return ply_bytes(_oriented(points, points, points.astype(np.uint8)))
@@ -397,6 +414,28 @@ def _oriented(
     points: NDArray[np.float32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
 ) -> dict[str, NDArray[Any]]:
     return vector_columns("xyz", points) | vector_columns(FLOAT_NORMAL, normals) | vector_columns(UINT8_COLOUR, colours)
+
+
+def _glb_of(mesh: Mesh) -> bytes:
+    if mesh.texture is None:
+        return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
+    return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, _png(mesh.texture))
+
+
+def _write_obj(path: Path, mesh: Mesh) -> Path:
+    """Write the picture and the material first: an OBJ that exists has both."""
+    if mesh.texture is None:
+        raise ValueError(f"{path}: OBJ holds colours as a texture, and the mesh has none; write it as .ply or .glb")
+    stem = "_".join(path.stem.split())  # many readers end a name at a space
+    picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
+    _write(picture, _png(mesh.texture))
+    _write(material, mtl_text(picture.name).encode())
+    text = obj_text(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, material.name)
+    return _write(path, text.encode())
+
+
+def _png(texture: Texture) -> bytes:
+    return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
 
 
 def _write(path: Path, content: bytes) -> Path:

@@ -75,10 +75,11 @@ def _sides(
         return colours, colours
     grid = light_grid(scene)
     shadow = height_map(model, grid)
-    radius = np.float32(scene.radius * SHADOW_BIAS)
+    # A disc that faces the light stands out of an oblique surface by as much as its radius.
+    margin = np.float32(scene.radius * SHADOW_BIAS + (model.radius_mm if isinstance(model, Splats) else 0))
     # A point is tested where it lies a little off the surface, so that a surface does not shade itself.
-    lifted = grid.project(points + normals * radius), grid.project(points - normals * radius)
-    visible = _visibility(shadow, *lifted, _towards_light(normals, scene), radius)
+    lifted = grid.project(points + normals * margin), grid.project(points - normals * margin)
+    visible = _visibility(shadow, *lifted, _towards_light(normals, scene), margin)
     front, back = (np.rint(colours * gain[:, None]).astype(np.uint8) for gain in _gains(normals, scene, visible))
     return front, back
 

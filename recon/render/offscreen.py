@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import Texture
 from recon.render.scene import LitMesh, LitModel, LitSplats, Shot
 from recon.render.splats import LEAST_RADIUS
 from recon.rig import Camera
@@ -141,7 +142,7 @@ def _placed(pyrender: Any, shot: Shot) -> Any:
 
 def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
     """Make a pyrender mesh that shows other colours from behind: two surfaces, each visible from its front."""
-    picture = mesh.texture and pyrender.Texture(source=mesh.texture.pixels, source_channels="RGB")
+    picture = mesh.texture and _texture(pyrender, mesh.texture)
     material = pyrender.MetallicRoughnessMaterial(doubleSided=False, baseColorTexture=picture)
     sides = ((mesh.faces, mesh.front), (mesh.faces[:, ::-1], mesh.back))
     return pyrender.Mesh(
@@ -157,6 +158,12 @@ def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
             for faces, colours in sides
         ]
     )
+
+
+def _texture(pyrender: Any, texture: Texture) -> Any:
+    """Make a pyrender texture, of four channels: OpenGL expects rows of whole words, and pyrender does not pad them."""
+    opaque = np.pad(texture.pixels, ((0, 0), (0, 0), (0, 1)), constant_values=255)
+    return pyrender.Texture(source=opaque, source_channels="RGBA")
 
 
 def _discs(pyrender: Any, splats: LitSplats, camera: Camera) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -18,7 +20,8 @@ def drop_small_components(mesh: Mesh, share: float) -> Mesh:
     is_vertex = kept[labels]
     number = np.cumsum(is_vertex) - 1
     faces = mesh.faces[is_vertex[mesh.faces[:, 0]]]
-    return Mesh(mesh.vertices[is_vertex], number[faces], mesh.normals[is_vertex], mesh.colours[is_vertex])
+    texture = mesh.texture and replace(mesh.texture, uv=mesh.texture.uv[is_vertex])
+    return Mesh(mesh.vertices[is_vertex], number[faces], mesh.normals[is_vertex], mesh.colours[is_vertex], texture)
 
 
 def component_labels(faces: NDArray[np.int32], n_vertices: int) -> NDArray[np.int32]:

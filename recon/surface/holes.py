@@ -14,8 +14,10 @@ def close_holes(mesh: Mesh, longest_rim: float) -> Mesh:
     Raises
     ------
     ValueError
-        If the length is not positive.
+        If the length is not positive, or the mesh has a texture: it has no place for a patch.
     """
+    if mesh.texture is not None:
+        raise ValueError("the mesh has a texture, which has no colours for patches; only meshes without can be closed")
     if not longest_rim > 0:
         raise ValueError(f"longest_rim is {longest_rim} mm, expected a length above 0")
     vertices = mesh.vertices.astype(np.float64)

@@ -23,6 +23,7 @@ from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
 from recon.render.rasterise import draw_model
+from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.rig import Camera
 from recon.studio.truth import MASK, read_depth
 from recon.surface import SurfaceParameters
@@ -82,7 +83,8 @@ def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.
     shape = (camera.size[1], camera.size[0], 3)
     picture, cover = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     white = np.full_like(mesh.colours, 255)
-    draw_model(picture, projected, mesh.faces, mesh.colours, mesh.colours)
+    colours, texture = (mesh.colours, NO_MIPMAPS) if mesh.texture is None else (white, mipmaps(mesh.texture))
+    draw_model(picture, projected, mesh.faces, colours, colours, texture=texture)
     draw_model(cover, projected, mesh.faces, white, white)
     share = cover.astype(np.float32) / 255
     full = np.clip(np.rint(picture / np.maximum(share, 1e-3)), 0, 255).astype(np.uint8)
