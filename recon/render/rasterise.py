@@ -301,11 +301,8 @@ def _texture_at(px, py, corners, inverse_depth, faces, uv, texels, levels, face)
     v = (wa * uv[a, 1] + wb * uv[b, 1] + wc * uv[c, 1]) * scale
     height, width = levels[0, 1], levels[0, 2]
     footprint = 0.0  # squared length in texels of the longer of a pixel's two sides
-    for axis in range(2):
-        if axis == 0:
-            wa, wb, wc = (cy - by) * za, (ay - cy) * zb, (by - ay) * zc
-        else:
-            wa, wb, wc = (bx - cx) * za, (cx - ax) * zb, (ax - bx) * zc
+    for a_step, b_step, c_step in ((cy - by, ay - cy, by - ay), (bx - cx, cx - ax, ax - bx)):  # to the right, down
+        wa, wb, wc = a_step * za, b_step * zb, c_step * zc
         du = (wa * (uv[a, 0] - u) + wb * (uv[b, 0] - u) + wc * (uv[c, 0] - u)) * scale * SUBPIXELS * width
         dv = (wa * (uv[a, 1] - v) + wb * (uv[b, 1] - v) + wc * (uv[c, 1] - v)) * scale * SUBPIXELS * height
         footprint = max(footprint, du * du + dv * dv)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +18,18 @@ from hypothesis.extra import numpy as arrays
 from recon.geometry.mesh import (
     Cloud,
     Mesh,
+    Texture,
     error_colours,
     merge_meshes,
     read_cloud,
     read_mesh,
     read_points,
     write_cloud,
+    write_measured,
     write_mesh,
 )
+from recon.surface.components import drop_small_components
+from recon.surface.holes import close_holes
 
 COORDINATES = st.floats(-1e6, 1e6, width=32)
 
@@ -40,6 +46,12 @@ def mesh_of(n: int, n_faces: int, seed: int = 0) -> Mesh:
     cloud = cloud_of(n, seed)
     faces = np.random.default_rng(seed).integers(0, n, (n_faces, 3))
     return Mesh(cloud.points, faces, cloud.normals, cloud.colours)
+
+
+def textured_mesh(n: int, n_faces: int, *, height: int = 5, width: int = 7, seed: int = 0) -> Mesh:
+    mesh, rng = mesh_of(n, n_faces, seed), np.random.default_rng(seed)
+    pixels = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return replace(mesh, texture=Texture(pixels, rng.uniform(-1, 2, (n, 2)).astype(np.float32)))
 
 
 def same_mesh(a: Mesh, b: Mesh) -> bool:
@@ -73,10 +85,13 @@ def test_a_mesh_comes_back_bit_for_bit_with_coincident_vertices(tmp_path: Path) 
     assert same_mesh(read_mesh(write_mesh(tmp_path / "a.ply", doubled)), doubled)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
-    first = write_mesh(tmp_path / f"a{suffix}", mesh_of(30, 50)).read_bytes()
-    assert first == write_mesh(tmp_path / f"b{suffix}", mesh_of(30, 50)).read_bytes()
+@pytest.mark.parametrize(
+    ("suffix", "made"), [(".ply", mesh_of), (".glb", mesh_of), (".glb", textured_mesh), (".obj", textured_mesh)]
+)
+def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str, made: Callable[[int, int], Mesh]) -> None:
+    paths = [tmp_path / folder / f"a{suffix}" for folder in ("first", "second")]
+    first, second = (write_mesh(path, made(30, 50)).read_bytes() for path in paths)
+    assert first == second
 
 
 def test_other_programs_read_what_we_write(tmp_path: Path) -> None:
@@ -109,6 +124,81 @@ def test_a_glb_holds_linear_colours_from_which_the_bytes_come_back(tmp_path: Pat
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.array_equal(np.rint(encoded[:, :3] * 255), grey)
     assert (linear[:, 3] == 1).all()
+
+
+def test_a_textured_glb_opens_elsewhere_with_the_same_picture_at_the_same_places(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = textured_mesh(30, 50)
+    assert mesh.texture is not None
+    back = trimesh.load(write_mesh(tmp_path / "a.glb", mesh), process=False).to_geometry()
+    assert np.array_equal(np.asarray(back.visual.material.baseColorTexture.convert("RGB")), mesh.texture.pixels)
+    assert np.allclose(back.visual.uv, mesh.texture.uv, atol=1e-6)
+    assert np.allclose(back.vertices, mesh.vertices * 0.001, atol=1e-9), "glTF counts in metres"
+    assert np.array_equal(back.faces, mesh.faces)
+
+
+def test_a_textured_glb_is_whole_and_unlit(tmp_path: Path) -> None:
+    content = write_mesh(tmp_path / "a.glb", textured_mesh(3, 1, height=1, width=1)).read_bytes()
+    (json_length,) = struct.unpack_from("<I", content, 12)
+    document = json.loads(content[20 : 20 + json_length])
+    (binary_length,) = struct.unpack_from("<I", content, 20 + json_length)
+    assert len(content) == 28 + json_length + binary_length
+    assert binary_length % 4 == 0
+    assert binary_length - document["buffers"][0]["byteLength"] in range(4)
+    assert set(document["meshes"][0]["primitives"][0]["attributes"]) == {"POSITION", "NORMAL", "TEXCOORD_0"}
+    assert "KHR_materials_unlit" in document["materials"][0]["extensions"]
+    view = document["bufferViews"][document["images"][0]["bufferView"]]
+    start = 28 + json_length + view["byteOffset"]
+    assert content[start : start + 4] == b"\x89PNG"
+
+
+def test_a_textured_obj_opens_elsewhere_as_it_was(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = textured_mesh(30, 50)
+    assert mesh.texture is not None
+    path = write_mesh(tmp_path / "my model.obj", mesh)
+    assert {file.name for file in tmp_path.iterdir()} == {"my model.obj", "my_model.mtl", "my_model.png"}
+    back = trimesh.load(path, process=False, maintain_order=True)
+    assert np.array_equal(np.asarray(back.visual.material.image.convert("RGB")), mesh.texture.pixels)
+    assert np.array_equal(back.vertices[back.faces].astype(np.float32), mesh.vertices[mesh.faces])
+    assert np.array_equal(back.visual.uv[back.faces].astype(np.float32), mesh.texture.uv[mesh.faces])
+
+
+def test_what_cannot_keep_a_texture_refuses_it(tmp_path: Path) -> None:
+    mesh, plain = textured_mesh(30, 50), mesh_of(30, 50)
+    with pytest.raises(ValueError, match=r"a\.ply: the mesh has a texture, which PLY cannot hold; write it as \.glb"):
+        write_mesh(tmp_path / "a.ply", mesh)
+    with pytest.raises(ValueError, match=r"a\.ply: the mesh has a texture"):
+        write_measured(tmp_path / "a.ply", mesh, np.zeros(30))
+    with pytest.raises(ValueError, match=r"a\.obj: OBJ holds colours as a texture, and the mesh has none"):
+        write_mesh(tmp_path / "a.obj", plain)
+    with pytest.raises(ValueError, match="mesh 2 of 2 has a texture; only meshes without can be merged"):
+        merge_meshes([plain, mesh])
+    with pytest.raises(ValueError, match="has no colours for patches"):
+        close_holes(mesh, 10.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_textured_mesh_without_its_small_parts_keeps_its_texture() -> None:
+    mesh = replace(textured_mesh(9, 3), faces=np.array([[0, 1, 2], [2, 1, 8], [4, 5, 6]], np.int32))
+    kept = drop_small_components(mesh, 0.9)
+    assert mesh.texture is not None
+    assert kept.texture is not None
+    assert np.array_equal(kept.texture.pixels, mesh.texture.pixels)
+    assert np.array_equal(kept.texture.uv[kept.faces], mesh.texture.uv[mesh.faces[:2]])
+
+
+def test_a_texture_has_a_place_for_every_vertex_and_three_channels() -> None:
+    mesh = textured_mesh(5, 2)
+    assert mesh.texture is not None
+    with pytest.raises(ValueError, match="the texture has places for 4 vertices, expected 5"):
+        replace(mesh, texture=replace(mesh.texture, uv=mesh.texture.uv[:4]))
+    with pytest.raises(ValueError, match=r"pixels are uint8 \(5, 7, 4\), expected uint8 \(H, W, 3\) in sRGB"):
+        Texture(np.zeros((5, 7, 4), np.uint8), mesh.texture.uv)
+    with pytest.raises(ValueError, match="uv hold values that are not finite"):
+        Texture(mesh.texture.pixels, np.full((5, 2), np.nan, np.float32))
 
 
 def test_merged_meshes_keep_every_triangle() -> None:
@@ -240,8 +330,8 @@ def test_nothing_empty_is_written_and_nothing_half(tmp_path: Path) -> None:
         write_cloud(tmp_path / "a.ply", cloud_of(0))
     with pytest.raises(ValueError, match="no face"):
         write_mesh(tmp_path / "a.ply", mesh_of(3, 0))
-    with pytest.raises(ValueError, match=r"a\.obj: unknown kind of file"):
-        write_mesh(tmp_path / "a.obj", mesh_of(3, 1))
+    with pytest.raises(ValueError, match=r"a\.stl: unknown kind of file"):
+        write_mesh(tmp_path / "a.stl", mesh_of(3, 1))
     assert not list(tmp_path.iterdir())
 
 
