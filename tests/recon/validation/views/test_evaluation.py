@@ -16,7 +16,7 @@ from recon.capture.masks.segment import segment_capture
 from recon.capture.rectify import rectify
 from recon.cli.main import app
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import read_mesh
+from recon.geometry.mesh import Texture, read_mesh
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run, recorded_in
 from recon.pipeline.stages import ReconstructOptions
@@ -88,6 +88,17 @@ def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
     assert whole["n_pixels"] == rim["n_pixels"] + inside["n_pixels"] == 32 * 16
     (unmasked,) = view_rows(shot.pixels, covered, photograph(mask=None))
     assert (unmasked["coverage"], unmasked["spill"], unmasked["n_pixels"]) == (None, None, 32 * 32)
+
+
+def test_a_rendering_of_a_textured_mesh_shows_its_texture(capture: Capture) -> None:
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
+    camera = capture.sensors[0].left.camera
+    orange = np.array([250, 120, 10], np.uint8)
+    texture = Texture(np.full((4, 4, 3), orange), mesh.vertices[:, :2])
+    picture, covered = rendered(replace(mesh, texture=texture), camera)
+    assert covered.any()
+    assert np.array_equal(covered, rendered(mesh, camera)[1])
+    assert np.abs(picture[covered].astype(int) - orange).max() <= 1
 
 
 def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
