@@ -165,6 +165,7 @@ def test_a_cloud_without_points_is_named_by_its_frame() -> None:
         list(render_frames([model, empty], path, scene_around(BOUNDS, path), renderer="software"))
 
 
+@pytest.mark.slow
 def test_a_film_may_show_meshes_and_splats_in_turn(renderer: str) -> None:
     path, mesh = cameras(3), ball()
     scene = scene_around(BOUNDS, path)
