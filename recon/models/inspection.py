@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model, Splats
-from recon.models.read import Placement, read_model
+from recon.models.read import MM, Placement, read_model
 from recon.rig import Camera
 
-UNITS = {10.0: ("cm", "mm"), 100.0: ("m", "cm"), 1000.0: ("m", "mm")}  # taken for the first, but in the second
 OTHER_UNIT = 30.0  # times as large as expected: no scene is so, but for its unit
+LIKE_A_UNIT = 4.0  # a ratio so far from that of two units points to them
 ODD_SIZE = 5.0  # times as large as expected: worth a warning
 GRID = 5  # points to a side of a model's box that a camera may see
 WATCHED = 20  # cameras of a path that are asked
@@ -80,6 +80,7 @@ def check_sizes(facts: Mapping[Path, Facts], bounds: NDArray[np.float64] | None)
     Parameters
     ----------
     facts : of the models of a scene
+    unit : of each model, as it is said to be
     bounds : float64 (2, 3), mm, of what is filmed; None where they follow from the models
     """
     if bounds is None:
@@ -91,7 +92,7 @@ def check_sizes(facts: Mapping[Path, Facts], bounds: NDArray[np.float64] | None)
         ratio = fact.size / expected
         what = f"{path}: is {_length(fact.size)} across, {_times(ratio)} {than} ({_length(expected)})"
         if max(ratio, 1 / ratio) >= OTHER_UNIT:
-            problems.append(f"{what}; {_likely_unit(ratio)}")
+            problems.append(f"{what}; {_likely_unit(ratio, unit[path])}")
         elif max(ratio, 1 / ratio) >= ODD_SIZE:
             warnings.append(f"{what}; look whether its unit is right")
         elif bounds is not None and fact.bounds is not None and _is_apart(np.array(fact.bounds), bounds):
@@ -132,11 +133,13 @@ def _is_apart(box: NDArray[np.float64], bounds: NDArray[np.float64]) -> bool:
     return bool((box[0] > bounds[1]).any() or (box[1] < bounds[0]).any())
 
 
-def _likely_unit(ratio: float) -> str:
-    factor = min(UNITS, key=lambda factor: abs(np.log(max(ratio, 1 / ratio) / factor)))
-    larger, smaller = UNITS[factor]
-    taken, likely = (larger, smaller) if ratio > 1 else (smaller, larger)
-    return f"is it in {likely}, and scene.json says {taken}?"
+def _likely_unit(ratio: float, unit: str) -> str:
+    """Say which unit a model is in that is too large by a ratio in the unit that it is said to be in."""
+    likely = min(MM, key=lambda name: abs(np.log(MM[unit] / MM[name] / ratio)))
+    off = MM[unit] / MM[likely] / ratio
+    if likely == unit or max(off, 1 / off) > LIKE_A_UNIT:
+        return f"scene.json says that it is in {unit}; look at units, and at the scale in world_from_model"
+    return f"it is probably in {likely}, but scene.json says {unit}"
 
 
 def _times(ratio: float) -> str:

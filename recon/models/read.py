@@ -24,6 +24,7 @@ READERS: dict[str, Callable[[Path], Contents]] = {
     ".glb": read_gltf_model,
     ".gltf": read_gltf_model,
 }
+MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 NEUTRAL = 170  # sRGB grey of a model without colours
 UPWARDS = (0.0, 1.0, 0.0)  # normal of a splat without one, so that all are lit alike
 Matrix = tuple[tuple[float, ...], ...]
@@ -35,10 +36,12 @@ class Placement:
 
     Parameters
     ----------
+    unit : of the file, a name in `MM`, as it is said to be
     world_from_model : 4x4, to mm, y up: a rotation with one scale, and a translation
     splat_mm : radius of the discs that a point cloud is drawn by, mm; None where none is stated
     """
 
+    unit: str
     world_from_model: Matrix
     splat_mm: float | None = None
 

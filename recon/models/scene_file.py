@@ -13,14 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from recon.capture.format import CAPTURE_FILE, Capture, read_draft
 from recon.models.folder import SafeName
-from recon.models.read import Placement
+from recon.models.read import MM, Placement
 from recon.rig import Camera, Rig, Sensor, look_at
 from recon.storage.artefacts import file_digest
 from recon.storage.files import read_json
 from recon.storage.remote import is_there, place
 
 SCENE_FILE = "scene.json"
-MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 Y_FROM = {  # which axes of the model become the world's x, y and z
     "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
     "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
@@ -132,7 +131,7 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
         return None, [f"{file}: {problem}" for problem in problems]
     if path.capture is not None:
         bounds = path.capture.bounds
-    placement = Placement(tuple(map(tuple, matrix.tolist())), content.splat_mm)
+    placement = Placement(content.units, tuple(map(tuple, matrix.tolist())), content.splat_mm)
     return (
         SceneFile(
             file,

@@ -94,11 +94,12 @@ def planned_films(
     warnings = list(_warnings(sequences, facts))
     for dataset in dict.fromkeys(source.dataset for source in sources):
         of_scene = [item for item in sequences if item.dataset == dataset]
-        foreign = {file: facts[file] for item in of_scene if item.placement is not None for file in item.files}
+        unit = {file: item.placement.unit for item in of_scene if item.placement is not None for file in item.files}
+        foreign = {file: facts[file] for file in unit}
         settings = [source.setting for source in sources if source.dataset == dataset]
         given = [setting.bounds for setting in settings if setting.bounds is not None]
         if foreign:
-            faults, remarks = check_sizes(foreign, given[0] if given else None)
+            faults, remarks = check_sizes(foreign, unit, given[0] if given else None)
             problems, warnings = problems + faults, warnings + remarks
             if faults:
                 continue
@@ -136,8 +137,8 @@ def _unlike(sequences: Sequence[ModelSequence]) -> Iterator[str]:
         first = sequences[0]
         if len(item.files) != len(first.files):
             yield (
-                f"{item.dataset}: {item.approach} has {_counted(len(item.files))}, {first.approach} {len(first.files)}, "
-                f"so they would show different moments at the same time; add what is missing, or choose how one of "
+                f"{item.dataset}: {item.approach} has {_counted(len(item.files))}, {first.approach} has "
+                f"{len(first.files)}, so they would show different moments at the same time; add what is missing, or choose how one of "
                 f"them fills the film, for example --loop {item.approach}=repeat or --static {item.approach}"
             )
         elif item.fps != first.fps and len(item.files) > 1:
