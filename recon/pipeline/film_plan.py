@@ -138,8 +138,9 @@ def _unlike(sequences: Sequence[ModelSequence]) -> Iterator[str]:
         if len(item.files) != len(first.files):
             yield (
                 f"{item.dataset}: {item.approach} has {_counted(len(item.files))}, {first.approach} has "
-                f"{len(first.files)}, so they would show different moments at the same time; add what is missing, or choose how one of "
-                f"them fills the film, for example --loop {item.approach}=repeat or --static {item.approach}"
+                f"{len(first.files)}, so they would show different moments at the same time; add what is missing, or "
+                f"choose how one of them fills the film, for example --loop {item.approach}=repeat or "
+                f"--static {item.approach}"
             )
         elif item.fps != first.fps and len(item.files) > 1:
             yield (
