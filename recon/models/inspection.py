@@ -74,7 +74,9 @@ def union(facts: Sequence[Facts]) -> NDArray[np.float64]:
     return np.array([low - extra, high + extra])
 
 
-def check_sizes(facts: Mapping[Path, Facts], bounds: NDArray[np.float64] | None) -> tuple[list[str], list[str]]:
+def check_sizes(
+    facts: Mapping[Path, Facts], unit: Mapping[Path, str], bounds: NDArray[np.float64] | None
+) -> tuple[list[str], list[str]]:
     """Compare the models' sizes and places with the bounds, or with each other; returns problems and warnings.
 
     Parameters
