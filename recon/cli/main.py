@@ -215,7 +215,7 @@ def render(
         list[Path],
         typer.Argument(
             parser=parse_place,
-            metavar="RUN|MODELS...",
+            metavar="RUN|MODELS",
             help=f"Runs, each a folder {OR_URL}, and folders of models by other programs, each with a scene.json. All "
             "of one scene are filmed alike.",
         ),

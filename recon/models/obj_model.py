@@ -145,6 +145,9 @@ def _numbers(lines: Sequence[str], keyword: str, n_columns: Sequence[int]) -> ND
                 raise ValueError(f"its {keyword} number {number} is {line!r:.60}, expected {expected} numbers")
         raise ValueError(f"its {keyword} lines are not readable as numbers")
     table = values.reshape(-1, width)
+    if not np.isfinite(table).all():
+        wrong = int(np.argmin(np.isfinite(table).all(axis=1)))
+        raise ValueError(f"its {keyword} number {wrong + 1} is {lines[wrong]!r:.60}, expected finite numbers")
     return table if width > 1 else np.column_stack([table, np.zeros(len(table))])
 
 

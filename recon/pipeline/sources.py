@@ -155,8 +155,14 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
     """
     sources, problems = [], []
     for folder in folders:
-        if is_there(folder / RUN_FILE) or not is_there(folder / SCENE_FILE):
+        if is_there(folder / RUN_FILE):
             sources.append(run_source(read_run(folder)))
+            continue
+        if not is_there(folder / SCENE_FILE):
+            problems.append(
+                f"{address_of(folder)}: is not a finished run, it has no {RUN_FILE} (make one with `reconstudy "
+                f"reconstruct`), and no models folder, it has no {SCENE_FILE}"
+            )
             continue
         source, faults = _read_models_folder(folder)
         problems += faults
