@@ -244,12 +244,15 @@ WRONG_OBJ = {
     "line": (SQUARE + "f 1 2\n", "a face has 2 corners, expected at least 3"),
     "word": (SQUARE + "f 1 2 x\n", "its faces are not readable"),
     "number": (SQUARE + "v 1 x 2\nf 1 2 3\n", "its v number 5 is '1 x 2', expected 3 numbers"),
-    "nan": (SQUARE + "v 1 nan 2\nf 1 2 5\n", "vertex 2 is .*nan.*, expected finite numbers"),
+    "nan": (SQUARE + "v 1 nan 2\nf 1 2 5\n", "its v number 5 is '1 nan 2', expected finite numbers"),
     "material": (
         "mtllib a.mtl\n" + SQUARE + "usemtl gold\nf 1 2 3\n",
-        r"it uses the material 'gold', which a\.mtl does",
+        "it uses the material 'gold', which a",
     ),
-    "places": ("mtllib a.mtl\n" + SQUARE + "usemtl skin\nf 1 2 3\n", "have no texture coordinates"),
+    "places": (
+        "mtllib a.mtl\n" + SQUARE + "usemtl skin\nf 1 2 3\n",
+        "faces of its textured material 'skin' have no texture coordinates",
+    ),
     "empty": ("# nothing\n", "holds neither faces nor points"),
 }
 
@@ -395,9 +398,7 @@ def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_
     for missing in ("my skin.png", "a.bin"):
         content = (tmp_path / missing).read_bytes()
         (tmp_path / missing).unlink()
-        with pytest.raises(
-            ValueError, match=rf"a\.gltf: its (texture|buffer) {missing}.* is missing|my%20skin|missing"
-        ):
+        with pytest.raises(ValueError, match=rf"a\.gltf: its (texture|buffer) {missing} is missing"):
             read_model(path, IN_MM)
         (tmp_path / missing).write_bytes(content)
 
