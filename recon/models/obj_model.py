@@ -17,6 +17,16 @@ from numpy.typing import NDArray
 from recon.models.part import Contents, Part, colours_from, decode_picture, fan
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
+FORMS = {  # of the corners of faces, all alike, with how many numbers a corner has; `++` never looks back
+    re.compile(rf"(?:\s*+{corner})++\s*+"): n_numbers
+    for corner, n_numbers in (
+        (r"-?\d++", 1),
+        (r"-?\d++/-?\d++", 2),
+        (r"-?\d++//-?\d++", 3),
+        (r"-?\d++/-?\d++/-?\d++", 3),
+    )
+}
+BLOCK = 100_000  # lines of faces that are taken apart at once
 OPAQUE = "has transparent materials, which are shown opaque"
 
 
@@ -58,7 +68,7 @@ def read_obj_model(path: Path) -> Contents:
     """
     if not path.is_file():
         raise ValueError("there is no such file")
-    lines = _lines(path.read_bytes().decode("utf-8", "replace"))
+    lines = _lines(path)
     contents = Contents([path])
     materials = _materials(contents, lines.libraries)
     vertices = _numbers(lines.vertices, "v", (3, 4, 6, 7, 8))
@@ -97,25 +107,30 @@ def read_obj_model(path: Path) -> Contents:
     return contents
 
 
-def _lines(text: str) -> _Lines:
+def _lines(path: Path) -> _Lines:
     lines = _Lines()
-    material, faces = "", None
+    material, faces, begun = "", None, ""
     by_keyword = {"v": lines.vertices, "vt": lines.places, "vn": lines.normals}
-    for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
-        keyword, _, rest = line.strip().partition(" ")
-        if keyword == "f":
-            if faces is None:
-                before = (len(lines.vertices), len(lines.places), len(lines.normals))
-                faces = _Faces(material, before)
-                lines.faces.append(faces)
-            faces.lines.append(rest)
-        elif keyword in by_keyword:
-            by_keyword[keyword].append(rest)
-            faces = None
-        elif keyword == "usemtl":
-            material, faces = rest.strip(), None
-        elif keyword == "mtllib":
-            lines.libraries.append(rest.strip())
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            text = begun + line.strip()
+            if text.endswith("\\"):  # goes on in the next line
+                begun = text[:-1] + " "
+                continue
+            begun = ""
+            keyword, _, rest = text.partition(" ")
+            if keyword == "f":
+                if faces is None:
+                    faces = _Faces(material, (len(lines.vertices), len(lines.places), len(lines.normals)))
+                    lines.faces.append(faces)
+                faces.lines.append(rest)
+            elif keyword in by_keyword:
+                by_keyword[keyword].append(rest)
+                faces = None
+            elif keyword == "usemtl":
+                material, faces = rest.strip(), None
+            elif keyword == "mtllib":
+                lines.libraries.append(rest.strip())
     return lines
 
 
@@ -173,37 +188,38 @@ def _corners(faces: Sequence[_Faces], n_elements: tuple[int, int, int]) -> tuple
     """
     parts, counts = [], []
     for run in faces:
-        words = [line.split() for line in run.lines]
-        counts += [len(face) for face in words]
-        flat = [word for face in words for word in face]
-        indices = _indices(flat)
-        before = np.array(run.before)
-        parts.append(np.where(indices < 0, indices + before, np.where(indices == 0, -1, indices - 1)))
-        wrong = (indices < 0) & (indices + before < 0) | (parts[-1] >= np.array(n_elements))
-        wrong[:, 0] |= indices[:, 0] == 0
-        if wrong.any():
-            at = int(np.flatnonzero(wrong.any(axis=1))[0])
-            raise ValueError(
-                f"the face corner {flat[at]!r} is out of range: the file has {n_elements[0]} vertices, {n_elements[1]} "
-                f"texture coordinates and {n_elements[2]} normals, counted from 1"
-            )
-    if min(counts) < 3:
-        raise ValueError(f"a face has {min(counts)} corners, expected at least 3")
-    return np.concatenate(parts), np.array(counts)
+        for start in range(0, len(run.lines), BLOCK):
+            lines = run.lines[start : start + BLOCK]
+            indices = _indices(lines)
+            counts.append(np.array([len(line.split()) for line in lines]))
+            from_zero = np.where(indices < 0, indices + np.array(run.before), indices - 1)
+            is_none = (indices == 0) & np.array([False, True, True])
+            wrong = ~is_none & ((from_zero < 0) | (from_zero >= np.array(n_elements)))
+            if wrong.any():
+                corner = " ".join(lines).split()[int(np.flatnonzero(wrong.any(axis=1))[0])]
+                raise ValueError(
+                    f"the face corner {corner!r} is out of range: the file has {n_elements[0]} vertices, "
+                    f"{n_elements[1]} texture coordinates and {n_elements[2]} normals, counted from 1"
+                )
+            parts.append(np.where(is_none, -1, from_zero))
+    n_corners = np.concatenate(counts)
+    if n_corners.min() < 3:
+        raise ValueError(f"a face has {n_corners.min()} corners, expected at least 3")
+    return np.concatenate(parts), n_corners
 
 
-def _indices(words: Sequence[str]) -> NDArray[np.int64]:
+def _indices(lines: Sequence[str]) -> NDArray[np.int64]:
     """Return vertex, place and normal, int64 (K, 3), of corners such as 3, 3/1, 3//2 or 3/1/2; 0 for none."""
-    n_slashes = {word.count("/") for word in words}
+    text = " ".join(lines)
+    if (form := next((form for form in FORMS if form.fullmatch(text)), None)) is not None:
+        numbers = np.fromstring(text.replace("//", "/0/").replace("/", " "), dtype=np.int64, sep=" ")
+        columns = numbers.reshape(-1, FORMS[form])
+        return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
     try:
-        if len(n_slashes) == 1 and not any(word.endswith("/") for word in words):
-            text = " ".join(words).replace("//", "/0/").replace("/", " ")
-            columns = np.array(text.split(), dtype=np.int64).reshape(len(words), -1)
-            return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
-        rows = [[int(index or 0) for index in (*word.split("/"), "", "")[:3]] for word in words]
+        rows = [[int(index or 0) for index in (*word.split("/"), "", "")[:3]] for word in text.split()]
     except ValueError as error:
         raise ValueError(f"its faces are not readable: {error}") from error
-    return np.array(rows, dtype=np.int64)
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
