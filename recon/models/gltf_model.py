@@ -25,6 +25,16 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
+BROKEN = (  # what reading raises where the document says something else than the standard
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+    UnicodeDecodeError,
+    json.JSONDecodeError,
+)
 WHITE = 0.998  # vertex colours above that leave a texture as it is
 
 
@@ -50,7 +60,7 @@ def read_gltf_model(path: Path) -> Contents:
                 part = reader.part(primitive, world)
                 if part is not None:
                     contents.parts.append(part)
-    except (KeyError, IndexError, TypeError, AttributeError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except BROKEN as error:
         raise ValueError(f"is not whole glTF: {type(error).__name__} {error}") from error
     return contents
 

@@ -85,6 +85,8 @@ def check_sizes(
     unit : of each model, as it is said to be
     bounds : float64 (2, 3), mm, of what is filmed; None where they follow from the models
     """
+    if not facts:
+        return [], []
     if bounds is None:
         expected, than = median(fact.size for fact in facts.values()), "the other models on average"
     else:

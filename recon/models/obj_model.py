@@ -217,9 +217,9 @@ def _indices(lines: Sequence[str]) -> NDArray[np.int64]:
         return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
     try:
         rows = [[int(index or 0) for index in (*word.split("/"), "", "")[:3]] for word in text.split()]
-    except ValueError as error:
+        return np.array(rows, dtype=np.int64).reshape(-1, 3)
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"its faces are not readable: {error}") from error
-    return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

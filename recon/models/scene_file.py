@@ -63,7 +63,7 @@ class _Content(_Strict):
     path: _Path
     world_from_model: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
     bounds: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
-    levels: dict[str, dict[str, SafeName]] = {}
+    levels: dict[str, dict[SafeName, SafeName]] = {}
     static: list[str] = []
     splat_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from recon.models.inspection import Facts, check_sizes, is_seen, union
 from recon.pipeline.film import Film, RenderOptions, path_name
-from recon.pipeline.sources import ModelSequence, Setting, Source, raise_problems
+from recon.pipeline.sources import ModelSequence, Setting, Source, inspect_file, raise_problems
 from recon.pipeline.stages import camera_key
 from recon.storage.remote import address_of
 from recon.workers import Pool, Progress
@@ -82,7 +82,7 @@ def planned_films(
         If a model cannot be filmed, or the folders of a scene differ in bounds or path; a line for each fault.
     """
     for source in sources:
-        if source.setting.bounds is not None or source.setting.file is not None:
+        if source.setting.bounds is not None or source.setting.orbit is None or isinstance(options.path, Path):
             source.setting.cameras(options.path, options.n_frames, options.size)  # a wrong path is told at once
     sequences = [
         item.first() if options.loop_of(item) == "static" else item for source in sources for item in source.sequences
@@ -94,27 +94,29 @@ def planned_films(
     warnings = list(_warnings(sequences, facts))
     for dataset in dict.fromkeys(source.dataset for source in sources):
         of_scene = [item for item in sequences if item.dataset == dataset]
-        unit = {file: item.placement.unit for item in of_scene if item.placement is not None for file in item.files}
-        foreign = {file: facts[file] for file in unit}
         settings = [source.setting for source in sources if source.dataset == dataset]
-        given = [setting.bounds for setting in settings if setting.bounds is not None]
-        if foreign:
-            faults, remarks = check_sizes(foreign, unit, given[0] if given else None)
-            problems, warnings = problems + faults, warnings + remarks
-            if faults:
-                continue
-        bounds = given[0] if given else union(list(foreign.values()))
-        setting, *others = (replace(each, bounds=bounds if each.bounds is None else each.bounds) for each in settings)
-        problems += [fault for other in others for fault in _differing(dataset, setting, other, options)]
-        made = [Film(_with_digests(item, facts), setting, options) for item in of_scene]
-        problems += _unseen(made[0], foreign)
-        films += made
+        bounds = next((setting.bounds for setting in settings if setting.bounds is not None), None)
+        units = {file: item.placement.unit for item in of_scene if item.placement is not None for file in item.files}
+        faults, remarks = check_sizes(_foreign(of_scene, facts), units, bounds)
+        problems, warnings = problems + faults, warnings + remarks
+        if not faults:
+            bounds = union(list(_foreign(of_scene, facts).values())) if bounds is None else bounds
+            setting, *others = (
+                replace(each, bounds=bounds if each.bounds is None else each.bounds) for each in settings
+            )
+            films += [Film(_with_digests(item, facts), setting, options) for item in of_scene]
+            problems += [fault for other in others for fault in _differing(dataset, setting, other, options)]
+            problems += _unseen(films[-1], _foreign(of_scene, facts))
     raise_problems(problems)
     return films, warnings
 
 
 def _inspect(sequences: Sequence[ModelSequence], pool: Pool, progress: Progress) -> dict[Path, Facts]:
-    tasks = [partial(_inspected, item, index) for item in sequences for index in range(len(item.files))]
+    tasks = [
+        partial(inspect_file, file, digest, item.placement)
+        for item in sequences
+        for file, digest in zip(item.files, item.digests, strict=True)
+    ]
     facts: dict[Path, Facts] = {}
     progress("models checked", 0, len(tasks))
     for file, fact in pool.run(tasks):
@@ -123,8 +125,9 @@ def _inspect(sequences: Sequence[ModelSequence], pool: Pool, progress: Progress)
     return {file: facts[file] for item in sequences for file in item.files}
 
 
-def _inspected(sequence: ModelSequence, index: int) -> tuple[Path, Facts]:
-    return sequence.files[index], sequence.inspect(index)
+def _foreign(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) -> dict[Path, Facts]:
+    """Return what is known of the models of models folders."""
+    return {file: facts[file] for item in sequences if item.placement is not None for file in item.files}
 
 
 def _with_digests(sequence: ModelSequence, facts: Mapping[Path, Facts]) -> ModelSequence:

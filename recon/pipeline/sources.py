@@ -58,18 +58,6 @@ class ModelSequence:
         """Return the sequence of its first model alone."""
         return replace(self, files=self.files[:1], digests=self.digests[:1])
 
-    def inspect(self, index: int) -> Facts:
-        """Return what is known of a model; one of a run that is on another machine is checked when it is read."""
-        if self.placement is not None:
-            return inspect_model(self.files[index], self.placement)
-        if is_copy(self.files[index]):
-            return Facts(self.digests[index])
-        try:
-            _check_unchanged(self.files[index], self.digests[index])
-        except ValueError as error:
-            return Facts(problem=str(error))
-        return Facts(self.digests[index])
-
     def read(self, index: int) -> Model:
         """Read a model; the same one again is the same object.
 
@@ -116,10 +104,13 @@ class Setting:
         file = path if isinstance(path, Path) else self.file if path == "auto" else None
         if file is not None:
             return read_path(file, n_frames, size)
+        if self.rig is None and self.orbit is None:
+            raise ValueError(
+                f"{self.source}: has the cameras of a file, so the path cannot be {path}; leave out --path"
+            )
         assert self.bounds is not None, "they are known once the models were read"
         rig = orbit_rig(self.orbit, self.bounds) if self.orbit is not None else self.rig
-        if rig is None:
-            raise ValueError(f"{self.source}: has the cameras of a file, which no path {path} passes; leave out --path")
+        assert rig is not None
         kind = "orbit" if path == "auto" and self.orbit is not None else str(path)
         return camera_path(rig, self.bounds, n_frames, size, kind=kind)
 
@@ -194,6 +185,23 @@ def run_source(run: Run) -> Source:
         )
     setting = Setting(address_of(run.folder), run.capture.bounds, run.capture.rig)
     return Source(run.dataset, tuple(sequences), setting, {"dataset": run.dataset, "versions": run.versions})
+
+
+def inspect_file(file: Path, digest: str, placement: Placement | None) -> tuple[Path, Facts]:
+    """Return a model's file and what is known of it; one of a run behind a URL is checked when it is read.
+
+    Parameters
+    ----------
+    file, digest, placement : of the model, as in `ModelSequence`
+    """
+    if placement is not None:
+        return file, inspect_model(file, placement)
+    try:
+        if not is_copy(file):
+            _check_unchanged(file, digest)
+    except ValueError as error:
+        return file, Facts(problem=str(error))
+    return file, Facts(digest)
 
 
 def raise_problems(problems: Sequence[str]) -> None:
