@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
-from recon.models.part import Contents, Part, decode_picture
+from recon.models.part import Contents, Part, check_finite, decode_picture
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -125,7 +125,9 @@ class _Reader:
         while waiting:
             index, parent = waiting.pop(0)
             node = nodes[index]
-            world = parent @ _transform(node)
+            with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
+                world = parent @ _transform(node)
+            check_finite(world, "a row of a node's transform")
             if "mesh" in node:
                 placed.append((self._document["meshes"][node["mesh"]], world))
             waiting += [(child, world) for child in node.get("children", ())]
@@ -171,11 +173,13 @@ class _Reader:
         if material.get("alphaMode", "OPAQUE") != "OPAQUE":
             self._contents.warn("has transparent materials, which are shown opaque")
         factor = np.array(metallic.get("baseColorFactor", [1.0] * 4), dtype=np.float64)[:3]
+        check_finite(factor[None], "base colour factor")
         linear = self._accessor(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
         if "baseColorTexture" not in metallic:
             if linear is None:
                 has_colour = "baseColorFactor" in metallic
                 return (np.tile(srgb_bytes(factor), (n_vertices, 1)) if has_colour else None), None, None
+            check_finite(linear, "colour")
             return srgb_bytes(linear * factor), None, None
         if linear is not None and linear.size and linear.min() < WHITE:
             raise ValueError("a material has a texture and vertex colours; bake both into the texture")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
+FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
@@ -41,9 +42,9 @@ class Part:
 
     def __post_init__(self) -> None:
         n_vertices = len(self.vertices)
-        _check_finite(self.vertices, "vertex")
+        check_finite(self.vertices, "vertex")
         if self.uv is not None:
-            _check_finite(self.uv, "texture coordinate")
+            check_finite(self.uv, "texture coordinate")
         for name, values in (("normals", self.normals), ("colours", self.colours), ("texture coordinates", self.uv)):
             if values is not None and len(values) != n_vertices:
                 raise ValueError(f"it has {len(values)} {name} for {n_vertices} vertices")
@@ -132,7 +133,7 @@ def colours_from(values: ArrayLike) -> NDArray[np.uint8]:
     if np.issubdtype(colours.dtype, np.integer):
         largest = 65535.0 if colours.size and colours.max() > 255 else 255.0
         return np.asarray(np.rint(np.clip(colours / largest, 0, 1) * 255), dtype=np.uint8)
-    _check_finite(colours, "colour")
+    check_finite(colours, "colour")
     scale = 1.0 if colours.size and colours.max() > 1.5 else 255.0  # rounding may reach past 1
     return np.asarray(np.rint(np.clip(colours * scale, 0, 255)), dtype=np.uint8)
 
@@ -155,8 +156,10 @@ def fan(corners: NDArray[np.integer], n_corners: NDArray[np.integer]) -> NDArray
     return np.asarray(corners[np.stack([first, first + within + 1, first + within + 2], axis=1)], dtype=np.int64)
 
 
-def _check_finite(values: NDArray[np.floating], name: str) -> None:
-    finite = np.isfinite(values).all(axis=1)
+def check_finite(values: NDArray[np.floating], name: str) -> None:
+    """Raise a ValueError that names the first of the rows (N, C) with a number that is not finite, or too large."""
+    with np.errstate(invalid="ignore"):
+        finite = (np.abs(values) < FARTHEST).all(axis=1)  # false for NaN
     if not finite.all():
         row = int(np.argmin(finite))
         raise ValueError(f"{name} {row} is {values[row].tolist()}, expected finite numbers")

@@ -151,7 +151,10 @@ def _placed(part: Part, placement: Placement) -> Part:
     if len(part.faces):
         part = _named_vertices(part)
     vertices = part.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    normals = None if part.normals is None else part.normals @ matrix[:3, :3].T
+    normals = None
+    if part.normals is not None:  # one that is no number is computed later
+        is_usable = np.isfinite(part.normals).all(axis=1, keepdims=True)
+        normals = np.where(is_usable, part.normals, 0).astype(np.float64) @ matrix[:3, :3].T
     return replace(part, vertices=vertices, normals=normals)
 
 

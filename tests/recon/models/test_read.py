@@ -145,7 +145,10 @@ def test_a_ply_with_a_texture_at_its_faces_corners_is_textured(tmp_path: Path) -
 
 
 WRONG_PLY = {
-    "nan": (ply(["0 0 nan", *CORNERS[1:]], ["3 0 1 2"]), r"vertex 0 is \[0.0, 0.0, nan\], expected finite numbers"),
+    "nan": (
+        ply(["0 0 nan", *CORNERS[1:]], ["3 0 1 2"]),
+        r"vertex 0 is \[0.0, 0.0, nan\], expected finite numbers",
+    ),
     "range": (ply(CORNERS, ["3 0 1 2", "3 1 2 4"]), r"face 1 names vertices \[1, 2, 4\], but there are 4 \(0 to 3\)"),
     "two corners": (ply(CORNERS, ["2 0 1"]), "face 0 has 2 corners, expected at least 3"),
     "cut": (ply(CORNERS, ["3 0 1 2", "3 0 2 3"])[:-8], "is not a whole PLY file"),
