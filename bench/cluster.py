@@ -30,6 +30,7 @@ from recon.cli.options import parse_size
 from recon.pipeline.film import Film, RenderOptions, make_part
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
+from recon.pipeline.sources import run_source
 from recon.pipeline.stages import ReconstructOptions, match_frame
 from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
@@ -64,8 +65,8 @@ def matching(capture: Capture, folder: Path) -> list[partial[Any]]:
 
 
 def rendering(run: Path, options: RenderOptions, folder: Path) -> list[partial[Any]]:
-    found = read_run(run)
-    films = [Film(found, approach, options) for approach in found.approaches]
+    source = run_source(read_run(run))
+    films = [Film(sequence, source.setting, options) for sequence in source.sequences]
     return [partial(make_part, film, folder, part, threads=1) for film in films for part in film.parts]
 
 

@@ -30,6 +30,8 @@ from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
 from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh import read_cloud, read_mesh
+from recon.models.read import Placement, read_model
+from recon.models.scene_file import read_scene_file
 from recon.render.path_file import read_path
 
 REFUSALS = (ValueError, OSError)  # a sentence for whoever gave the file; anything else is our mistake
@@ -88,6 +90,40 @@ CAMERA_PATH = {
 CAPTURE = {"schema_version": 1, "name": "c", "kind": "scene", "fps": 5, "n_frames": 1, "sensors": [SENSOR]}
 
 
+OBJ = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nvt 0 0\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 -1/-1/-1\nf 1 2 3\n"
+GLTF = {
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0, "rotation": [0, 0, 0, 1], "scale": [1, 2, 1], "children": []}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0, "mode": 4}]}],
+    "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1]}}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [{"byteLength": 36, "uri": "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}],
+}
+SCENE = {
+    "schema_version": 1,
+    "dataset": "ball",
+    "fps": 25,
+    "units": "mm",
+    "up": "-z",
+    "path": {"orbit": {"azimuth_deg": 3}},
+    "world_from_model": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    "levels": {"a": {"depth": "pm"}},
+}
+
+
+def read_placed(path: Path) -> None:
+    read_model(path, Placement("mm", tuple(map(tuple, np.eye(4).tolist())), 2.0))
+
+
+def read_scene(path: Path) -> None:
+    _, problems = read_scene_file(path.parent)
+    if problems:
+        raise ValueError(problems[0])
+
+
 @cache
 def png() -> bytes:
     file = io.BytesIO()
@@ -116,6 +152,10 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "image": (read_image, "image.png", png),
     "capture": (lambda path: read_draft(path.parent), "capture.json", json.dumps(CAPTURE).encode),
     "camera path": (lambda path: read_path(path, 1, (96, 64)), "path.json", json.dumps(CAMERA_PATH).encode),
+    "ply model": (read_placed, "model.ply", PLY.encode),
+    "obj model": (read_placed, "model.obj", OBJ.encode),
+    "gltf model": (read_placed, "model.gltf", json.dumps(GLTF).encode),
+    "scene of models": (read_scene, "scene.json", json.dumps(SCENE).encode),
     "stimulus": (decode, "film.mp4", film),
     "recorded video": (lambda path: read_video_frame(path, 9), "film.mp4", film),
     "times of a video": (video_times, "film.mp4", film),

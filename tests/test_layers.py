@@ -17,7 +17,7 @@ FLOORS = {
     "recon": [
         {"rig", "geometry", "programs", "storage", "workers"},
         {"capture"},
-        {"depth", "studio"},
+        {"depth", "models", "studio"},
         {"cloud"},
         {"surface"},
         {"fusion"},

@@ -14,7 +14,16 @@ from app.analysis.bradley_terry import fit_scores, only_compared
 from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
 from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
 from app.analysis.correlation import ScoreSet, correlation_rows
-from app.analysis.factors import Effect, ModelTest, check_factors, effects_of, fit_additive, model_tests, order_test
+from app.analysis.factors import (
+    Effect,
+    ModelTest,
+    effects_of,
+    fit_additive,
+    items_without_levels,
+    model_tests,
+    order_test,
+    votes_with_levels,
+)
 from app.analysis.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.observers import observer_rows
@@ -47,12 +56,11 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     Raises
     ------
     VotesError
-        If an item has no level of a factor, or a dataset or factor has the name of all of them together.
+        If a dataset or factor has the name of all of them together.
     """
     settings = settings or AnalysisSettings()
     _check_names(votes, settings)
     used = _used(votes, settings)
-    check_factors(used, settings.factors)
     check_groups(votes, settings.groups)
     compared = list(compare(used, settings))
     screened = triads(used)
@@ -86,7 +94,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
             if len(comparison.fit.counts.first) <= MOST_PAIRS
             for row in pair_rows(comparison)
         ],
-        "warnings": warnings_of(votes, used, compared),
+        "warnings": [*warnings_of(votes, used, compared), *_left_out(used, settings)],
     }
 
 
@@ -104,8 +112,9 @@ def _factor_results(
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
     additive: dict[str, Part] = {}
+    with_levels = votes_with_levels(votes, settings.factors)
     for dataset in dataset_names(votes, settings) if settings.factors else ():
-        part = only_compared(of_dataset(votes, dataset))
+        part = only_compared(of_dataset(with_levels, dataset))
         fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=settings.order_effect)
         if fit is not None and fit.status == "ok":
             additive[dataset] = Part(part, fit)
@@ -128,6 +137,14 @@ def _factor_results(
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
     return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
+
+
+def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
+    """Name the items that the analysis by factor leaves out."""
+    return [
+        f"{item} has no level of {', '.join(factors)}: the analysis by factor leaves it out"
+        for item, factors in items_without_levels(votes.items, settings.factors).items()
+    ]
 
 
 def _group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:

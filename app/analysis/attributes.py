@@ -11,14 +11,14 @@ from app.analysis.votes_table import VotesError
 
 
 def read_items(path: Path) -> dict[str, dict[str, str]]:
-    """Read items' factors, `item,<factor>,<factor>,…`, as {factor: {item: level}}.
+    """Read items' factors, `item,<factor>,<factor>,…`, as {factor: {item: level}}; an empty cell means no level.
 
     Raises
     ------
     VotesError
-        If there is no column `item`, an item appears twice, or a level is empty.
+        If there is no column `item`, or an item appears twice.
     """
-    return _read_attributes(path, "item", "factor", may_be_empty=False)
+    return _read_attributes(path, "item", "factor")
 
 
 def read_participants(path: Path) -> dict[str, dict[str, str]]:
@@ -30,18 +30,17 @@ def read_participants(path: Path) -> dict[str, dict[str, str]]:
     VotesError
         If there is no column `participant`, or a participant appears twice.
     """
-    return _read_attributes(path, "participant", "grouping", may_be_empty=True)
+    return _read_attributes(path, "participant", "grouping")
 
 
-def _read_attributes(path: Path, key: str, attribute: str, *, may_be_empty: bool) -> dict[str, dict[str, str]]:
+def _read_attributes(path: Path, key: str, attribute: str) -> dict[str, dict[str, str]]:
     frame = read_csv(path)
     if key not in frame.columns or len(frame.columns) < 2:
         columns = ", ".join(frame.columns)
         raise VotesError(f"{path}: has the columns {columns}; expected {key} and at least one {attribute}")
-    for column in frame.columns:
-        empty = np.flatnonzero(frame[column].isna() | (frame[column] == ""))
-        if len(empty) and (column == key or not may_be_empty):
-            raise VotesError(f"{path}: row {empty[0] + 1}: {column} is empty")
+    empty = np.flatnonzero(frame[key].isna() | (frame[key] == ""))
+    if len(empty):
+        raise VotesError(f"{path}: row {empty[0] + 1}: {key} is empty")
     twice = np.flatnonzero(frame[key].duplicated())
     if len(twice):
         raise VotesError(f"{path}: row {twice[0] + 1}: the {key} {frame[key][twice[0]]!r} appears a second time")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
-from app.analysis.factors import votes_on_factor
+from app.analysis.factors import votes_on_factor, votes_with_levels
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import VotesTable
 
@@ -39,8 +39,9 @@ def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Compariso
         names = tuple(votes.participants[index] for index in present)
         votes = replace(votes, participants=names, participant=who.astype(np.int32))
         weights = participant_weights(len(present), settings.bootstrap, rng)
+    with_levels = votes_with_levels(votes, settings.factors)
     for comparison in (ALL, *settings.comparisons):
-        chosen = votes if comparison == ALL else votes_on_factor(votes, settings.factors, comparison)
+        chosen = votes if comparison == ALL else votes_on_factor(with_levels, settings.factors, comparison)
         for dataset in dataset_names(votes, settings):
             part = of_dataset(chosen, dataset)
             if len(part):

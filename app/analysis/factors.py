@@ -1,7 +1,8 @@
 """Test what makes an item good: each factor alone, all factors in an additive model, and their interaction.
 
 A factor alone is studied on the pairs that differ in nothing else, as in the paper. The additive model uses every pair
-and needs half to a third of the votes for the same precision; the interaction test tells whether it holds.
+and needs half to a third of the votes for the same precision; the interaction test tells whether it holds. Items
+without a level of every factor, such as the models of another program, take no part in either.
 """
 
 from __future__ import annotations
@@ -15,26 +16,34 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import Fit, fit_scores
-from app.analysis.votes_table import VotesError, VotesTable
+from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 Factors = Mapping[str, Mapping[str, str]]  # factor -> item -> level
 
 
-def check_factors(votes: VotesTable, factors: Factors) -> None:
-    """Raise if an item of the votes has no level of a factor.
+def votes_with_levels(votes: VotesTable, factors: Factors) -> VotesTable:
+    """Return the votes on pairs of items that have a level of every factor, with those items alone.
 
-    Raises
-    ------
-    VotesError
-        Naming the item and the factor.
+    Parameters
+    ----------
+    votes : VotesTable of the items
+    factors : factor -> item -> level, all factors of the items
     """
-    for factor, levels in factors.items():
-        missing = [item for item in votes.items if item not in levels]
-        if missing:
-            raise VotesError(
-                f"the item {missing[0]!r} has no level of the factor {factor!r}; name it in the items file"
-            )
+    without = items_without_levels(votes.items, factors)
+    if not without:
+        return votes
+    items = tuple(item for item in votes.items if item not in without)
+    places = {item: place for place, item in enumerate(items)}
+    codes = np.array([places.get(item, -1) for item in votes.items], np.int32)
+    kept = votes.where((codes[votes.item_a] >= 0) & (codes[votes.item_b] >= 0))
+    return replace(kept, items=items, item_a=codes[kept.item_a], item_b=codes[kept.item_b])
+
+
+def items_without_levels(items: tuple[str, ...], factors: Factors) -> dict[str, list[str]]:
+    """Return, for each item that lacks levels, the factors that it has no level of."""
+    lacking = {item: [factor for factor, levels in factors.items() if item not in levels] for item in items}
+    return {item: names for item, names in lacking.items() if names}
 
 
 def level_names(factors: Factors, factor: str, items: tuple[str, ...]) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from recon.cli.options import (
     MethodsOption,
     WorkersOption,
     parse_frames,
+    parse_loops,
     parse_names,
     parse_path,
     parse_place,
@@ -210,9 +211,14 @@ def models(
 
 @app.command()
 def render(
-    runs: Annotated[
+    folders: Annotated[
         list[Path],
-        typer.Argument(parser=parse_place, metavar="RUN", help=f"Runs, one per scene, each a folder {OR_URL}."),
+        typer.Argument(
+            parser=parse_place,
+            metavar="RUN|MODELS",
+            help=f"Runs, each a folder {OR_URL}, and folders of models by other programs, each with a scene.json. All "
+            "of one scene are filmed alike.",
+        ),
     ],
     out: Annotated[
         Path,
@@ -231,36 +237,49 @@ def render(
         ),
     ] = "auto",
     loop: Annotated[
-        str, typer.Option(help="How a short recording fills the video: repeat, bounce (back and forth) or static.")
-    ] = "bounce",
+        list[str],
+        typer.Option(
+            metavar="[APPROACH=]repeat|bounce|static",
+            help="How a short recording fills the video: again from the start, back and forth, or by its first model "
+            "alone; for one approach by its name, again and again.",
+        ),
+    ] = ["bounce"],  # noqa: B006  # typer copies it
+    static: Annotated[
+        str, typer.Option(metavar="APPROACH,APPROACH,...", help="Approaches that show their first model alone.")
+    ] = "",
     renderer: Annotated[str, typer.Option(help="Renderer: auto or a name.")] = "auto",
     master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Render fly-through videos of every approach of every run, as a stimulus set."""
+    """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
-    from recon.pipeline.reconstruct import render as render_runs
+    from recon.pipeline.reconstruct import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.storage.files import read_json
 
+    every, loops = parse_loops(loop, static)
     options = RenderOptions(
         size=parse_size(size),
         fps=fps,
         seconds=seconds,
         background=background,
         path=parse_path(path, PATHS),
-        loop=loop,
+        loop=every,
+        loops=loops,
         renderer=renderer,
         master=master,
         workers=workers,
         cluster=cluster,
     )
     progress = ProgressLine()
-    manifest = render_runs(runs, out, options, progress)
+    manifest = render_folders(folders, out, options, progress)
     progress.close()
-    stimuli = read_json(manifest)["stimuli"]
+    content = read_json(manifest)
+    stimuli = content["stimuli"]
+    for warning in content["provenance"]["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
     below = [f"below the bar for encoding: {fault}" for fault in faults]
     sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]

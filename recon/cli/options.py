@@ -74,6 +74,26 @@ def parse_path(text: str, kinds: Collection[str]) -> str | Path:
     return file
 
 
+def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
+    """Read loops such as "bounce" and "pm_fb=repeat"; returns the one of all approaches, and those of single ones.
+
+    Parameters
+    ----------
+    texts : as given
+    static : approaches that do not move, separated by commas
+    """
+    every, loops = "bounce", {name.strip(): "static" for name in static.split(",") if name.strip()}
+    for text in texts:
+        name, mark, loop = text.rpartition("=")
+        if mark and loops.get(name.strip(), loop) != loop:
+            raise typer.BadParameter(f"{name.strip()} is static and has the loop {loop!r}; leave one of them out")
+        if mark:
+            loops[name.strip()] = loop
+        else:
+            every = loop
+    return every, loops
+
+
 def parse_position(text: str) -> tuple[float, float, float]:
     """Read the numbers of "x,y,z"."""
     try:

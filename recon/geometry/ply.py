@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement
+from plyfile import PlyData, PlyElement, PlyParseError
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
@@ -127,7 +127,13 @@ def _parsed(path: Path) -> PlyData:
             return _parsed_as_ascii(file.read())
         if re.search(rb"[\r\n]\s*format\s+ascii", header):
             return PlyData.read(path)
-        ply = PlyData.read(file, known_list_len=TRIANGLES)
+        try:
+            ply = PlyData.read(file, known_list_len=TRIANGLES)
+        except PlyParseError as error:
+            if "unexpected list length" not in str(error):
+                raise
+            file.seek(0)
+            ply = PlyData.read(file)  # row by row, as there are other polygons
         if file.read(1):
             raise ValueError("it goes on after its last element")
         return ply

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import lru_cache, partial
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
-from recon.geometry.mesh import Mesh, read_mesh
 from recon.pipeline.manifest import Stimulus
-from recon.pipeline.run import Run, mesh_name
+from recon.pipeline.sources import ModelSequence, Setting
 from recon.pipeline.stages import camera_key
-from recon.render.camera_path import camera_path
 from recon.render.checked import holds_checked_frames, write_checked_video
 from recon.render.frames import describe_renderer, render_frames
-from recon.render.path_file import read_path, write_path
+from recon.render.path_file import write_path
 from recon.render.quality import VideoCheck
 from recon.render.scene import scene_around
 from recon.render.video import VideoError, join_videos, probe_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
-from recon.storage.remote import address_of
 
 PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"
@@ -46,7 +43,8 @@ class RenderOptions:
     background : the name of an artificial background
     path : a kind of `camera_path`, or the file of one (see `recon.render.path_file`)
     loop : "repeat" starts a recording again where it ends, "bounce" plays it back and forth, "static" shows its
-        first frame
+        first model
+    loops : the same for single approaches, by name
     renderer : "auto" or the name of a renderer
     master : whether to keep a near-lossless master beside each video
     workers : local processes, each on one thread; 1 works in this process with all threads
@@ -59,14 +57,16 @@ class RenderOptions:
     background: str = "studio"
     path: str | Path = "auto"
     loop: str = "bounce"
+    loops: Mapping[str, str] = field(default_factory=dict)
     renderer: str = "auto"
     master: bool = True
     workers: int = 1
     cluster: str | None = None
 
     def __post_init__(self) -> None:
-        if self.loop not in LOOPS:
-            raise ValueError(f"loop is {self.loop!r}, expected one of {', '.join(LOOPS)}")
+        for loop in (self.loop, *self.loops.values()):
+            if loop not in LOOPS:
+                raise ValueError(f"loop is {loop!r}, expected one of {', '.join(LOOPS)}")
         if self.n_frames < 1:
             raise ValueError(f"{self.seconds:g} s at {self.fps:g} frames/s is no video; ask for one frame at least")
 
@@ -74,6 +74,12 @@ class RenderOptions:
     def n_frames(self) -> int:
         """The number of frames of a video."""
         return round(self.seconds * self.fps)
+
+    def loop_of(self, sequence: ModelSequence) -> str:
+        """Choose how a sequence fills a video."""
+        if len(sequence.files) == 1:
+            return "static"
+        return self.loops.get(sequence.approach, "static" if sequence.is_still else self.loop)
 
 
 def shown_frames(n_recorded: int, n_shown: int, step: float, loop: str) -> list[int]:
@@ -104,25 +110,30 @@ class Film:
     and a start that is stopped loses one part at most.
     """
 
-    run: Run
-    approach: str
+    sequence: ModelSequence
+    setting: Setting
     options: RenderOptions
 
     @property
-    def meshes(self) -> list[str]:
-        """The names in the run of the models that it shows, in the order of the recording."""
-        return [mesh_name(self.approach, frame) for frame in self.run.frames]
+    def dataset(self) -> str:
+        """The scene's name."""
+        return self.sequence.dataset
 
     @property
     def loop(self) -> str:
         """How the models fill the video."""
-        return self.options.loop if len(self.run.frames) > 1 else "static"
+        return self.options.loop_of(self.sequence)
 
     @property
     def shown(self) -> list[int]:
         """The number of the model that each frame shows."""
-        step = self.run.capture.fps / self.options.fps
-        return shown_frames(len(self.run.frames), self.options.n_frames, step, self.loop)
+        step = self.sequence.fps / self.options.fps
+        return shown_frames(len(self.sequence.files), self.options.n_frames, step, self.loop)
+
+    @property
+    def n_models(self) -> int:
+        """The number of models that the loop goes through."""
+        return 1 if self.loop == "static" else len(self.sequence.files)
 
     @property
     def parts(self) -> list[range]:
@@ -130,60 +141,55 @@ class Film:
         n_frames = self.options.n_frames
         return [range(first, min(first + PART_FRAMES, n_frames)) for first in range(0, n_frames, PART_FRAMES)]
 
-    def cameras(self) -> tuple[Camera, ...]:
-        """Place a camera for each frame, the same for every approach of the run."""
-        capture, options = self.run.capture, self.options
-        if isinstance(options.path, Path):
-            return read_path(options.path, options.n_frames, options.size)
-        return camera_path(capture.rig, capture.bounds, options.n_frames, options.size, kind=options.path)
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """The bounds of the scene, float64 (2, 3), mm."""
+        assert self.setting.bounds is not None, "they are known once the models were read"
+        return self.setting.bounds
 
-    def camera_keys(self) -> list[Any]:
-        """Describe the cameras for a key."""
-        return [camera_key(camera) for camera in self.cameras()]
+    def cameras(self) -> tuple[Camera, ...]:
+        """Place a camera for each frame, the same for every approach of the scene."""
+        return self.setting.cameras(self.options.path, self.options.n_frames, self.options.size)
 
     def names(self, part: range | None = None) -> list[str]:
         """Name video, quality and master in the stimulus set, or those of a part that is not yet joined."""
-        stem = f"{self.run.dataset}/{self.approach}"
+        stem = f"{self.dataset}/{self.sequence.approach}"
         if part is not None:
             stem = f"{PARTS}/{stem}/{part.start:04d}"
         return [f"{stem}.mp4", f"{stem}.quality.json", *([f"{stem}.master.mp4"] if self.options.master else [])]
 
     def key(self) -> dict[str, Any]:
         """Describe what the video is made from."""
+        sequence, left_out = self.sequence, (*WHERE, "path", "loop", "loops")
         return {
-            "meshes": self.run.artefacts.digests(self.meshes),
-            "rig": self.camera_keys(),
-            "options": {name: value for name, value in asdict(self.options).items() if name not in (*WHERE, "path")},
-            "code": code_version("render", "pipeline/film.py"),
+            "models": sequence.digests[: self.n_models],
+            "placement": None if sequence.placement is None else asdict(sequence.placement),
+            "shown": self.shown,
+            "bounds": self.bounds.tolist(),
+            "rig": [camera_key(camera) for camera in self.cameras()],
+            "options": {name: value for name, value in asdict(self.options).items() if name not in left_out},
+            "code": code_version("render", "models", "geometry", "pipeline/film.py", "pipeline/sources.py"),
         }
 
 
-def make_path(films: Sequence[Film], out: Path) -> dict[str, str]:
-    """Write the cameras of a dataset's films for other programs, unless the file is finished; returns name and digest.
+def path_name(dataset: str) -> str:
+    """Name the file of a scene's cameras in the stimulus set."""
+    return f"paths/{dataset}.json"
+
+
+def make_path(film: Film, out: Path) -> dict[str, str]:
+    """Write the cameras of a scene's films for other programs, unless the file is finished; returns name and digest.
 
     Parameters
     ----------
-    films : of the dataset, one for each of its runs
+    film : any of the scene's
     out : folder of the stimulus set
-
-    Raises
-    ------
-    ValueError
-        If the runs would have different cameras, or the cameras are read from the file that is written here.
     """
-    dataset, options = films[0].run.dataset, films[0].options
-    name = f"paths/{dataset}.json"
-    if options.path == out / name:
-        raise ValueError(f"{address_of(out / name)}: is written by this command; copy it and give --path the copy")
-    rigs = [film.camera_keys() for film in films]
-    if any(rig != rigs[0] for rig in rigs):
-        raise ValueError(
-            f"{dataset}: its runs differ in sensors or bounds, so their films would take different paths; "
-            "render runs of one recording, or choose one path with --path FILE"
-        )
-    key = {"rig": rigs[0], "fps": options.fps, "code": code_version("render/path_file.py")}
+    name, fps, cameras = path_name(film.dataset), film.options.fps, film.cameras()
+    rig = [camera_key(camera) for camera in cameras]
     artefacts = Artefacts(out)
-    artefacts.make(name, key, partial(write_path, cameras=films[0].cameras(), fps=options.fps))
+    key = {"rig": rig, "fps": fps, "code": code_version("render/path_file.py")}
+    artefacts.make(name, key, partial(write_path, cameras=cameras, fps=fps))
     return {"file": name, "sha256": artefacts.digest(name)}
 
 
@@ -205,8 +211,9 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
 
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
-        scene = scene_around(film.run.capture.bounds, cameras, film.options.background)
-        models = (_mesh_once(film.run.artefacts.path(film.meshes[film.shown[frame]])) for frame in part)
+        scene = scene_around(film.bounds, cameras, film.options.background)
+        shown = film.shown
+        models = (film.sequence.read(shown[frame]) for frame in part)
         frames = render_frames(
             models, cameras[part.start : part.stop], scene, renderer=film.options.renderer, threads=threads
         )
@@ -226,9 +233,9 @@ def make_film(film: Film, out: Path) -> Stimulus:
     video, quality, *master = film.names()
     facts = probe_video(artefacts.path(video))
     return Stimulus(
-        dataset=film.run.dataset,
-        approach=film.approach,
-        levels=parse_approach(film.approach).levels,
+        dataset=film.dataset,
+        approach=film.sequence.approach,
+        levels=dict(film.sequence.levels),
         video=video,
         master=master[0] if master else None,
         width=facts.width,
@@ -237,7 +244,7 @@ def make_film(film: Film, out: Path) -> Stimulus:
         n_frames=facts.n_frames,
         codec=facts.codec,
         renderer=describe_renderer(film.options.renderer),
-        model_frames=len(film.meshes),
+        model_frames=film.n_models,
         loop=film.loop,
         quality=read_json(artefacts.path(quality)),
     )
@@ -265,9 +272,3 @@ def _quality(check: VideoCheck) -> dict[str, Any]:
         "ssim_y_mean": round(fmean(check.ssim), 5),
         "faults": list(check.faults),
     }
-
-
-@lru_cache(maxsize=1)
-def _mesh_once(path: Path) -> Mesh:
-    """Read a mesh once for all frames in a row that show it, so that the renderer gets the same object."""
-    return read_mesh(path)

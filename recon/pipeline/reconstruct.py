@@ -1,4 +1,4 @@
-"""The whole way from a capture to a stimulus set: `reconstruct` makes a run of a capture, `render` films of runs.
+"""The whole way from a capture to a stimulus set: `reconstruct` makes a run, `render` films runs and models folders.
 
 Both go on where an earlier start was stopped; `recon.pipeline.run` says how they know.
 """
@@ -23,6 +23,7 @@ from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
 from recon.depth.program import DepthProgram
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
+from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.methods import Methods, describe_depth, match, surface_parameters
 from recon.pipeline.preview import make_preview
@@ -32,11 +33,11 @@ from recon.pipeline.run import (
     fetch_log,
     log,
     mesh_name,
-    read_run,
     store_log,
     versions,
     write_run,
 )
+from recon.pipeline.sources import Source, read_sources
 from recon.pipeline.stages import (
     Job,
     ReconstructOptions,
@@ -162,34 +163,33 @@ def reconstruct(
     return content
 
 
-def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = no_progress) -> Path:
-    """Make a video of every approach of every run, and the manifest; returns the manifest's path.
+def render(folders: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = no_progress) -> Path:
+    """Make a video of every approach of every run and models folder, and the manifest; returns the manifest's path.
 
     Path, light, background, renderer and encoder settings are the same for all approaches of a scene. The path is
     written beside the videos, as ``paths/DATASET.json``.
 
     Parameters
     ----------
-    runs, out : folders of the runs and of the stimulus set
+    folders, out : runs and models folders, and the folder of the stimulus set
     options : how to show the models
-    progress : told after each part of a video, in frames
+    progress : told after each model that is checked, and after each part of a video, in frames
 
     Raises
     ------
     ValueError
-        If a folder is not a run, two runs have a film in common or would take different paths around one scene, or a
-        file of cameras does not fit.
+        If a folder is neither a run nor a models folder, a model cannot be filmed, two folders have a film in common or
+        would take different paths around one scene, or a file of cameras does not fit. Nothing is written then.
     """
     out = out.resolve()
     options = replace(options, renderer=choose_renderer(options.renderer))
-    read = [read_run(run.resolve()) for run in runs]
-    films = [Film(run, approach, options) for run in read for approach in run.approaches]
-    paths = {
-        dataset: make_path([Film(run, run.approaches[0], options) for run in read if run.dataset == dataset], out)
-        for dataset in sorted({run.dataset for run in read})
-    }
+    sources = read_sources([folder.resolve() for folder in folders])
+    check_loops(sources, options)
+    check_path_is_read_only(sources, options, out)
     with open_pool(options.workers, options.cluster) as pool:
+        films, warnings = planned_films(sources, options, pool, progress)
         remove_leftovers(out)
+        paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
         parts = [
             partial(make_part, film, out, part, threads=pool.threads)
             for film in films
@@ -202,13 +202,27 @@ def render(runs: Sequence[Path], out: Path, options: RenderOptions, progress: Pr
     remove(out / PARTS)
     path = options.path.name if isinstance(options.path, Path) else options.path
     provenance = {
-        "runs": [{"dataset": run.dataset, "versions": run.versions} for run in read],
+        "runs": [source.provenance for source in sources if source.is_run],
+        "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
         "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
         "paths": paths,
+        "warnings": warnings,
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
     return write_manifest(out, out.name, stimuli, provenance)
+
+
+def _digests(source: Source, films: Sequence[Film]) -> dict[str, Any]:
+    """Return the digests of a models folder's models by approach and file, for the manifest."""
+    names = {item.approach for item in source.sequences}
+    shown = [film.sequence for film in films if film.dataset == source.dataset and film.sequence.approach in names]
+    return {
+        "sha256": {
+            item.approach: {file.name: digest for file, digest in zip(item.files, item.digests, strict=True)}
+            for item in shown
+        }
+    }
 
 
 def _described(options: ReconstructOptions) -> dict[str, Any]:

@@ -127,12 +127,11 @@ def load_analysis() -> None:
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
-    """Levels by item for each factor that every item has a level of."""
+    """Levels by item for each factor; an item that has no level of one is not named there."""
     factors = dict.fromkeys(factor for item_levels in levels.values() for factor in item_levels)
     return {
-        factor: {item: item_levels[factor] for item, item_levels in levels.items()}
+        factor: {item: item_levels[factor] for item, item_levels in levels.items() if factor in item_levels}
         for factor in factors
-        if all(factor in item_levels for item_levels in levels.values())
     }
 
 

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
 from app.analysis.ties import TIE_MODELS
 from app.analysis.votes_table import VotesTable, votes_from_indices
@@ -204,10 +205,25 @@ def test_nothing_left_after_practice_is_said() -> None:
     assert "nothing to analyse" in analysis["warnings"][0]
 
 
-def test_an_item_without_a_level_is_named() -> None:
-    levels = {"depth": {"id_fa": "id"}}
-    with pytest.raises(VotesError, match="has no level of the factor 'depth'"):
-        analyse(study(), AnalysisSettings(factors=levels))
+def test_an_item_without_a_level_is_left_out_by_factor_and_named() -> None:
+    votes = study()
+    known = [item for item in votes.items if item != "pm_fb"]
+    partial = {factor: {item: levels[item] for item in known} for factor, levels in FACTORS.items()}
+    analysis = analyse(votes, AnalysisSettings(factors=partial))
+    among_known = analyse(votes_with_levels(votes, partial), AnalysisSettings(factors=partial))
+    assert "pm_fb has no level of depth, fusion: the analysis by factor leaves it out" in analysis["warnings"]
+    by_factor = [row for row in analysis["scores"] if row["comparison"] != "all"]
+    assert by_factor
+    assert by_factor == [row for row in among_known["scores"] if row["comparison"] != "all"]
+    assert analysis["effects"] == among_known["effects"] != []
+    assert "pm_fb" in {row["item"] for row in analysis["scores"] if row["comparison"] == "all"}
+
+
+def test_items_without_any_levels_are_scored_and_nothing_is_said_by_factor() -> None:
+    analysis = analyse(study(), AnalysisSettings(factors={"depth": {}}))
+    assert {row["comparison"] for row in analysis["scores"]} == {"all"}
+    assert analysis["effects"] == []
+    assert len([warning for warning in analysis["warnings"] if "leaves it out" in warning]) == len(study().items)
 
 
 def test_wrong_settings_are_refused() -> None:

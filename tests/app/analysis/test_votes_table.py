@@ -150,7 +150,12 @@ def test_items_and_their_factors_are_read(tmp_path: Path) -> None:
     assert read_items(path) == {"depth": {"x": "id", "y": "pm"}, "fusion": {"x": "fa", "y": "fa"}}
 
 
-@pytest.mark.parametrize("text", ["item\nx\n", "depth\nid\n", "item,depth\nx,id\nx,pm\n", "item,depth\nx,\n"])
+def test_an_empty_cell_of_an_items_file_is_no_level(tmp_path: Path) -> None:
+    path = write(tmp_path, "item,depth,fusion\nx,id,fa\nneus,,\n")
+    assert read_items(path) == {"depth": {"x": "id"}, "fusion": {"x": "fa"}}
+
+
+@pytest.mark.parametrize("text", ["item\nx\n", "depth\nid\n", "item,depth\nx,id\nx,pm\n", "item,depth\n,id\n"])
 def test_an_items_file_that_says_too_little_or_twice_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(VotesError):
         read_items(write(tmp_path, text))

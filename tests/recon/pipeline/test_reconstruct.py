@@ -20,8 +20,10 @@ from recon.capture.images import read_image
 from recon.export_models import write_models
 from recon.geometry.mesh import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
+from recon.pipeline.film_plan import planned_films
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import read_run, recorded_in
+from recon.pipeline.sources import run_source
 from recon.pipeline.stages import ReconstructOptions
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
@@ -32,6 +34,7 @@ from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
 from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.workers import ThisProcess
 from tests.command_line import Command, command_line
 
 WHOLE_WAY = """
@@ -72,6 +75,11 @@ def run(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
     reconstruct(capture.folder, folder, ReconstructOptions(depths=("id",)))
     return folder
+
+
+def films_of(run: Path, options: RenderOptions) -> list[Film]:
+    source = run_source(read_run(run))
+    return [Film(sequence, source.setting, options) for sequence in source.sequences]
 
 
 @pytest.fixture
@@ -209,32 +217,35 @@ def test_a_path_that_is_read_back_makes_the_same_videos_for_every_approach(run: 
 def test_another_path_makes_other_videos_and_the_same_path_none(run: Path, tmp_path: Path) -> None:
     made: list[dict[str, str]] = []
     for path in ("auto", "sensors", "swing"):
-        seen: list[int] = []
-        render([run], tmp_path, replace(SMALL, path=path), lambda _what, _done, total, seen=seen: seen.append(total))
-        assert seen[0] == (0 if path == "sensors" else 20), "of two sensors, auto goes along the sensors"
+        seen: dict[str, int] = {}
+        render(
+            [run], tmp_path, replace(SMALL, path=path), lambda what, _done, total, seen=seen: seen.update({what: total})
+        )
+        n_frames = 0 if path == "sensors" else 20
+        assert seen == {"models checked": 4, "video frames": n_frames}, "of two sensors, auto goes along the sensors"
         made.append(digests(tmp_path, "*.mp4") | digests(tmp_path / "paths", "*.json"))
     assert made[0] == made[1]
     assert not made[1].items() & made[2].items()
 
 
 def test_all_approaches_of_a_run_have_the_cameras_that_are_written(run: Path, tmp_path: Path) -> None:
-    films = [Film(read_run(run), approach, SMALL) for approach in ("id_fa", "id_fb")]
+    films = films_of(run, SMALL)
     texts = []
     for film in films:
-        make_path([film], tmp_path / film.approach)
-        texts.append((tmp_path / film.approach / "paths/ball.json").read_bytes())
+        make_path(film, tmp_path / film.sequence.approach)
+        texts.append((tmp_path / film.sequence.approach / "paths/ball.json").read_bytes())
     assert texts[0] == texts[1]
     read = read_path(tmp_path / "id_fa/paths/ball.json", SMALL.n_frames, SMALL.size)
     for camera, expected in zip(read, films[0].cameras(), strict=True):
         assert np.allclose(camera.cam_from_world, expected.cam_from_world, rtol=0, atol=1e-9)
 
 
-def test_runs_of_one_dataset_with_other_bounds_would_take_other_paths(run: Path, tmp_path: Path) -> None:
-    film = Film(read_run(run), "id_fa", SMALL)
-    wider = replace(film.run, capture=replace(film.run.capture, bounds=film.run.capture.bounds * 1.1))
-    with pytest.raises(ValueError, match="ball: its runs differ in sensors or bounds"):
-        make_path([film, replace(film, run=wider)], tmp_path)
-    assert not list(tmp_path.iterdir())
+def test_runs_of_one_dataset_with_other_bounds_would_take_other_paths(run: Path) -> None:
+    described = read_run(run)
+    source = run_source(described)
+    wider = replace(described, capture=replace(described.capture, bounds=described.capture.bounds * 1.1))
+    with pytest.raises(ValueError, match=r"ball: .* would be filmed along different paths"):
+        planned_films([source, run_source(wider)], SMALL, ThisProcess(), lambda *_: None)
 
 
 def test_a_set_is_not_rendered_by_the_path_that_it_would_replace(run: Path, tmp_path: Path) -> None:
@@ -262,7 +273,7 @@ def test_the_command_refuses_a_path_that_is_neither_kind_nor_fitting_file(
     told = command("render", run, "-o", tmp_path / "set", "--path", "spiral")
     assert told.code == 2
     assert "'spiral' is no file of cameras, and none of auto, sensors, orbit, swing" in told.err
-    make_path([Film(read_run(run), "id_fa", SMALL)], tmp_path)
+    make_path(films_of(run, SMALL)[0], tmp_path)
     told = command("render", run, "-o", tmp_path / "set", "--size", "96x64", "--path", tmp_path / "paths/ball.json")
     assert told.code == 1
     assert "paths/ball.json: found 10 cameras, the film has 375 frames" in told.err
@@ -275,31 +286,31 @@ def test_worker_processes_share_a_video_and_make_the_same_bytes(run: Path, tmp_p
     seen: list[tuple[str, int, int]] = []
     render([run], tmp_path / "two", replace(LONG, workers=2), lambda *event: seen.append(event))
     assert digests(tmp_path / "one", "*.mp4") == digests(tmp_path / "two", "*.mp4")
-    assert seen[0] == ("video frames", 0, 120)
+    assert ("video frames", 0, 120) in seen
     assert seen[-1] == ("video frames", 120, 120)
     assert not (tmp_path / "two/.parts").exists()
 
 
 @pytest.mark.slow
 def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: Path) -> None:
-    films = [Film(read_run(run), approach, LONG) for approach in ("id_fa", "id_fb")]
+    films = films_of(run, LONG)
     make_part(films[0], tmp_path / "set", films[0].parts[1], threads=1)
     part = tmp_path / "set" / films[0].names(films[0].parts[1])[0]
     written = part.stat().st_mtime_ns
 
-    def stop(_what: str, done: int, _total: int) -> None:
-        if done == 60:
+    def stop(what: str, done: int, _total: int) -> None:
+        if what == "video frames" and done == 60:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         render([run], tmp_path / "set", LONG, stop)
     assert part.stat().st_mtime_ns == written
-    seen: list[int] = []
-    manifest = read_json(render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done)))
+    seen: list[tuple[str, int]] = []
+    manifest = read_json(render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done))))
     assert [entry["n_frames"] for entry in manifest["stimuli"]] == [60, 60]
     seen.clear()
-    render([run], tmp_path / "set", LONG, lambda _what, done, _total: seen.append(done))
-    assert seen == [0], "nothing is rendered again"
+    render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done)))
+    assert [event for event in seen if event[0] == "video frames"] == [("video frames", 0)], "nothing is rendered again"
 
 
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,97 @@
+"""Which files of a models folder are whose: `APPROACH/FRAME.ply`, or `APPROACH.ply` of a model that does not move."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from recon.models.read import READERS
+
+NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
+BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
+LONGEST_NAME = 100
+FORMATS = ", ".join(READERS)
+RESERVED = (".master", ".quality")  # endings of files that stand beside a video
+
+
+def check_safe_name(name: str) -> str:
+    """Return a name of a scene, an approach or a level, or raise a ValueError if files cannot be called so."""
+    is_odd = name != name.strip() or not name.isprintable() or any(letter in name for letter in '/\\:*?"<>|')
+    if not name or len(name) > LONGEST_NAME or is_odd or name.startswith(".") or name.endswith(RESERVED):
+        raise ValueError(
+            f'{name!r} is no name for files; expected up to {LONGEST_NAME} letters without / \\ : * ? " < > |, without '
+            f"a dot in front, spaces at the ends, or the ending {' or '.join(RESERVED)}"
+        )
+    if name == "all":
+        raise ValueError("'all' is what results call everything together; choose another name")
+    return name
+
+
+SafeName = Annotated[str, AfterValidator(check_safe_name)]
+
+
+def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
+    """Find the models of every approach in the order of their numbers; returns them, and a sentence for each fault."""
+    models: dict[str, tuple[Path, ...]] = {}
+    problems: list[str] = []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if path.is_dir():
+            name, files = path.name, _frames(path, problems)
+        elif path.suffix.lower() in READERS:
+            name, files = path.stem, (path,)
+        else:
+            if path.suffix.lower() not in BESIDE:
+                problems.append(f"{path}: is no model that can be read; expected {FORMATS}")
+            continue
+        if not files:
+            continue
+        try:
+            check_safe_name(name)
+        except ValueError as error:
+            problems.append(f"{path}: {error}")
+        if name in models:
+            problems.append(f"{path}: {models[name][0]} is a model of {name}, too; keep one of them")
+        models[name] = files
+    if not models and not problems:
+        problems.append(f"{folder}: holds no model; expected APPROACH/FRAME or APPROACH with an ending of {FORMATS}")
+    return models, problems
+
+
+def _frames(folder: Path, problems: list[str]) -> tuple[Path, ...]:
+    """Return the models of an approach in order, and add to `problems` what is wrong with their names."""
+    files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
+    frames = [path for path in files if path.suffix.lower() in READERS]
+    if not frames:
+        if not files or any(path.suffix.lower() not in BESIDE for path in files):
+            problems.append(f"{folder}: holds no model that can be read; expected numbered files with {FORMATS}")
+        return ()
+    by_number: dict[int, Path] = {}
+    letters: dict[str, Path] = {}
+    for path in frames:
+        match = NUMBERED.fullmatch(path.stem)
+        if match is None:
+            problems.append(f"{path}: its name does not end in the number of a frame, such as 0000{path.suffix}")
+            continue
+        letters.setdefault(match[1], path)
+        number = int(match[2])
+        if number in by_number:
+            problems.append(f"{path}: is frame {number}, as {by_number[number].name} is; keep one of them")
+        by_number[number] = path
+    if len(letters) > 1:
+        first, second, *_ = letters.values()
+        problems.append(f"{folder}: holds two sequences, {first.name} and {second.name}; give each a folder of its own")
+    elif by_number:
+        numbers = range(min(by_number), max(by_number) + 1)
+        if missing := [number for number in numbers if number not in by_number]:
+            example = by_number[min(by_number)].name
+            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+            problems.append(
+                f"{folder}: frame {', '.join(map(str, missing[:5]))}{more} is missing between {example} and "
+                f"{by_number[max(by_number)].name}"
+            )
+    return tuple(by_number[number] for number in sorted(by_number))

@@ -1,0 +1,282 @@
+"""Models as glTF 2.0, in one file (GLB) or several: every mesh of the scene at its place, in its rest pose.
+
+trimesh's reader is not used, because it takes glTF's linear vertex colours for sRGB, rounds them to bytes, and goes on
+in silence where a picture is missing.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
+from recon.models.part import Contents, Part, check_finite, decode_picture
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
+READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
+BROKEN = (  # what reading raises where the document says something else than the standard
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+    UnicodeDecodeError,
+    json.JSONDecodeError,
+)
+WHITE = 0.998  # vertex colours above that leave a texture as it is
+
+
+def read_gltf_model(path: Path) -> Contents:
+    """Read the model of a .glb or .gltf file.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or damaged, a buffer or picture is missing, or it needs an extension that is not read.
+    """
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    content = path.read_bytes()
+    is_binary = path.suffix.lower() == ".glb"
+    text, binary = _chunks(content) if is_binary else (content, None)
+    contents = Contents([path])
+    try:
+        reader = _Reader(json.loads(text), binary, contents)
+        reader.check()
+        for mesh, world in reader.placed():
+            for primitive in mesh["primitives"]:
+                part = reader.part(primitive, world)
+                if part is not None:
+                    contents.parts.append(part)
+    except BROKEN as error:
+        raise ValueError(f"is not whole glTF: {type(error).__name__} {error}") from error
+    return contents
+
+
+def srgb_bytes(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Encode linear light (..., 3), from 0 to 1, as sRGB bytes, uint8 (..., 3); IEC 61966-2-1."""
+    light = np.clip(linear, 0, 1)
+    encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(encoded * 255), dtype=np.uint8)
+
+
+def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
+    """Return the JSON and the binary part of a GLB."""
+    if len(content) < 20:
+        raise ValueError(f"is cut off after {len(content)} bytes")
+    magic, version, length = struct.unpack("<III", content[:12])
+    if magic != GLB_MAGIC or version != 2:
+        raise ValueError("is not a GLB file of version 2")
+    if length > len(content):
+        raise ValueError(f"is cut off: it has {len(content)} bytes, its header says {length}")
+    chunks: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack("<II", content[at : at + 8])
+        chunks.setdefault(kind, content[at + 8 : at + 8 + size])
+        at += 8 + size
+    if GLB_JSON not in chunks:
+        raise ValueError("is not whole glTF: it has no JSON part")
+    return chunks[GLB_JSON], chunks.get(GLB_BINARY)
+
+
+class _Reader:
+    """Reads the parts of a glTF document, each buffer and picture once."""
+
+    def __init__(self, document: Mapping[str, Any], binary: bytes | None, contents: Contents) -> None:
+        self._document = document
+        self._binary = binary
+        self._contents = contents
+        self._buffers: dict[int, bytes] = {}
+        self._pictures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
+
+    def check(self) -> None:
+        """Raise a ValueError if the document cannot be shown as it is, and warn of what is left out."""
+        if not str(self._document.get("asset", {}).get("version", "")).startswith("2"):
+            raise ValueError("is not glTF of version 2")
+        unknown = set(self._document.get("extensionsRequired", ())) - READ_EXTENSIONS
+        if unknown:
+            raise ValueError(f"it needs {', '.join(sorted(unknown))}, which is not read; export it without compression")
+        if self._document.get("animations"):
+            self._contents.warn("is animated; only its rest pose is shown")
+
+    def placed(self) -> list[tuple[Mapping[str, Any], NDArray[np.float64]]]:
+        """Return the meshes of the scene, each with its transform (4, 4) into the scene."""
+        nodes: Sequence[Mapping[str, Any]] = self._document.get("nodes", [])
+        scenes = self._document.get("scenes", [])
+        if scenes:
+            roots = scenes[self._document.get("scene", 0)].get("nodes", [])
+        else:
+            children = {child for node in nodes for child in node.get("children", ())}
+            roots = [index for index in range(len(nodes)) if index not in children]
+        placed, waiting = [], [(index, np.eye(4)) for index in roots]
+        while waiting:
+            index, parent = waiting.pop(0)
+            node = nodes[index]
+            with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
+                world = parent @ _transform(node)
+            check_finite(world, "a row of a node's transform")
+            if "mesh" in node:
+                placed.append((self._document["meshes"][node["mesh"]], world))
+            waiting += [(child, world) for child in node.get("children", ())]
+            if len(placed) + len(waiting) > 1_000_000:
+                raise ValueError("its nodes go in a circle")
+        return placed
+
+    def part(self, primitive: Mapping[str, Any], world: NDArray[np.float64]) -> Part | None:
+        """Return a primitive in the scene's axes; None for lines, which are not shown.
+
+        Parameters
+        ----------
+        primitive : an entry of a mesh
+        world : float64 (4, 4), from the mesh to the scene
+        """
+        mode = primitive.get("mode", TRIANGLES)
+        if mode not in (POINTS, TRIANGLES, STRIP, FAN):
+            self._contents.warn("has lines, which are not shown")
+            return None
+        attributes = primitive["attributes"]
+        positions = self._accessor(attributes["POSITION"]).astype(np.float64)
+        faces = np.zeros((0, 3), np.int64)
+        if mode != POINTS:
+            n_vertices = len(positions)
+            indices = self._accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(n_vertices)
+            faces = _triangles(indices.astype(np.int64), mode)
+        if np.linalg.det(world[:3, :3]) < 0:
+            faces = faces[:, ::-1]
+        normals = None
+        if "NORMAL" in attributes:
+            normals = self._accessor(attributes["NORMAL"]) @ np.linalg.pinv(world[:3, :3])
+        colours, uv, picture = self._look(primitive, attributes, len(positions))
+        return Part(positions @ world[:3, :3].T + world[:3, 3], faces, normals, colours, uv, picture)
+
+    def _look(
+        self, primitive: Mapping[str, Any], attributes: Mapping[str, int], n_vertices: int
+    ) -> tuple[NDArray[np.uint8] | None, NDArray[np.floating] | None, NDArray[np.uint8] | None]:
+        """Return colours, texture coordinates and picture, each None where there is none."""
+        material = self._document["materials"][primitive["material"]] if "material" in primitive else {}
+        metallic = material.get("pbrMetallicRoughness", {})
+        if "KHR_materials_pbrSpecularGlossiness" in material.get("extensions", {}) and not metallic:
+            raise ValueError("its material is KHR_materials_pbrSpecularGlossiness, which is not read; export it anew")
+        if material.get("alphaMode", "OPAQUE") != "OPAQUE":
+            self._contents.warn("has transparent materials, which are shown opaque")
+        factor = np.array(metallic.get("baseColorFactor", [1.0] * 4), dtype=np.float64)[:3]
+        check_finite(factor[None], "base colour factor")
+        linear = self._accessor(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
+        if "baseColorTexture" not in metallic:
+            if linear is None:
+                has_colour = "baseColorFactor" in metallic
+                return (np.tile(srgb_bytes(factor), (n_vertices, 1)) if has_colour else None), None, None
+            check_finite(linear, "colour")
+            return srgb_bytes(linear * factor), None, None
+        if linear is not None and linear.size and linear.min() < WHITE:
+            raise ValueError("a material has a texture and vertex colours; bake both into the texture")
+        texture = metallic["baseColorTexture"]
+        moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        set_number = moved.get("texCoord", texture.get("texCoord", 0))
+        if f"TEXCOORD_{set_number}" not in attributes:
+            raise ValueError(f"a textured material has no texture coordinates (TEXCOORD_{set_number})")
+        uv = _moved(self._accessor(attributes[f"TEXCOORD_{set_number}"]).astype(np.float64), moved)
+        uv[:, 1] = 1 - uv[:, 1]  # glTF counts from the upper edge
+        return None, uv, self._picture(texture["index"], factor)
+
+    def _picture(self, index: int, factor: NDArray[np.float64]) -> NDArray[np.uint8]:
+        key = (index, *factor.tolist())
+        if key not in self._pictures:
+            texture = self._document["textures"][index]
+            webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
+            if "source" not in texture and "source" not in webp:
+                raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
+            image = self._document["images"][webp.get("source", texture.get("source"))]
+            if "bufferView" in image:
+                content, name = self._view(image["bufferView"]), image.get("name") or f"number {index}"
+            else:
+                content, name = self._resource(image["uri"], "texture"), image["uri"][:80]
+            pixels = decode_picture(content, name)
+            if not np.allclose(factor, 1):
+                light = np.arange(256) / 255
+                light = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
+                tables = [srgb_bytes(light * share) for share in factor]
+                pixels = np.stack([table[pixels[..., channel]] for channel, table in enumerate(tables)], axis=-1)
+            self._pictures[key] = pixels
+        return self._pictures[key]
+
+    def _resource(self, uri: str, what: str) -> bytes:
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.partition(",")[2])
+        return self._contents.beside(unquote(uri), what)
+
+    def _buffer(self, index: int) -> bytes:
+        if index not in self._buffers:
+            buffer = self._document["buffers"][index]
+            content = self._resource(buffer["uri"], "buffer") if "uri" in buffer else self._binary
+            if content is None or len(content) < buffer["byteLength"]:
+                n_bytes = 0 if content is None else len(content)
+                raise ValueError(f"its buffer {index} is cut off: {n_bytes} of {buffer['byteLength']} bytes are there")
+            self._buffers[index] = content
+        return self._buffers[index]
+
+    def _view(self, index: int) -> bytes:
+        view = self._document["bufferViews"][index]
+        start = view.get("byteOffset", 0)
+        return self._buffer(view["buffer"])[start : start + view["byteLength"]]
+
+    def _accessor(self, index: int) -> NDArray[Any]:
+        """Return an accessor's values (N, width); normalised integers as floats."""
+        accessor = self._document["accessors"][index]
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise ValueError("it has sparse accessors, which are not read; export it without")
+        kind = np.dtype(COMPONENTS[accessor["componentType"]])
+        count, width = accessor["count"], WIDTHS[accessor["type"]]
+        view = self._document["bufferViews"][accessor["bufferView"]]
+        content, start = self._view(accessor["bufferView"]), accessor.get("byteOffset", 0)
+        stride = view.get("byteStride") or kind.itemsize * width
+        if count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):
+            raise ValueError(f"its accessor {index} promises {count} values, more than its buffer holds")
+        values = np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))
+        if accessor.get("normalized"):
+            return np.maximum(values / np.float64(np.iinfo(kind).max), -1)
+        return values
+
+
+def _transform(node: Mapping[str, Any]) -> NDArray[np.float64]:
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T  # column by column
+    transform = np.eye(4)
+    rotation = Rotation.from_quat(node["rotation"]).as_matrix() if "rotation" in node else np.eye(3)
+    transform[:3, :3] = rotation * np.array(node.get("scale", [1.0] * 3), dtype=np.float64)
+    transform[:3, 3] = node.get("translation", [0.0] * 3)
+    return transform
+
+
+def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    if mode == TRIANGLES:
+        if len(indices) % 3:
+            raise ValueError(f"it has {len(indices)} corners of triangles, expected a multiple of 3")
+        return indices.reshape(-1, 3)
+    n_triangles = max(len(indices) - 2, 0)
+    number = np.arange(n_triangles)
+    if mode == FAN:
+        return np.stack([np.broadcast_to(indices[:1], n_triangles), indices[number + 1], indices[number + 2]], axis=1)
+    odd = number % 2
+    return np.stack([indices[number], indices[number + 1 + odd], indices[number + 2 - odd]], axis=1)
+
+
+def _moved(uv: NDArray[np.float64], transform: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Apply a KHR_texture_transform to texture coordinates (N, 2): scale, then rotation, then offset."""
+    scaled = uv * np.array(transform.get("scale", [1.0, 1.0]))
+    cos, sin = np.cos(transform.get("rotation", 0.0)), np.sin(transform.get("rotation", 0.0))
+    turned = np.stack([cos * scaled[:, 0] + sin * scaled[:, 1], cos * scaled[:, 1] - sin * scaled[:, 0]], axis=1)
+    return np.asarray(turned + np.array(transform.get("offset", [0.0, 0.0])))

@@ -1,0 +1,283 @@
+"""Models as Wavefront OBJ with MTL: vertex colours, several materials, textures, polygons, negative indices.
+
+trimesh's reader is not used, because it goes on in silence where an MTL file or a texture is missing.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.models.part import Contents, Part, colours_from, decode_picture, fan
+
+OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
+FORMS = {  # of the corners of faces, all alike, with how many numbers a corner has; `++` never looks back
+    re.compile(rf"(?:\s*+{corner})++\s*+"): n_numbers
+    for corner, n_numbers in (
+        (r"-?\d++", 1),
+        (r"-?\d++/-?\d++", 2),
+        (r"-?\d++//-?\d++", 3),
+        (r"-?\d++/-?\d++/-?\d++", 3),
+    )
+}
+BLOCK = 100_000  # lines of faces that are taken apart at once
+OPAQUE = "has transparent materials, which are shown opaque"
+
+
+@dataclass
+class _Material:
+    """What an MTL file says of a material: its texture, else its colour, sRGB 0 to 1."""
+
+    colour: tuple[float, ...] | None = None
+    picture: NDArray[np.uint8] | None = None
+
+
+@dataclass
+class _Faces:
+    """Lines of faces in a row, of one material, with how many elements of each kind stand before them."""
+
+    material: str
+    before: tuple[int, int, int]
+    lines: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Lines:
+    """The lines of an OBJ file by their keyword."""
+
+    vertices: list[str] = field(default_factory=list)
+    places: list[str] = field(default_factory=list)
+    normals: list[str] = field(default_factory=list)
+    faces: list[_Faces] = field(default_factory=list)
+    libraries: list[str] = field(default_factory=list)
+
+
+def read_obj_model(path: Path) -> Contents:
+    """Read the model of an OBJ file; one without faces is a cloud.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or damaged, or an MTL file, a material or a texture that it names is missing.
+    """
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    lines = _lines(path)
+    contents = Contents([path])
+    materials = _materials(contents, lines.libraries)
+    vertices = _numbers(lines.vertices, "v", (3, 4, 6, 7, 8))
+    places, normals = _numbers(lines.places, "vt", (1, 2, 3)), _numbers(lines.normals, "vn", (3,))
+    colours = colours_from(vertices[:, 3:6]) if vertices.shape[1] >= 6 else None
+    positions = vertices[:, :3]
+    if not lines.faces:
+        contents.parts.append(Part(positions, np.zeros((0, 3), np.int64), None, colours))
+        return contents
+    for name in dict.fromkeys(faces.material for faces in lines.faces):
+        material = materials.get(name, _Material())
+        if name and lines.libraries and name not in materials:
+            raise ValueError(f"it uses the material {name!r}, which {', '.join(lines.libraries)} does not define")
+        corners, counts = _corners(
+            [faces for faces in lines.faces if faces.material == name], (len(vertices), len(places), len(normals))
+        )
+        if material.picture is None:
+            corners[:, 1] = -1  # so that a seam does not part its vertices
+        triangles, used = _merged(corners, counts)
+        has_places, has_normals = bool((used[:, 1] >= 0).all()), bool((used[:, 2] >= 0).all())
+        if material.picture is not None and not has_places:
+            raise ValueError(f"faces of its textured material {name!r} have no texture coordinates (vt)")
+        own_colours = None if colours is None else colours[used[:, 0]]
+        if material.picture is None and own_colours is None and material.colour is not None:
+            own_colours = np.tile(colours_from(np.array([material.colour])), (len(used), 1))
+        contents.parts.append(
+            Part(
+                positions[used[:, 0]],
+                triangles,
+                normals[used[:, 2]] if has_normals else None,
+                own_colours if material.picture is None else None,
+                places[used[:, 1], :2] if material.picture is not None else None,
+                material.picture,
+            )
+        )
+    return contents
+
+
+def _lines(path: Path) -> _Lines:
+    lines = _Lines()
+    material, faces, begun = "", None, ""
+    by_keyword = {"v": lines.vertices, "vt": lines.places, "vn": lines.normals}
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            text = begun + line.strip()
+            if text.endswith("\\"):  # goes on in the next line
+                begun = text[:-1] + " "
+                continue
+            begun = ""
+            keyword, _, rest = text.partition(" ")
+            if keyword == "f":
+                if faces is None:
+                    faces = _Faces(material, (len(lines.vertices), len(lines.places), len(lines.normals)))
+                    lines.faces.append(faces)
+                faces.lines.append(rest)
+            elif keyword in by_keyword:
+                by_keyword[keyword].append(rest)
+                faces = None
+            elif keyword == "usemtl":
+                material, faces = rest.strip(), None
+            elif keyword == "mtllib":
+                lines.libraries.append(rest.strip())
+    return lines
+
+
+def _numbers(lines: Sequence[str], keyword: str, n_columns: Sequence[int]) -> NDArray[np.float64]:
+    """Return the numbers (N, C) of the lines of a keyword, which all have as many as the first, or say which is wrong.
+
+    Parameters
+    ----------
+    lines : without the keyword
+    keyword : for the message
+    n_columns : how many numbers a line may have
+    """
+    if not lines:
+        return np.zeros((0, max(n_columns[0], 2)))
+    width = len(lines[0].split())
+    text = " ".join(lines)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # where the text is no number; it is named below
+        try:
+            values = np.fromstring(text, dtype=np.float64, sep=" ")
+        except ValueError:
+            values = np.zeros(0)
+    if width not in n_columns or len(values) != width * len(lines) or not _are_alike(lines, width):
+        for number, line in enumerate(lines, 1):
+            if len(line.split()) != width or width not in n_columns or not _is_numeric(line):
+                expected = " or ".join(map(str, n_columns)) if number == 1 else str(width)
+                raise ValueError(f"its {keyword} number {number} is {line!r:.60}, expected {expected} numbers")
+        raise ValueError(f"its {keyword} lines are not readable as numbers")
+    table = values.reshape(-1, width)
+    if not np.isfinite(table).all():
+        wrong = int(np.argmin(np.isfinite(table).all(axis=1)))
+        raise ValueError(f"its {keyword} number {wrong + 1} is {lines[wrong]!r:.60}, expected finite numbers")
+    return table if width > 1 else np.column_stack([table, np.zeros(len(table))])
+
+
+def _are_alike(lines: Sequence[str], width: int) -> bool:
+    return all(len(line.split()) == width for line in lines)
+
+
+def _is_numeric(line: str) -> bool:
+    try:
+        list(map(float, line.split()))
+    except ValueError:
+        return False
+    return True
+
+
+def _corners(faces: Sequence[_Faces], n_elements: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return corners of polygons, int64 (K, 3): vertex, place and normal from 0, -1 for none; and their counts (P,).
+
+    Parameters
+    ----------
+    faces : lines of a material
+    n_elements : how many vertices, places and normals the file has
+    """
+    parts, counts = [], []
+    for run in faces:
+        for start in range(0, len(run.lines), BLOCK):
+            lines = run.lines[start : start + BLOCK]
+            indices = _indices(lines)
+            counts.append(np.array([len(line.split()) for line in lines]))
+            from_zero = np.where(indices < 0, indices + np.array(run.before), indices - 1)
+            is_none = (indices == 0) & np.array([False, True, True])
+            wrong = ~is_none & ((from_zero < 0) | (from_zero >= np.array(n_elements)))
+            if wrong.any():
+                corner = " ".join(lines).split()[int(np.flatnonzero(wrong.any(axis=1))[0])]
+                raise ValueError(
+                    f"the face corner {corner!r} is out of range: the file has {n_elements[0]} vertices, "
+                    f"{n_elements[1]} texture coordinates and {n_elements[2]} normals, counted from 1"
+                )
+            parts.append(np.where(is_none, -1, from_zero))
+    n_corners = np.concatenate(counts)
+    if n_corners.min() < 3:
+        raise ValueError(f"a face has {n_corners.min()} corners, expected at least 3")
+    return np.concatenate(parts), n_corners
+
+
+def _indices(lines: Sequence[str]) -> NDArray[np.int64]:
+    """Return vertex, place and normal, int64 (K, 3), of corners such as 3, 3/1, 3//2 or 3/1/2; 0 for none."""
+    text = " ".join(lines)
+    if (form := next((form for form in FORMS if form.fullmatch(text)), None)) is not None:
+        numbers = np.fromstring(text.replace("//", "/0/").replace("/", " "), dtype=np.int64, sep=" ")
+        columns = numbers.reshape(-1, FORMS[form])
+        return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
+    try:
+        rows = [[int(index or 0) for index in (*word.split("/"), "", "")[:3]] for word in text.split()]
+        return np.array(rows, dtype=np.int64).reshape(-1, 3)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"its faces are not readable: {error}") from error
+
+
+def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Make a vertex of each different corner; returns triangles (M, 3) and the corners (N, 3) that are left.
+
+    Parameters
+    ----------
+    corners : int64 (K, 3), as `_corners` returns them
+    counts : int64 (P,), corners of each polygon
+    """
+    size = corners.max(axis=0) + 2
+    key = ((corners[:, 0] + 1) * size[1] + corners[:, 1] + 1) * size[2] + corners[:, 2] + 1
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return fan(inverse, counts), corners[first]
+
+
+def _materials(contents: Contents, libraries: Sequence[str]) -> dict[str, _Material]:
+    materials: dict[str, _Material] = {}
+    for library in libraries:
+        folder = Path(library.replace("\\", "/")).parent
+        text = contents.beside(library, "material file").decode("utf-8", "replace")
+        current = _Material()
+        for line in text.splitlines():
+            keyword, _, rest = line.strip().partition(" ")
+            rest = rest.strip()
+            if keyword == "newmtl":
+                current = materials.setdefault(rest, _Material())
+            elif keyword.lower() == "kd" and rest:
+                current.colour = _colour(rest, library)
+            elif keyword.lower() == "map_kd" and rest:
+                current.picture = _picture(contents, folder, rest)
+            elif keyword == "map_d" or (keyword == "d" and _is_below_one(rest)):
+                contents.warn(OPAQUE)
+    return materials
+
+
+def _colour(text: str, library: str) -> tuple[float, ...]:
+    try:
+        red, green, blue = (float(value) for value in text.split()[:3])
+    except ValueError as error:
+        raise ValueError(
+            f"Kd in its material file {library} is {text!r}, expected three numbers from 0 to 1"
+        ) from error
+    return tuple(min(max(value, 0.0), 1.0) for value in (red, green, blue))
+
+
+def _picture(contents: Contents, folder: Path, text: str) -> NDArray[np.uint8]:
+    name = text
+    while option := OPTIONS.match(name):
+        if option[1] in ("s", "o", "t"):
+            raise ValueError(f"its texture is moved or scaled by {option[0].strip()!r}, which is not read; bake it")
+        name = name[option.end() :]
+    return decode_picture(contents.beside(str(folder / name.replace("\\", "/")), "texture"), name)
+
+
+def _is_below_one(text: str) -> bool:
+    words = text.split()
+    try:
+        return bool(words) and float(words[-1]) < 1
+    except ValueError:
+        return False

@@ -1,0 +1,165 @@
+"""What a model's file holds, part by part: one material each, before the parts become one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
+FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
+PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Triangles of one material, or points, as a file has them.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3), in the file's unit and axes
+    faces : integer (M, 3), counter-clockwise seen from outside; M is 0 for points
+    normals : floating (N, 3), of any length; None where the file has none
+    colours : uint8 (N, 3), sRGB; None where the file has none
+    uv : floating (N, 2), as in `recon.geometry.mesh.Texture`; None where the file has none
+    picture : uint8 (H, W, 3), sRGB, that `uv` points into; None for none
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is not a finite number, a face names a vertex that does not exist, or arrays differ in length.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.floating] | None = None
+    colours: NDArray[np.uint8] | None = None
+    uv: NDArray[np.floating] | None = None
+    picture: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        n_vertices = len(self.vertices)
+        check_finite(self.vertices, "vertex")
+        if self.uv is not None:
+            check_finite(self.uv, "texture coordinate")
+        for name, values in (("normals", self.normals), ("colours", self.colours), ("texture coordinates", self.uv)):
+            if values is not None and len(values) != n_vertices:
+                raise ValueError(f"it has {len(values)} {name} for {n_vertices} vertices")
+        if self.faces.size and (self.faces.min() < 0 or self.faces.max() >= n_vertices):
+            wrong = int(np.flatnonzero(((self.faces < 0) | (self.faces >= n_vertices)).any(axis=1))[0])
+            raise ValueError(
+                f"face {wrong} names vertices {self.faces[wrong].tolist()}, but there are {n_vertices} (0 to "
+                f"{n_vertices - 1})"
+            )
+
+
+@dataclass
+class Contents:
+    """What a reader read.
+
+    Parameters
+    ----------
+    parts : of the model
+    files : all that were read, the model's own first
+    warnings : what is not shown as the file has it, a clause each that follows the model's name
+    """
+
+    files: list[Path]
+    parts: list[Part] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def warn(self, warning: str) -> None:
+        """Add a warning, once."""
+        if warning not in self.warnings:
+            self.warnings.append(warning)
+
+    def beside(self, name: str, what: str) -> bytes:
+        """Read a file that the model's file names.
+
+        Parameters
+        ----------
+        name : path from the model's folder
+        what : kind of file, for the message
+
+        Raises
+        ------
+        ValueError
+            If it is missing.
+        """
+        path = self.files[0].parent / name.replace("\\", "/")
+        if not path.is_file():
+            raise ValueError(f"its {what} {name} is missing, expected at {path}")
+        if path not in self.files:
+            self.files.append(path)
+        return path.read_bytes()
+
+
+def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
+    """Decode a texture, uint8 (H, W, 3), sRGB: PNG, JPEG or another format of OpenCV's; alpha is left out.
+
+    Parameters
+    ----------
+    content : bytes of the file
+    name : for the message
+
+    Raises
+    ------
+    ValueError
+        If it is cut off, or no picture.
+    """
+    tail = content[-64:].rstrip(b"\0")
+    for start, end in ((JPEG_START, JPEG_END), (PNG_START, PNG_END)):
+        if content.startswith(start) and end not in tail:
+            raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
+    pixels = None
+    if content:
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels is None:
+        raise ValueError(f"its texture {name} is not readable as a picture (PNG or JPEG expected)")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def colours_from(values: ArrayLike) -> NDArray[np.uint8]:
+    """Return sRGB bytes, uint8 (N, 3), of colours as bytes, 16-bit numbers, or floats from 0 to 1 (or to 255).
+
+    A ValueError says that a colour is not a finite number.
+    """
+    colours = np.asarray(values)
+    if colours.dtype == np.uint8:
+        return colours
+    if np.issubdtype(colours.dtype, np.integer):
+        largest = 65535.0 if colours.size and colours.max() > 255 else 255.0
+        return np.asarray(np.rint(np.clip(colours / largest, 0, 1) * 255), dtype=np.uint8)
+    check_finite(colours, "colour")
+    scale = 1.0 if colours.size and colours.max() > 1.5 else 255.0  # rounding may reach past 1
+    return np.asarray(np.rint(np.clip(colours * scale, 0, 255)), dtype=np.uint8)
+
+
+def fan(corners: NDArray[np.integer], n_corners: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Cut polygons into triangles around each polygon's first corner.
+
+    Parameters
+    ----------
+    corners : integer (K,), the corners of all polygons one after another
+    n_corners : integer (P,), how many each polygon has, at least 3
+
+    Returns
+    -------
+    int64 (M, 3), the triangles
+    """
+    starts = np.cumsum(n_corners) - n_corners
+    first = np.repeat(starts, n_corners - 2)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(n_corners - 2) - (n_corners - 2), n_corners - 2)
+    return np.asarray(corners[np.stack([first, first + within + 1, first + within + 2], axis=1)], dtype=np.int64)
+
+
+def check_finite(values: NDArray[np.floating], name: str) -> None:
+    """Raise a ValueError that names the first of the rows (N, C) with a number that is not finite, or too large."""
+    with np.errstate(invalid="ignore"):
+        finite = (np.abs(values) < FARTHEST).all(axis=1)  # false for NaN
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise ValueError(f"{name} {row} is {values[row].tolist()}, expected finite numbers")

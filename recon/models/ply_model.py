@@ -1,0 +1,98 @@
+"""Models as PLY, text or binary: triangles or polygons, point clouds, colours of points, or one texture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from plyfile import PlyData
+
+from recon.geometry.ply import FACE_LISTS, FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
+from recon.models.part import Contents, Part, colours_from, decode_picture, fan
+
+COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+CORNER_PLACES = "texcoord"  # six numbers a face, as MeshLab writes them
+TEXTURE_FILE = "texturefile"
+GAUSSIAN = "f_dc_0"  # a Gaussian splat's first colour
+
+
+def read_ply_model(path: Path) -> Contents:
+    """Read the model of a PLY file.
+
+    Raises
+    ------
+    ValueError
+        If the file or its texture is missing or damaged, or is a Gaussian splat.
+    """
+    ply = read_ply(path)
+    contents = Contents([path])
+    if GAUSSIAN in ply["vertex"]:
+        raise ValueError(
+            "it holds Gaussians, which only their own program draws; let that film them along SET/paths/DATASET.json, "
+            "and bring the video in by `reconstudy stimuli import`"
+        )
+    vertices = np.asarray(point_columns(path, ply, "xyz"), dtype=np.float64)
+    normals = _columns(path, ply, (FLOAT_NORMAL,))
+    colours = _columns(path, ply, COLOURS)
+    shades = None if colours is None else colours_from(colours)
+    uv = _columns(path, ply, PLACES)
+    faces, corner_uv = _faces(ply)
+    pictures = [
+        comment.split(None, 1)[1].strip()
+        for comment in ply.comments
+        if comment.lower().startswith(TEXTURE_FILE) and len(comment.split(None, 1)) == 2
+    ]
+    if len(pictures) > 1:
+        raise ValueError(f"it names {len(pictures)} textures, expected one; save it as OBJ or GLB, or bake one texture")
+    if not pictures or (uv is None and corner_uv is None):
+        contents.parts.append(Part(vertices, faces, normals, shades))
+        return contents
+    picture = decode_picture(contents.beside(pictures[0], "texture"), pictures[0])
+    whole = Part(vertices, faces, normals)
+    if corner_uv is not None:
+        whole, uv = _split_corners(whole, corner_uv)
+    contents.parts.append(Part(whole.vertices, whole.faces, whole.normals, None, uv, picture))
+    return contents
+
+
+def _columns(path: Path, ply: PlyData, choices: Sequence[Sequence[str]]) -> NDArray[Any] | None:
+    """Return the properties of the points by the first of these names that are all there."""
+    for names in choices:
+        if all(name in ply["vertex"] for name in names):
+            return point_columns(path, ply, names)
+    return None
+
+
+def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.floating] | None]:
+    """Return the triangles (M, 3) and, where faces have them, the texture coordinates (M, 3, 2) of their corners."""
+    name = next((name for name in FACE_LISTS if "face" in ply and name in ply["face"]), None)
+    if name is None or not ply["face"].count:
+        return np.zeros((0, 3), np.int64), None
+    lists = ply["face"][name]
+    if lists.dtype != object:
+        corners, counts = np.asarray(lists).ravel(), np.full(len(lists), 3)
+    else:
+        counts = np.array([len(face) for face in lists])
+        if counts.min() < 3:
+            raise ValueError(f"face {int(counts.argmin())} has {counts.min()} corners, expected at least 3")
+        corners = np.concatenate(lists)
+    triangles = fan(corners, counts)
+    if CORNER_PLACES not in ply["face"]:
+        return triangles, None
+    places = ply["face"][CORNER_PLACES]
+    if any(len(place) != 2 * count for place, count in zip(places, counts, strict=True)):
+        raise ValueError("its faces have not two texture coordinates for each corner")
+    flat = np.concatenate([np.asarray(place, np.float64) for place in places]).reshape(-1, 2)
+    return triangles, flat[fan(np.arange(len(corners)), counts)]
+
+
+def _split_corners(part: Part, corner_uv: NDArray[np.floating]) -> tuple[Part, NDArray[np.floating]]:
+    """Give every corner of every triangle a vertex, and return them with their texture coordinates."""
+    faces = np.arange(part.faces.size).reshape(-1, 3)
+    picked = part.faces.ravel()
+    normals = None if part.normals is None else part.normals[picked]
+    return Part(part.vertices[picked], faces, normals), corner_uv.reshape(-1, 2)

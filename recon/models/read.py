@@ -1,0 +1,210 @@
+"""A model of any format as what the renderer draws: one mesh, or splats, in the world in millimetres."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.mesh import Cloud, Mesh, Model, Splats
+from recon.models.atlas import one_texture
+from recon.models.gltf_model import read_gltf_model
+from recon.models.obj_model import read_obj_model
+from recon.models.part import Contents, Part
+from recon.models.ply_model import read_ply_model
+from recon.storage.artefacts import file_digest
+
+READERS: dict[str, Callable[[Path], Contents]] = {
+    ".ply": read_ply_model,
+    ".obj": read_obj_model,
+    ".glb": read_gltf_model,
+    ".gltf": read_gltf_model,
+}
+MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+NEUTRAL = 170  # sRGB grey of a model without colours
+UPWARDS = (0.0, 1.0, 0.0)  # normal of a splat without one, so that all are lit alike
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a model comes into the world.
+
+    Parameters
+    ----------
+    unit : of the file, a name in `MM`, as it is said to be
+    world_from_model : 4x4, to mm, y up: a rotation with one scale, and a translation
+    splat_mm : radius of the discs that a point cloud is drawn by, mm; None where none is stated
+    """
+
+    unit: str
+    world_from_model: Matrix
+    splat_mm: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReadModel:
+    """A model with its origin.
+
+    Parameters
+    ----------
+    model : in the world
+    digest : SHA-256 over all files that it was read from
+    warnings : what is not shown as the file has it, a clause each that follows the model's name
+    """
+
+    model: Model
+    digest: str
+    warnings: tuple[str, ...]
+
+
+def read_model(path: Path, placement: Placement) -> ReadModel:
+    """Read a model in one of the formats of `READERS`.
+
+    Parameters
+    ----------
+    path : of its file; textures and materials are read from beside it
+    placement : where it stands
+
+    Raises
+    ------
+    ValueError
+        If a file is missing or damaged, or there is nothing that can be drawn; the message begins with the path.
+    """
+    try:
+        contents = READERS[path.suffix.lower()](path)
+        parts = [part for part in contents.parts if len(part.faces)]
+        if parts:
+            if len(parts) < len(contents.parts):
+                contents.warn("has points beside its faces, which are not shown")
+            model: Model = _mesh([_placed(part, placement) for part in parts], contents)
+        else:
+            clouds = [_placed(part, placement) for part in contents.parts if len(part.vertices)]
+            model = _splats(clouds, contents, placement.splat_mm)
+    except (ValueError, OSError) as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+    return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
+
+
+def surface_normals(vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Compute smooth normals: the mean of the faces around each place, weighted by their areas.
+
+    Vertices in the same place get the same normal, so that seams of a texture do not show in the light.
+
+    Parameters
+    ----------
+    vertices : float64 (N, 3)
+    faces : integer (M, 3)
+
+    Returns
+    -------
+    float32 (N, 3), unit length; straight up where no face has an area
+    """
+    place = _places(vertices)
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    at = place[faces]
+    sums = np.zeros((int(place.max()) + 1, 3))
+    for axis in range(3):
+        for corner in range(3):
+            sums[:, axis] += np.bincount(at[:, corner], areas[:, axis], len(sums))
+    return _unit(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
+
+
+def _mesh(parts: list[Part], contents: Contents) -> Mesh:
+    if any(part.colours is None and part.picture is None for part in parts):
+        contents.warn("has no colours and is shown in neutral grey")
+    parts = [_coloured(part) for part in parts]
+    vertices = np.concatenate([part.vertices for part in parts])
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
+    colours = np.concatenate([_shades(part) for part in parts])
+    texture = one_texture(parts)
+    normals = surface_normals(vertices, faces)
+    if all(part.normals is not None for part in parts):
+        normals = _unit(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
+    return Mesh(vertices.astype(np.float32), faces.astype(np.int32), normals, colours, texture)
+
+
+def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> Splats:
+    if not parts:
+        raise ValueError("holds neither faces nor points")
+    if radius_mm is None:
+        raise ValueError('is a point cloud; state the radius of its points in scene.json, for example "splat_mm": 3')
+    if any(part.colours is None for part in parts):
+        contents.warn("has no colours and is shown in neutral grey")
+    parts = [_coloured(part) for part in parts]
+    vertices = np.concatenate([part.vertices for part in parts])
+    normals = np.tile(np.array(UPWARDS, np.float32), (len(vertices), 1))
+    if all(part.normals is not None for part in parts):
+        normals = _unit(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
+    return Splats(Cloud(vertices.astype(np.float32), normals, np.concatenate([_shades(p) for p in parts])), radius_mm)
+
+
+def _placed(part: Part, placement: Placement) -> Part:
+    """Bring a part into the world, and leave out vertices that no face names."""
+    matrix = np.array(placement.world_from_model)
+    if len(part.faces):
+        part = _named_vertices(part)
+    vertices = part.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    normals = None
+    if part.normals is not None:  # one that is no number is computed later
+        is_usable = np.isfinite(part.normals).all(axis=1, keepdims=True)
+        normals = np.where(is_usable, part.normals, 0).astype(np.float64) @ matrix[:3, :3].T
+    return replace(part, vertices=vertices, normals=normals)
+
+
+def _named_vertices(part: Part) -> Part:
+    is_named = np.zeros(len(part.vertices), bool)
+    is_named[part.faces] = True
+    if is_named.all():
+        return part
+    number = np.cumsum(is_named) - 1
+    return Part(
+        part.vertices[is_named],
+        number[part.faces],
+        None if part.normals is None else part.normals[is_named],
+        None if part.colours is None else part.colours[is_named],
+        None if part.uv is None else part.uv[is_named],
+        part.picture,
+    )
+
+
+def _coloured(part: Part) -> Part:
+    """Colour a part that has neither colours nor a picture."""
+    if part.colours is not None or part.picture is not None:
+        return part
+    return replace(part, colours=np.full((len(part.vertices), 3), NEUTRAL, np.uint8))
+
+
+def _shades(part: Part) -> NDArray[np.uint8]:
+    """Return the vertices' colours, uint8 (N, 3); grey under a texture, which is shown instead."""
+    return np.full((len(part.vertices), 3), NEUTRAL, np.uint8) if part.colours is None else part.colours
+
+
+def _unit(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return vectors (N, 3) at unit length, and `otherwise` (N, 3) where they have no direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(np.isfinite(length) & (length > 0), vectors / length, otherwise).astype(np.float32)
+
+
+def _places(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Number the different places of vertices (N, 3); returns each vertex's number (N,)."""
+    bits = np.ascontiguousarray(vertices + 0.0).view(np.uint64)  # + 0.0: no -0.0
+    for shift, odd in ((29, 0xBF58476D1CE4E5B9), (32, 0x94D049BB133111EB)):  # splitmix64's mixing
+        bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(odd)
+    keys = bits[:, 0] + bits[:, 1] * np.uint64(3) + bits[:, 2] * np.uint64(0x9E3779B97F4A7C15)
+    return np.unique(keys, return_inverse=True)[1]
+
+
+def _digest(files: list[Path]) -> str:
+    """Return the SHA-256 over files by their names and contents."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(f"{file.name}\0{file_digest(file)}\n".encode())
+    return digest.hexdigest()

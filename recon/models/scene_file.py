@@ -1,0 +1,234 @@
+"""`scene.json` of a models folder: which scene the models show, how they stand in it, and along which path they are
+filmed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from recon.capture.format import CAPTURE_FILE, Capture, read_draft
+from recon.models.folder import SafeName
+from recon.models.read import MM, Placement
+from recon.rig import Camera, Rig, Sensor, look_at
+from recon.storage.artefacts import file_digest
+from recon.storage.files import read_json
+from recon.storage.remote import is_there, place
+
+SCENE_FILE = "scene.json"
+Y_FROM = {  # which axes of the model become the world's x, y and z
+    "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+    "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-y": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "z": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+}
+SIMILAR = 1e-3  # relative; how far a transform may be from a rotation with one scale
+SMALL_BASELINE_MM = 60.0  # of the sensor that stands for the camera of an orbit
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Point = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Row = Annotated[list[Finite], Field(min_length=4, max_length=4)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Orbit(_Strict):
+    """A camera that goes once around the middle of the bounds; it stands at least so far away that they fit."""
+
+    azimuth_deg: Finite = 0.0
+    elevation_deg: Annotated[float, Field(ge=-80, le=80)] = 12.0
+    distance_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class _Path(_Strict):
+    sensors_of: str | None = None
+    orbit: Orbit | None = None
+    file: str | None = None
+
+
+class _Content(_Strict):
+    schema_version: Literal[1]
+    dataset: SafeName
+    fps: Annotated[float, Field(gt=0, le=1000)]
+    units: Literal["mm", "cm", "m"]
+    up: Literal["x", "y", "z", "-x", "-y", "-z"]
+    path: _Path
+    world_from_model: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
+    bounds: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
+    levels: dict[str, dict[SafeName, SafeName]] = {}
+    static: list[str] = []
+    splat_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class PathSource(NamedTuple):
+    """Whose camera path films the models: sensors with the bounds they look at, an orbit, or the file of a path."""
+
+    capture: Capture | None = None
+    orbit: Orbit | None = None
+    file: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """What a `scene.json` says.
+
+    Parameters
+    ----------
+    file : its path
+    content : as it stands there
+    dataset, fps : name of the scene, and frames a second of the models
+    placement : how every model comes into the world
+    path : where the cameras come from
+    bounds : float64 (2, 3), mm, of what is filmed; None where they follow from the models
+    levels : factor -> level of approaches that have some
+    static : approaches that show one model throughout
+    """
+
+    file: Path
+    content: dict[str, Any]
+    dataset: str
+    fps: float
+    placement: Placement
+    path: PathSource
+    bounds: NDArray[np.float64] | None
+    levels: dict[str, dict[str, str]]
+    static: tuple[str, ...]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file."""
+        return file_digest(self.file)
+
+
+def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
+    """Read the `scene.json` of a models folder; returns it if nothing is wrong, and a sentence for each fault."""
+    file = folder / SCENE_FILE
+    try:
+        raw = read_json(file)
+    except ValueError as error:
+        return None, [str(error)]
+    try:
+        content = _Content.model_validate(raw)
+    except ValidationError as error:
+        return None, [f"{file}: {_fault(detail)}" for detail in error.errors()]
+    problems: list[str] = []
+    path = _path_source(folder, content.path, problems)
+    matrix = _world_from_model(content, problems)
+    bounds = None if content.bounds is None else np.array(content.bounds, dtype=np.float64)
+    if bounds is not None and not (bounds[0] < bounds[1]).all():
+        problems.append(f"bounds: the lowest corner {content.bounds} is not below the highest")
+    if bounds is not None and path is not None and path.capture is not None:
+        problems.append("bounds are given, but those of the capture in path.sensors_of count; leave one of them out")
+    if problems or path is None:
+        return None, [f"{file}: {problem}" for problem in problems]
+    if path.capture is not None:
+        bounds = path.capture.bounds
+    placement = Placement(content.units, tuple(map(tuple, matrix.tolist())), content.splat_mm)
+    return (
+        SceneFile(
+            file,
+            raw,
+            content.dataset,
+            content.fps,
+            placement,
+            path,
+            bounds,
+            content.levels,
+            tuple(content.static),
+        ),
+        [],
+    )
+
+
+def orbit_rig(orbit: Orbit, bounds: NDArray[np.float64]) -> Rig:
+    """Return a rig of one sensor where an orbit begins, looking at the middle of the bounds.
+
+    Parameters
+    ----------
+    orbit : from where
+    bounds : float64 (2, 3), mm
+    """
+    centre, radius = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0])) / 2
+    azimuth, elevation = np.deg2rad(orbit.azimuth_deg), np.deg2rad(orbit.elevation_deg)
+    level = np.cos(elevation)
+    direction = np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
+    place_ = centre + direction * (orbit.distance_mm or radius)
+    aside = np.cross(direction, [0.0, 1.0, 0.0])
+    aside *= SMALL_BASELINE_MM / 2 / np.linalg.norm(aside)
+    K = np.array([[1000.0, 0, 319.5], [0, 1000.0, 239.5], [0, 0, 1]])
+    left, right = (Camera(K, (640, 480), look_at(place_ + side, centre + side)) for side in (aside, -aside))
+    return Rig((Sensor("orbit", left, right),))
+
+
+def _path_source(folder: Path, path: _Path, problems: list[str]) -> PathSource | None:
+    given = [name for name in ("sensors_of", "orbit", "file") if getattr(path, name) is not None]
+    if len(given) != 1:
+        problems.append(
+            f"path has {' and '.join(given) or 'nothing'}, expected one of sensors_of (a capture or run), orbit, file"
+        )
+        return None
+    if path.orbit is not None:
+        return PathSource(orbit=path.orbit)
+    try:
+        named = _beside(folder, path.sensors_of or path.file or "")
+    except ValueError as error:
+        problems.append(f"path.{given[0]}: {error}")
+        return None
+    if path.file is not None:
+        if not is_there(named):
+            problems.append(f"path.file names {path.file!r}, but there is no file at {named}")
+            return None
+        return PathSource(file=named)
+    if not is_there(named / CAPTURE_FILE):
+        problems.append(
+            f"path.sensors_of names {path.sensors_of!r}, but {named} is no capture and no run: it has no {CAPTURE_FILE}"
+        )
+        return None
+    draft = read_draft(named)
+    if draft.capture is None:
+        problems.append(f"path.sensors_of: {draft.problems[0]}")
+        return None
+    return PathSource(capture=draft.capture)
+
+
+def _beside(folder: Path, address: str) -> Path:
+    """Find what `scene.json` names: a URL, or a path from its folder."""
+    return place(address) if "://" in address else (folder / address).resolve()
+
+
+def _world_from_model(content: _Content, problems: list[str]) -> NDArray[np.float64]:
+    """Return float64 (4, 4): first the unit and the axes, then the transform of the file."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(Y_FROM[content.up]) * MM[content.units]
+    if content.world_from_model is None:
+        return matrix
+    given = np.array(content.world_from_model, dtype=np.float64)
+    linear = given[:3, :3]
+    scale = np.cbrt(abs(np.linalg.det(linear)))
+    unlike = scale <= 0 or np.abs(linear @ linear.T / scale**2 - np.eye(3)).max() > SIMILAR
+    if unlike or np.linalg.det(linear) < 0 or not np.array_equal(given[3], (0, 0, 0, 1)):
+        problems.append(
+            f"world_from_model is {content.world_from_model}, expected four rows: a rotation with one scale, not a "
+            "mirror, a translation in mm, and 0 0 0 1"
+        )
+    return np.asarray(given @ matrix)
+
+
+def _fault(detail: Any) -> str:
+    """Say what is wrong with one value."""
+    where = ".".join(map(str, detail["loc"])) or "the file"
+    if detail["type"] == "missing":
+        return f"{where} is missing"
+    if detail["type"] == "extra_forbidden":
+        known = {1: _Content}.get(len(detail["loc"]), Orbit if "orbit" in detail["loc"] else _Path).model_fields
+        return f"{where} is no key that is known, expected one of {', '.join(known)}"
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"{where} is {detail['input']!r:.80}: {message[:1].lower()}{message[1:]}"
