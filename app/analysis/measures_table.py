@@ -18,6 +18,7 @@ OPTIONAL = ("frame", "direction", "unit", "source")
 WHOLE = ("", "all")  # the frame of a value of the whole sequence
 SYMMETRIC = ("", "symmetric")  # directions that add nothing to a measure's name
 DIRECTIONS = (*SYMMETRIC, "reference_to_distorted", "distorted_to_reference")
+WORDS = {"lower": "less is better", "higher": "more is better"}  # the direction in a study's validation.csv
 LARGEST_TABLE = 32 * 1024 * 1024  # bytes; 300 000 rows, more than all measures of a large study frame by frame
 LONGEST_NAME, LONGEST_UNIT, LONGEST_SOURCE = 200, 40, 500  # characters, as the study server stores them
 MOST_NAMED = 5  # of the places that a note is about
@@ -126,8 +127,6 @@ def measures_from_columns(columns: Mapping[str, Sequence[str]]) -> MeasuresTable
     texts = {name: [cell.strip() for cell in columns.get(name, [""] * n_rows)] for name in (*REQUIRED, *OPTIONAL)}
     cells = zip(*texts.values(), strict=True)
     rows = [_row(number, dict(zip(texts, row, strict=True))) for number, row in enumerate(cells, start=1)]
-    if not rows:
-        raise VotesError("has no row below its header, expected one for each value")
     _check_agreement(rows)
     return _whole_sequences(rows)
 
@@ -158,7 +157,7 @@ def _row(number: int, cells: Mapping[str, str]) -> _Row:
             raise VotesError(f"row {number}: {name} is empty")
     if cells["better"] not in get_args(Better):
         raise VotesError(f"row {number}: better is {cells['better']!r}, expected higher or lower")
-    if cells["direction"] not in DIRECTIONS:
+    if cells["direction"] not in (*DIRECTIONS, WORDS[cells["better"]]):
         raise VotesError(
             f"row {number}: direction is {cells['direction']!r}, expected {', '.join(DIRECTIONS[1:])} or nothing"
         )
@@ -175,7 +174,8 @@ def _row(number: int, cells: Mapping[str, str]) -> _Row:
 
 
 def _full_name(measure: str, direction: str) -> str:
-    return measure if direction in SYMMETRIC else f"{measure} ({direction.replace('_', ' ')})"
+    """Return the measure's name with what is compared with what, unless both ways are."""
+    return f"{measure} ({direction.replace('_', ' ')})" if direction in DIRECTIONS[len(SYMMETRIC) :] else measure
 
 
 def _number(row: int, text: str) -> float:

@@ -216,7 +216,10 @@ def study_balance(
 @study_app.command("attach")
 def study_attach(
     results: Annotated[
-        list[Path], typer.Argument(help="Folders that `reconstudy validate` and `reconstudy models` wrote.")
+        list[Path],
+        typer.Argument(
+            help="Folders that `reconstudy validate` and `reconstudy models` wrote, or CSV tables of measures."
+        ),
     ],
     study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,
     as_json: JsonOption = False,
@@ -239,6 +242,7 @@ def study_attach(
         sentences.append(f"Attached {attached['models']} models to {attached['study']}")
     if attached["ignored"]:
         sentences.append(f"The study does not compare {', '.join(attached['ignored'])}: left out.")
+    sentences += [f"{note}." for note in attached["notes"]]
     print_result(attached, "\n".join(sentences), as_json=as_json)
 
 

@@ -47,6 +47,12 @@ def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
+def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
+    """Return sentences on what an attachment left out or averaged, from its entry in the audit log."""
+    ignored = [f"the study does not compare {', '.join(detail['ignored'])}: left out"] if detail["ignored"] else []
+    return [*ignored, *detail.get("notes", ())]
+
+
 def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return a line per measure, over all datasets or for the only one: how well it predicts the scores, and whether
     people prefer what it calls worse.

@@ -72,6 +72,16 @@ def test_a_direction_becomes_part_of_the_name_unless_it_is_symmetric(table: Path
     }
 
 
+def test_a_study_s_own_table_of_measures_can_be_read_again(table: Path) -> None:
+    header = "dataset,approach,measure,value,direction,unit,better,source,attached_at"
+    read_table = read(table, "ball,a,psnr,30,more is better,dB,higher,,2026-03-02T09:00:00+00:00", header=header)
+    assert values(read_table) == {("ball", "a", "psnr"): 30.0}
+
+
+def test_a_table_without_rows_has_no_values(table: Path) -> None:
+    assert read(table) == MeasuresTable(())
+
+
 def test_values_that_are_not_finite_are_left_out_and_named(table: Path) -> None:
     read_table = read(
         table,
@@ -105,7 +115,7 @@ def test_values_that_are_not_finite_are_left_out_and_named(table: Path) -> None:
         (["b,a,,m,,1,,lower,", "b,c,,m,,1,,higher,"], "row 2: better of m is 'higher', row 1 says 'lower'"),
         (["b,a,,m,,1,mm,lower,", "b,c,,m,,1,m,lower,"], "row 2: unit of m is 'm', row 1 says 'mm'"),
         (["b,a,,m,,1,,lower,,surplus"], "not a table of equally long rows"),
-        ([], "no row below its header"),
+        (["b,a,,m,more is better,1,,lower,"], "row 1: direction is 'more is better', expected symmetric"),
     ],
 )
 def test_a_row_that_cannot_be_used_is_named(table: Path, rows: list[str], fault: str) -> None:
