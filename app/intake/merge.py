@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, ValidationError
 from app.errors import StimuliError
 from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
-from app.intake.stimuli import MANIFEST, Stimulus, StimulusSet, level_notes, read_manifest, read_part_of_a_set
+from app.intake.stimuli import MANIFEST, Stimulus, StimulusSet, check_videos, level_notes, read_manifest
 
 PATHS = "paths"  # folder of a set's camera paths, DATASET.json
 
@@ -92,7 +92,7 @@ def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_pr
         behind.
     """
     refuse_used(out)
-    sources = [_read(folder, progress) for folder in folders]
+    sources = [_read(folder) for folder in folders]
     chosen = _chosen(sources)
     _check_codecs(chosen)
     paths = _camera_paths(sources)
@@ -112,6 +112,8 @@ def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_pr
             copies.targets[f"{PATHS}/{dataset}.json"] = source.folder / path.file
         write_json(temporary / MANIFEST, manifest)
         made = read_manifest(temporary, Path(" + ".join(str(source.folder) for source in sources)))
+        for source in sources:
+            check_videos(source.stimulus_set, progress)
         copies.write(temporary, progress)
     made = replace(made, folder=out)
     return NewSet(made, (*_repeated(sources), *_practice_notes(sources), *set_notes(made)))
@@ -170,8 +172,8 @@ def _copy(path: Path, target: Path) -> None:
     shutil.copyfile(path, target)
 
 
-def _read(folder: Path, progress: Progress) -> _Source:
-    stimulus_set = read_part_of_a_set(folder, progress)
+def _read(folder: Path) -> _Source:
+    stimulus_set = read_manifest(folder)
     manifest_path = folder / MANIFEST if folder.is_dir() else folder
     manifest = read_json(manifest_path)
     try:

@@ -112,15 +112,9 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
         If the manifest is not as described, a file is missing, has another digest, cannot be decoded or contradicts the
         manifest, the stimuli of a dataset differ in size, frame rate or length, or a dataset has only one.
     """
-    return _checked(read_manifest(path, are_compared=True), progress)
-
-
-def read_part_of_a_set(path: Path, progress: Progress = no_progress) -> StimulusSet:
-    """Read a stimulus set to merge with others, which may hold a single video of a dataset.
-
-    Parameters and errors are otherwise those of `read_stimulus_set`.
-    """
-    return _checked(read_manifest(path), progress)
+    stimulus_set = read_manifest(path, are_compared=True)
+    check_videos(stimulus_set, progress)
+    return stimulus_set
 
 
 def read_manifest(path: Path, named: Path | None = None, *, are_compared: bool = False) -> StimulusSet:
@@ -162,21 +156,33 @@ def read_manifest(path: Path, named: Path | None = None, *, are_compared: bool =
 
 
 def level_notes(stimulus_set: StimulusSet) -> list[str]:
-    """Return a sentence for each condition that a comparison by factor leaves out, as it has no level of one."""
+    """Return sentences on the conditions that a comparison by factor leaves out, as they have no level of one."""
+    without: dict[str, list[str]] = {}
     levels = {stimulus.approach: stimulus.levels for stimulus in stimulus_set.stimuli}
-    missing = {name: [f for f in stimulus_set.factors if f not in its_levels] for name, its_levels in levels.items()}
-    return [
-        f"{name} has no level of {', '.join(factors)}: it is compared with all others, and left out where "
-        "factors are compared"
-        for name, factors in missing.items()
-        if factors
+    for condition, by_factor in levels.items():
+        if missing := ", ".join(factor for factor in stimulus_set.factors if factor not in by_factor):
+            without.setdefault(missing, []).append(condition)
+    notes = [
+        f"no level of {factors}: {', '.join(conditions)}; compared with all others, and left out where factors are "
+        "compared"
+        for factors, conditions in without.items()
     ]
+    if sum(map(len, without.values())) == len(levels):
+        names = ", ".join(stimulus_set.factors)
+        notes.append(f"no condition has a level of every factor ({names}): this set cannot compare factors")
+    return notes
 
 
-def _checked(stimulus_set: StimulusSet, progress: Progress) -> StimulusSet:
+def check_videos(stimulus_set: StimulusSet, progress: Progress = no_progress) -> None:
+    """Check every video of a set by its digest and by decoding it.
+
+    Raises
+    ------
+    StimuliError
+        If a file is missing, has another digest, cannot be decoded or contradicts the manifest.
+    """
     every = (*stimulus_set.stimuli, *stimulus_set.practice)
     in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
-    return stimulus_set
 
 
 def _read_manifest(path: Path) -> tuple[_Manifest, str]:

@@ -58,9 +58,7 @@ def test_a_condition_may_have_no_level_of_a_factor(videos: Path, tmp_path: Path)
     made = import_stimuli(videos, tmp_path / "set")
     assert made.stimulus_set.factors == {"codec": ["av1"], "bitrate": ["1", "4"]}
     assert made.stimulus_set.stimuli[0].levels == {"bitrate": "4"}
-    assert made.notes == (
-        "high has no level of codec: it is compared with all others, and left out where factors are compared",
-    )
+    assert made.notes == ("no level of codec: high; compared with all others, and left out where factors are compared",)
 
 
 def test_a_film_keeps_its_master_its_quality_and_its_camera_path(videos: Path, tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_films_of_another_program_join_ours_in_a_study(sets: Path, tmp_path: Pat
     told = json.loads(result.stdout)
     assert (told["videos"], told["conditions"]) == (5, ["id_fa", "pm_fb", "splat"])
     assert told["notes"] == [
-        "splat has no level of depth, fusion: it is compared with all others, and left out where factors are compared",
+        "no level of depth, fusion: splat; compared with all others, and left out where factors are compared",
         "ball: no master of splat, which the others have; a study encodes these once more",
         "box: no film of splat, which other datasets have",
     ]
@@ -125,6 +125,17 @@ def test_levels_of_a_factor_are_united(sets: Path, tmp_path: Path) -> None:
     rewrite(sets / "theirs", with_levels)
     merged = merge_sets([sets / "ours", sets / "theirs"], tmp_path / "all").stimulus_set
     assert merged.factors == {"depth": ["id", "pm", "dr"], "fusion": ["fa", "fb"], "kind": ["splat"]}
+
+
+def test_a_set_that_cannot_compare_factors_says_so(sets: Path, tmp_path: Path) -> None:
+    def with_another_factor(manifest: dict[str, Any]) -> None:
+        manifest["factors"] = {"renderer": ["gs"]}
+        manifest["stimuli"][0]["levels"] = {"renderer": "gs"}
+
+    rewrite(sets / "theirs", with_another_factor)
+    made = merge_sets([sets / "ours", sets / "theirs"], tmp_path / "all")
+    assert "no level of renderer: id_fa, pm_fb; compared with all others" in made.notes[0]
+    assert made.notes[2].startswith("no condition has a level of every factor (depth, fusion, renderer)")
 
 
 def other_film(manifest: dict[str, Any]) -> None:
