@@ -255,6 +255,7 @@ def study_attach(
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
+    from app.operations.attach import listed
     from app.operations.manage import attach_results
     from app.settings import Settings
 
@@ -271,7 +272,7 @@ def study_attach(
     if attached["models"]:
         sentences.append(f"Attached {attached['models']} models to {attached['study']}")
     if attached["ignored"]:
-        sentences.append(f"The study does not compare {', '.join(attached['ignored'])}: left out.")
+        sentences.append(f"The study does not compare {listed(attached['ignored'])}: left out.")
     sentences += [f"{note}." for note in attached["notes"]]
     print_result(attached, "\n".join(sentences), as_json=as_json)
 

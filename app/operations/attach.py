@@ -27,6 +27,7 @@ from app.store.measurements import measurement_records, replace_measurements
 from app.store.studies import Study
 
 LONGEST_SUBJECT = 500
+MOST_LISTED = 12  # names in a sentence
 ATTACHED = "results attached"  # in the audit log
 WHOLE_STUDY = "the whole study"  # subject of a report that names no approach
 
@@ -42,7 +43,7 @@ class Compared:
     def refusal(self, strangers: Iterable[str]) -> ValueError:
         """Return the error for measures or models that match nothing in the study."""
         return ValueError(
-            f"this describes {', '.join(strangers)}; the study {self.study.slug} compares "
+            f"this describes {listed(list(strangers))}; the study {self.study.slug} compares "
             f"{', '.join(self.conditions)} in {', '.join(self.datasets)}"
         )
 
@@ -94,6 +95,12 @@ def attach(
         replace_models(connection, study.id, models, now)
         record(connection, by, Entry(ATTACHED, study.id, study.slug, detail), now)
     return {"study": study.slug, "n_values": len(measures), **detail}
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the names as words, the first of many."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
 
 
 def subject_of(measures: Sequence[Measure]) -> str:

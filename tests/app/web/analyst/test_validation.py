@@ -115,6 +115,10 @@ def test_a_reports_values_are_those_of_its_table_of_measures(
     [
         ("ball,id_fa,psnr,1,lower", "direction of psnr is 'less is better' for ball/id_fa and 'more is better' for"),
         ("statue,id_fa,psnr,1,higher", "compares id_fa, id_fb, pm_fb in ball, box"),
+        (
+            "\n".join(f"ball,a_{number},psnr,1,higher" for number in range(14)),
+            "this describes ball/a_0, .*, ball/a_11 and 2 more; the study",
+        ),
         ("ball,id_fa,psnr,inf,higher", "no value that can be attached: psnr leaves out .*ball/id_fa"),
         ("ball,id_fa,psnr,1;5,higher", "odd.csv: row 1: value is '1;5'"),
         ("", "odd.csv: holds no value that can be attached: it has no row below its header"),
