@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -110,10 +111,15 @@ def _read_csv(path: Path) -> pd.DataFrame:
     text = _decode(path.read_bytes())
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
+    header = [name.strip() for name in next(csv.reader(io.StringIO(text.lstrip())))]
+    if twice := [name for name in dict.fromkeys(header) if header.count(name) > 1]:
+        raise VotesError(f"has {header.count(twice[0])} columns named {twice[0]!r}, expected one")
     try:
-        frame = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False)
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        frame = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True)
+    except pd.errors.ParserError as error:
         raise VotesError(f"is not a table of equally long rows: {str(error).strip()}") from error
+    if not isinstance(frame.index, pd.RangeIndex):  # pandas takes surplus cells at the left for names of the rows
+        raise VotesError(f"is not a table of equally long rows: row 1 has more cells than the header's {len(header)}")
     frame.columns = [str(column).strip() for column in frame.columns]
     return pd.DataFrame({name: frame[name].str.strip() for name in frame.columns})
 

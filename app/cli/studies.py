@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from app.cli.shared import DEFAULT_URL, UrlOption, by_step
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
+if TYPE_CHECKING:
+    from app.intake.merge import NewSet
+
 StudyArgument = Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")]
 
 app = typer.Typer()
-stimuli_app = typer.Typer(no_args_is_help=True, help="Check and import stimulus sets.")
+stimuli_app = typer.Typer(no_args_is_help=True, help="Check, import and merge stimulus sets.")
 study_app = typer.Typer(
     no_args_is_help=True, help="Create, import, export, list and check studies; invite; attach measures."
 )
@@ -41,7 +44,8 @@ def stimuli_check(
 @stimuli_app.command("import")
 def stimuli_import(
     folder: Annotated[
-        Path, typer.Argument(help="Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors.")
+        Path,
+        typer.Argument(help="Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set.")],
     practice: Annotated[
@@ -55,6 +59,28 @@ def stimuli_import(
     progress = ProgressLine()
     made = import_stimuli(folder, out, practice=practice, progress=by_step(progress))
     progress.close()
+    _tell_of_set(made, out, as_json=as_json)
+
+
+@stimuli_app.command("merge")
+def stimuli_merge(
+    sets: Annotated[list[Path], typer.Argument(help="Two or more stimulus sets: from render, import or merge.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set of all of them.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Join stimulus sets: the films of a dataset must have the same size, frame rate, length and camera path."""
+    from app.intake.merge import merge_sets
+
+    if len(sets) < 2:
+        raise typer.BadParameter(f"{sets[0]} alone has nothing to be merged with; name two sets or more")
+    progress = ProgressLine()
+    made = merge_sets(sets, out, progress=by_step(progress))
+    progress.close()
+    _tell_of_set(made, out, as_json=as_json)
+
+
+def _tell_of_set(new: NewSet, out: Path, *, as_json: bool) -> None:
+    made = new.stimulus_set
     result = {
         "name": made.name,
         "path": str(out),
@@ -62,12 +88,16 @@ def stimuli_import(
         "conditions": list(made.conditions),
         "factors": made.factors,
         "videos": len(made.stimuli),
+        "notes": list(new.notes),
     }
-    sentence = (
-        f"{len(made.stimuli)} videos: {len(made.conditions)} conditions of {len(made.datasets)} datasets: {out}\n"
+    films = f"{len(made.stimuli)} videos: {len(made.conditions)} conditions of {len(made.datasets)} datasets: {out}"
+    is_comparable = all(len(made.of_dataset(dataset)) > 1 for dataset in made.datasets)
+    follows = (
         f"A study of it: reconstudy study create {out} --name NAME"
+        if is_comparable
+        else f"To be compared with others: reconstudy stimuli merge OTHER_SET {out} -o SET"
     )
-    print_result(result, sentence, as_json=as_json)
+    print_result(result, "\n".join([films, *new.notes, follows]), as_json=as_json)
 
 
 @study_app.command("create")
@@ -216,12 +246,16 @@ def study_balance(
 @study_app.command("attach")
 def study_attach(
     results: Annotated[
-        list[Path], typer.Argument(help="Folders that `reconstudy validate` and `reconstudy models` wrote.")
+        list[Path],
+        typer.Argument(
+            help="Folders that `reconstudy validate` and `reconstudy models` wrote, or CSV tables of measures."
+        ),
     ],
     study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
+    from app.operations.attach import listed
     from app.operations.manage import attach_results
     from app.settings import Settings
 
@@ -238,7 +272,8 @@ def study_attach(
     if attached["models"]:
         sentences.append(f"Attached {attached['models']} models to {attached['study']}")
     if attached["ignored"]:
-        sentences.append(f"The study does not compare {', '.join(attached['ignored'])}: left out.")
+        sentences.append(f"The study does not compare {listed(attached['ignored'])}: left out.")
+    sentences += [f"{note}." for note in attached["notes"]]
     print_result(attached, "\n".join(sentences), as_json=as_json)
 
 

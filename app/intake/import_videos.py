@@ -1,5 +1,6 @@
-"""Import a folder DATASET/CONDITION.mp4 of other people's videos as a stimulus set, with factors from
-conditions.csv.
+"""Import a folder DATASET/CONDITION.mp4 of anybody's videos as a stimulus set, with factors from conditions.csv.
+
+A folder that `reconstudy render` wrote keeps what it knows: masters, quality, camera paths, and with its manifest all.
 """
 
 from __future__ import annotations
@@ -7,7 +8,7 @@ from __future__ import annotations
 import csv
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -15,33 +16,40 @@ from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress, decode, in_parallel, no_progress
-from app.files import file_digest, whole_file, write_json
-from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
+from app.files import file_digest, read_json, whole_folder, write_json
+from app.intake.merge import PATHS, NewSet, merge_sets, refuse_used, set_notes
+from app.intake.stimuli import MANIFEST, read_manifest
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".webm", ".mov", ".avi")
 CONDITIONS = "conditions.csv"
+MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
+QUALITY = ".quality.json"
 
 Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
 
 
 @dataclass(frozen=True)
 class SourceVideo:
-    """A video in the folder that is imported."""
+    """A video in the folder that is imported, and its master if there is one."""
 
     dataset: str
     condition: str
     path: Path
+    master: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.dataset}/{self.condition}"
 
 
-def import_stimuli(
-    folder: Path, out: Path, *, practice: str | None = None, progress: Progress = no_progress
-) -> StimulusSet:
+def import_stimuli(folder: Path, out: Path, *, practice: str | None = None, progress: Progress = no_progress) -> NewSet:
     """Copy the videos of a folder into a stimulus set, and check it.
 
     Parameters
     ----------
     folder : holds a folder per dataset with a video per condition, named by the condition; beside them `conditions.csv`
-        (condition, <factor>, …) where conditions have factors
+        (condition, <factor>, …) where conditions have factors. `NAME.master.mp4` beside `NAME.mp4` is its master. With
+        a stimulus set's manifest, the folder is copied with all that the manifest says
     out : the stimulus set's folder, missing or empty
     practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
     progress : called after each video
@@ -53,39 +61,98 @@ def import_stimuli(
         others of its dataset in size, frame rate or length, or the table of conditions does not fit. No file is left
         behind.
     """
-    if out.exists() and any(out.iterdir()):
-        raise StimuliError(f"{out}: is not empty; choose a new folder for the stimulus set")
-    videos = _find(folder)
+    refuse_used(out)
+    if _is_set(folder):
+        return _copy_set(folder, out, practice, progress)
+    videos, unknown = _find(folder)
     compared = [video for video in videos if video.dataset != practice]
     _check_complete(folder, videos, compared, practice)
     levels = _read_levels(folder / CONDITIONS, sorted({video.condition for video in compared}))
-    is_new = not out.exists()
-    try:
-        entries = _copy(videos, out, levels, progress)
-        write_json(out / MANIFEST, _manifest(folder, entries, levels, practice))
-        return read_stimulus_set(out)
-    except BaseException:
-        _remove(out, videos, is_new=is_new)
-        raise
+    with whole_folder(out) as temporary:
+        entries = _copy(videos, temporary, levels, progress)
+        paths = _copy_paths(folder, temporary, {video.dataset for video in compared})
+        manifest = _manifest(folder.resolve().name, entries, levels, practice, _provenance(folder, paths))
+        write_json(temporary / MANIFEST, manifest)
+        made = read_manifest(temporary, folder)
+    made = replace(made, folder=out)
+    left_out = [f"left out, as neither film nor master: {', '.join(unknown)}"] if unknown else []
+    return NewSet(made, (*left_out, *set_notes(made)))
 
 
-def _find(folder: Path) -> list[SourceVideo]:
+def _is_set(folder: Path) -> bool:
+    """Tell a stimulus set by its manifest; other programs write files of this name, too."""
+    manifest = folder / MANIFEST
+    return manifest.is_file() and "stimuli" in read_json(manifest)
+
+
+def _copy_set(folder: Path, out: Path, practice: str | None, progress: Progress) -> NewSet:
+    if practice is not None:
+        raise StimuliError(
+            f"{folder}: has a {MANIFEST}, which says what is for practice; leave --practice away, or remove the "
+            "manifest to import the videos alone"
+        )
+    made = read_manifest(folder)
+    stimuli = (*made.stimuli, *made.practice)
+    listed = {(folder / file).resolve() for s in stimuli for file in (s.video, s.master) if file is not None}
+    if added := [path for path in _videos(folder) if path.resolve() not in listed]:
+        raise StimuliError(
+            f"{added[0]}: the folder's {MANIFEST} does not name it; put it into DATASET/CONDITION.mp4 of a folder of "
+            "its own, import that, and join both by `reconstudy stimuli merge`"
+        )
+    copied = merge_sets([folder], out, progress=progress)
+    kept = f"{folder} is a stimulus set: its factors, masters, camera paths and provenance are kept"
+    ignored = [f"{CONDITIONS} is left out: the manifest says the levels"] if (folder / CONDITIONS).exists() else []
+    return NewSet(copied.stimulus_set, (kept, *ignored, *copied.notes))
+
+
+def _videos(folder: Path) -> list[Path]:
+    paths = sorted(path for path in folder.glob("*/*") if not path.name.startswith("."))
+    return [path for path in paths if path.suffix.lower() in VIDEO_SUFFIXES]
+
+
+def _find(folder: Path) -> tuple[list[SourceVideo], list[str]]:
+    """Return the videos with their masters, and the names of files that are neither."""
     if not folder.is_dir():
         raise StimuliError(f"{folder}: is no folder; expected one with DATASET/CONDITION.mp4")
-    videos = [
-        SourceVideo(path.parent.name, path.stem, path)
-        for path in sorted(folder.glob("*/*"))
-        if path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".")
-    ]
-    if not videos:
+    paths = _videos(folder)
+    if not paths:
         kinds = ", ".join(VIDEO_SUFFIXES)
         raise StimuliError(f"{folder}: holds no video; expected a folder for each dataset with CONDITION.mp4 ({kinds})")
-    names = [(video.dataset, video.condition) for video in videos]
-    twice = [video for video, name in zip(videos, names, strict=True) if names.count(name) > 1]
-    if twice:
-        files = " and ".join(video.path.name for video in twice[:2])
-        raise StimuliError(f"{twice[0].path.parent}: {files} are both the condition {twice[0].condition}; keep one")
-    return videos
+    by_stem = _by_stem(paths)
+    films = {stem: path for stem, path in by_stem.items() if not stem.name.endswith(MASTER)}
+    masters = {
+        stem.with_name(stem.name.removesuffix(MASTER)): path for stem, path in by_stem.items() if stem not in films
+    }
+    if lone := [master for film, master in masters.items() if film not in films]:
+        stem = lone[0].stem.removesuffix(MASTER)
+        raise StimuliError(
+            f"{lone[0]}: is the master of a film {stem}{lone[0].suffix} that is not there; put the film beside it, or "
+            f"rename it to {stem}{lone[0].suffix} to show it itself"
+        )
+    videos = [SourceVideo(path.parent.name, path.stem, path, masters.get(stem)) for stem, path in films.items()]
+    return videos, _unknown(folder, paths)
+
+
+def _by_stem(paths: Sequence[Path]) -> dict[Path, Path]:
+    """Return videos by their path without suffix."""
+    by_stem: dict[Path, Path] = {}
+    for path in paths:
+        other = by_stem.setdefault(path.with_name(path.stem), path)
+        if other != path:
+            raise StimuliError(
+                f"{path.parent}: {other.name} and {path.name} are both the condition {path.stem}; keep one"
+            )
+    return by_stem
+
+
+def _unknown(folder: Path, videos: Sequence[Path]) -> list[str]:
+    """Return the files that are not taken, by their place in the folder."""
+    datasets = {path.parent for path in videos}
+    taken = {*videos, folder / CONDITIONS, *(folder / PATHS / f"{dataset.name}.json" for dataset in datasets)}
+    qualities = {path.with_name(path.stem + QUALITY) for path in videos}
+    files = sorted(path for pattern in ("*", "*/*") for path in folder.glob(pattern) if path.is_file())
+    left = [path for path in files if path not in taken | qualities and not path.name.startswith(".")]
+    return [path.relative_to(folder).as_posix() for path in left]
 
 
 def _check_complete(
@@ -117,16 +184,13 @@ def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
                 f"{path}: has the columns {', '.join(columns) or 'none'}; expected condition and a column per factor"
             )
         rows = [{column: (row.get(column) or "").strip() for column in columns} for row in reader]
-    levels = {row["condition"]: {factor: row[factor] for factor in columns[1:]} for row in rows}
+    levels = {row["condition"]: {factor: row[factor] for factor in columns[1:] if row[factor]} for row in rows}
     if len(levels) != len(rows):
         raise StimuliError(f"{path}: a condition appears twice")
     if missing := [name for name in conditions if name not in levels]:
         raise StimuliError(f"{path}: has no row for {', '.join(missing)}")
     if unknown := [name for name in levels if name not in conditions]:
         raise StimuliError(f"{path}: names {', '.join(unknown)}, of which there is no video")
-    for name, by_factor in levels.items():
-        if empty := [factor for factor, level in by_factor.items() if not level]:
-            raise StimuliError(f"{path}: {name} has no level of {', '.join(empty)}")
     return levels
 
 
@@ -134,31 +198,56 @@ def _copy(videos: Sequence[SourceVideo], out: Path, levels: Levels, progress: Pr
     entries: dict[SourceVideo, dict[str, Any]] = {}
 
     def copy(video: SourceVideo) -> None:
-        facts = decode(video.path)
-        target = _target(video)
-        with whole_file(out / target) as temporary:
-            shutil.copyfile(video.path, temporary)
-        entries[video] = {
-            "dataset": video.dataset,
-            "approach": video.condition,
-            "levels": dict(levels.get(video.condition, {})),
-            "video": target.as_posix(),
-            "sha256": file_digest(out / target),
-            "width": facts.width,
-            "height": facts.height,
-            "fps": facts.fps,
-            "n_frames": facts.n_frames,
-        }
+        entries[video] = _copied(video, out, dict(levels.get(video.condition, {})))
 
-    in_parallel([(f"importing {_target(video)}", partial(copy, video)) for video in videos], progress)
+    in_parallel([(f"importing {video.name}", partial(copy, video)) for video in videos], progress)
     return [entries[video] for video in videos]
 
 
-def _target(video: SourceVideo) -> Path:
-    return Path(video.dataset) / f"{video.condition}{video.path.suffix.lower()}"
+def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, Any]:
+    """Copy a video and its master; return its entry in the manifest."""
+    facts = decode(video.path)
+    if video.master is not None and (master := decode(video.master)) != facts:
+        raise StimuliError(f"{video.master}: is {master}, its film {video.path.name} is {facts}; expected the same")
+    (out / video.dataset).mkdir(exist_ok=True)
+    sources = {"video": video.path} | ({} if video.master is None else {"master": video.master})
+    files = {key: f"{video.dataset}/{path.stem}{path.suffix.lower()}" for key, path in sources.items()}
+    for key, path in sources.items():
+        shutil.copyfile(path, out / files[key])
+    quality = video.path.with_name(video.path.stem + QUALITY)
+    return {
+        "dataset": video.dataset,
+        "approach": video.condition,
+        "levels": levels,
+        **files,
+        "sha256": file_digest(out / files["video"]),
+        "width": facts.width,
+        "height": facts.height,
+        "fps": facts.fps,
+        "n_frames": facts.n_frames,
+        **({"quality": read_json(quality)} if quality.is_file() else {}),
+    }
 
 
-def _manifest(folder: Path, entries: Sequence[dict[str, Any]], levels: Levels, practice: str | None) -> dict[str, Any]:
+def _copy_paths(folder: Path, out: Path, datasets: set[str]) -> dict[str, dict[str, str]]:
+    """Copy the camera paths of the datasets, where `reconstudy render` wrote them; return them for the provenance."""
+    paths = {}
+    for dataset in sorted(datasets):
+        file = f"{PATHS}/{dataset}.json"
+        if (folder / file).is_file():
+            (out / PATHS).mkdir(exist_ok=True)
+            shutil.copyfile(folder / file, out / file)
+            paths[dataset] = {"file": file, "sha256": file_digest(out / file)}
+    return paths
+
+
+def _provenance(folder: Path, paths: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    return {"imported_from": folder.resolve().name, **({"paths": paths} if paths else {})}
+
+
+def _manifest(
+    name: str, entries: Sequence[dict[str, Any]], levels: Levels, practice: str | None, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
     factors: dict[str, list[str]] = {}
     for by_factor in levels.values():
         for factor, level in by_factor.items():
@@ -166,21 +255,10 @@ def _manifest(folder: Path, entries: Sequence[dict[str, Any]], levels: Levels, p
                 factors[factor].append(level)
     return {
         "schema_version": 1,
-        "name": folder.resolve().name,
+        "name": name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "stimuli": [entry for entry in entries if entry["dataset"] != practice],
         "factors": factors,
         "practice": [entry for entry in entries if entry["dataset"] == practice],
-        "provenance": {"imported_from": folder.resolve().name},
+        "provenance": provenance,
     }
-
-
-def _remove(out: Path, videos: Sequence[SourceVideo], *, is_new: bool) -> None:
-    """Remove what was written."""
-    (out / MANIFEST).unlink(missing_ok=True)
-    for video in videos:
-        (out / _target(video)).unlink(missing_ok=True)
-    folders = [out / dataset for dataset in {video.dataset for video in videos}] + ([out] if is_new else [])
-    for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()

@@ -1,26 +1,36 @@
-"""Read reports of objective evaluation, and select the measures that a study can compare with its scores."""
+"""Read reports of objective evaluation and tables of measures, and select the measures that a study can compare with
+its scores.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 REPORT = "report.json"
+TABLE = "measures.csv"  # of a report; a table of somebody else's measures may have any name that ends in .csv
 SUFFIXES = (".svg", ".png", ".pdf", ".csv")  # of tables and figures
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,99}")
 MOST_FILES = 400  # of a report
 LARGEST_FILE = 32 * 1024 * 1024  # bytes
 EVERY_DATASET = "all"  # dataset of a measure that holds for an approach on all datasets
 
+DIRECTIONS: Mapping[str, Literal["less is better", "more is better"]] = {
+    "lower": "less is better",
+    "higher": "more is better",
+}
+BETTER = {direction: better for better, direction in DIRECTIONS.items()}
+
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class Measure(BaseModel):
-    """The value of a measure for an approach on a dataset, as a report lists it."""
+    """The value of a measure for an approach on a dataset, as a report lists it; `source` says what measured it."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
 
@@ -30,6 +40,7 @@ class Measure(BaseModel):
     value: Annotated[float, Field(allow_inf_nan=False)]
     direction: Literal["less is better", "more is better"]
     unit: Annotated[str, Field(max_length=40)]
+    source: Annotated[str, Field(max_length=500)] = ""
 
     @property
     def place(self) -> tuple[str, str, str]:
@@ -37,7 +48,7 @@ class Measure(BaseModel):
         return self.dataset, self.approach, self.measure
 
 
-class Report(BaseModel):
+class _ReportFile(BaseModel):
     """The part of a report.json that a study uses."""
 
     model_config = ConfigDict(extra="ignore", strict=True)
@@ -46,21 +57,41 @@ class Report(BaseModel):
     measures: Sequence[Measure]  # empty for reports on sensors or objects, which name no approach
 
 
-def read_report(path: Path) -> Report:
-    """Read a report.
+@dataclass(frozen=True)
+class Report:
+    """What a study uses of a report.
 
     Parameters
     ----------
-    path : its folder, or its report.json
+    kind : what was evaluated, or "measures"
+    measures : empty for reports on sensors or objects, which name no approach
+    notes : sentences on what its table of measures leaves out or averages
+    """
+
+    kind: str
+    measures: Sequence[Measure]
+    notes: Sequence[str] = ()
+
+
+def read_report(path: Path) -> Report:
+    """Read a report, or a table of measures.
+
+    The values of a report's folder are those of its `measures.csv`, where there is one, else those of its report.json.
+
+    Parameters
+    ----------
+    path : the report's folder, its report.json, or a CSV file, see `app/analysis/measures_table.py`
 
     Raises
     ------
     ValueError
         If it cannot be read, or has no measure, table or figure.
     """
+    if path.suffix.lower() == ".csv":
+        return _read_table(path)
     file = path / REPORT if path.is_dir() else path
     try:
-        report = Report.model_validate_json(file.read_bytes())
+        report = _ReportFile.model_validate_json(file.read_bytes())
     except FileNotFoundError as error:
         raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
     except (OSError, ValidationError) as error:
@@ -70,7 +101,38 @@ def read_report(path: Path) -> Report:
             f"{file}: lists no measure and comes without tables and figures; attach its folder, or evaluate again with "
             "--approach NAME, the approach as the study calls it"
         )
-    return report
+    if path.is_dir() and (path / TABLE).is_file():
+        measures, notes = _measures_of(path / TABLE)
+        return Report(report.kind, measures, notes)
+    return Report(report.kind, report.measures)
+
+
+def _read_table(path: Path) -> Report:
+    measures, notes = _measures_of(path)
+    if not measures:
+        why = "; ".join(notes) or "it has no row below its header"
+        raise ValueError(f"{path}: holds no value that can be attached: {why}")
+    return Report("measures", measures, notes)
+
+
+def _measures_of(table: Path) -> tuple[list[Measure], tuple[str, ...]]:
+    """Return a table's values and its notes."""
+    from app.analysis.measures_table import read_measures_table  # pandas loads slowly
+
+    read_table = read_measures_table(table)
+    measures = [
+        Measure(
+            dataset=value.dataset,
+            approach=value.approach,
+            measure=value.measure,
+            value=value.value,
+            direction=DIRECTIONS[value.better],
+            unit=value.unit,
+            source=value.source,
+        )
+        for value in read_table.values
+    ]
+    return measures, read_table.notes
 
 
 def report_files(path: Path) -> list[Path]:
@@ -114,12 +176,40 @@ def expanded(
         for dataset in datasets if measure.dataset == EVERY_DATASET else [measure.dataset]:
             copy = measure.model_copy(update={"dataset": dataset})
             before = suited.setdefault(copy.place, copy)
-            if before != copy:
+            if before.value != copy.value:
                 raise ValueError(
                     f"{copy.measure} of {copy.approach} in {copy.dataset} is {before.value:g} in one report and "
                     f"{copy.value:g} in another; attach one of them"
                 )
     return list(suited.values()), list(strangers)
+
+
+def check_agreement(measures: Sequence[Measure], attached: Sequence[Mapping[str, object]]) -> None:
+    """Check that a measure has one unit, and one direction, in all its values.
+
+    Parameters
+    ----------
+    measures : new values
+    attached : rows of values that a study has; the new ones replace those of the same place
+
+    Raises
+    ------
+    ValueError
+        Naming the measure and what its values say.
+    """
+    places = {measure.place for measure in measures}
+    told = {measure.measure: measure for measure in measures}
+    kept = [row for row in attached if (row["dataset"], row["approach"], row["measure"]) not in places]
+    rows = [*(measure.model_dump() for measure in measures), *(row for row in kept if row["measure"] in told)]
+    for row in rows:
+        first = told[str(row["measure"])].model_dump()
+        for name in ("direction", "unit"):
+            if row[name] != first[name]:
+                raise ValueError(
+                    f"{name} of {row['measure']} is {first[name]!r} for {first['dataset']}/{first['approach']} and "
+                    f"{row[name]!r} for {row['dataset']}/{row['approach']}; expected the same for all values of a "
+                    "measure: correct one, attach both again together, or give one another name"
+                )
 
 
 def by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, dict[str, dict[str, float]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -51,7 +52,7 @@ class _Manifest(BaseModel):
 
     schema_version: Literal[1]
     name: Name
-    stimuli: Annotated[list[Stimulus], Field(min_length=2)]
+    stimuli: Annotated[list[Stimulus], Field(min_length=1)]
     factors: dict[str, list[str]] = {}
     practice: list[Stimulus] = []
 
@@ -98,7 +99,7 @@ class StimulusSet:
 
 
 def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusSet:
-    """Read a stimulus set and check every video in it by decoding it.
+    """Read a stimulus set to make a study of, and check every video in it by decoding it.
 
     Parameters
     ----------
@@ -109,10 +110,30 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
     ------
     StimuliError
         If the manifest is not as described, a file is missing, has another digest, cannot be decoded or contradicts the
-        manifest, or the stimuli of a dataset differ in size, frame rate or length.
+        manifest, the stimuli of a dataset differ in size, frame rate or length, or a dataset has only one.
+    """
+    stimulus_set = read_manifest(path, are_compared=True)
+    check_videos(stimulus_set, progress)
+    return stimulus_set
+
+
+def read_manifest(path: Path, named: Path | None = None, *, are_compared: bool = False) -> StimulusSet:
+    """Read a stimulus set's manifest, and check it without its files.
+
+    Parameters
+    ----------
+    path : the manifest, or its folder
+    named : what errors call it; None: by its path
+    are_compared : expect two stimuli of each dataset
+
+    Raises
+    ------
+    StimuliError
+        If it is not as described, or the stimuli of a dataset differ in size, frame rate or length.
     """
     manifest_path = path / MANIFEST if path.is_dir() else path
     manifest, sha256 = _read_manifest(manifest_path)
+    named = named or manifest_path
     stimulus_set = StimulusSet(
         manifest_path.parent,
         manifest.name,
@@ -121,13 +142,47 @@ def read_stimulus_set(path: Path, progress: Progress = no_progress) -> StimulusS
         tuple(manifest.stimuli),
         tuple(manifest.practice),
     )
-    _check_names(stimulus_set, manifest_path)
+    _check_names(stimulus_set, named)
+    for dataset in stimulus_set.datasets if are_compared else ():
+        if len(stimulus_set.of_dataset(dataset)) < 2:
+            raise StimuliError(
+                f"{named}: dataset {dataset} has one stimulus, expected at least two to compare; "
+                "`reconstudy stimuli merge` joins it with other sets"
+            )
     for dataset in stimulus_set.datasets:
-        _check_alike(stimulus_set.of_dataset(dataset), manifest_path)
-    _check_practice(stimulus_set, manifest_path)
+        _check_alike(stimulus_set.of_dataset(dataset), named)
+    _check_practice(stimulus_set, named)
+    return stimulus_set
+
+
+def level_notes(stimulus_set: StimulusSet) -> list[str]:
+    """Return sentences on the conditions that a comparison by factor leaves out, as they have no level of one."""
+    without: dict[str, list[str]] = {}
+    levels = {stimulus.approach: stimulus.levels for stimulus in stimulus_set.stimuli}
+    for condition, by_factor in levels.items():
+        if missing := ", ".join(factor for factor in stimulus_set.factors if factor not in by_factor):
+            without.setdefault(missing, []).append(condition)
+    notes = [
+        f"no level of {factors}: {', '.join(conditions)}; compared with all others, and left out where factors are "
+        "compared"
+        for factors, conditions in without.items()
+    ]
+    if sum(map(len, without.values())) == len(levels):
+        names = ", ".join(stimulus_set.factors)
+        notes.append(f"no condition has a level of every factor ({names}): this set cannot compare factors")
+    return notes
+
+
+def check_videos(stimulus_set: StimulusSet, progress: Progress = no_progress) -> None:
+    """Check every video of a set by its digest and by decoding it.
+
+    Raises
+    ------
+    StimuliError
+        If a file is missing, has another digest, cannot be decoded or contradicts the manifest.
+    """
     every = (*stimulus_set.stimuli, *stimulus_set.practice)
     in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
-    return stimulus_set
 
 
 def _read_manifest(path: Path) -> tuple[_Manifest, str]:
@@ -152,9 +207,6 @@ def _check_names(stimulus_set: StimulusSet, manifest: Path) -> None:
     names = [stimulus.name for stimulus in stimulus_set.stimuli]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise StimuliError(f"{manifest}: {twice[0]} is there twice, expected every approach once for a dataset")
-    for dataset in stimulus_set.datasets:
-        if len(stimulus_set.of_dataset(dataset)) < 2:
-            raise StimuliError(f"{manifest}: dataset {dataset} has one stimulus, expected at least two to compare")
     for stimulus in stimulus_set.stimuli:
         for factor, level in stimulus.levels.items():
             if level not in stimulus_set.factors.get(factor, []):
@@ -171,16 +223,20 @@ def _check_practice(stimulus_set: StimulusSet, manifest: Path) -> None:
 
 def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
     """Check that stimuli shown in turn differ in nothing but the reconstruction."""
-    first, *others = stimuli
-    for other in others:
-        for fact in ("width", "height", "fps", "n_frames"):
-            if getattr(other, fact) != getattr(first, fact):
-                raise StimuliError(
-                    f"{manifest}: {other.name} has {fact} {getattr(other, fact)}, {first.name} has"
-                    f" {getattr(first, fact)}; the stimuli of a dataset must be alike"
-                )
+    first, usual = stimuli[0], Counter(map(_shape, stimuli)).most_common(1)[0][0]
+    for stimulus in stimuli:
+        if (shape := _shape(stimulus)) != usual:
+            raise StimuliError(
+                f"{manifest}: {stimulus.name} has {shape}, the others of {stimulus.dataset} have {usual}; the stimuli "
+                f"of a dataset must be alike: render {stimulus.name} with {usual}, or leave it out"
+            )
     if first.width % 2 or first.height % 2:
         raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")
+
+
+def _shape(stimulus: Stimulus) -> str:
+    """Describe the size, length and frame rate, which are the same for all stimuli of a dataset."""
+    return f"{stimulus.n_frames} frames at {stimulus.fps:.6g}/s of {stimulus.width}x{stimulus.height}"
 
 
 def _check_files(folder: Path, stimulus: Stimulus) -> None:

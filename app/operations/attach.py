@@ -16,17 +16,19 @@ from typing import Any
 
 from app.files import file_digest, whole_file
 from app.intake.models import Model, holds_models, read_models
-from app.intake.reports import Measure, Report, expanded, read_report, report_files
+from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
 from app.settings import Settings
 from app.store.attached_models import replace_models
 from app.store.attached_reports import replace_report
 from app.store.audit import Entry, record
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database
-from app.store.measurements import replace_measurements
+from app.store.measurements import measurement_records, replace_measurements
 from app.store.studies import Study
 
 LONGEST_SUBJECT = 500
+MOST_LISTED = 12  # names in a sentence
+ATTACHED = "results attached"  # in the audit log
 WHOLE_STUDY = "the whole study"  # subject of a report that names no approach
 
 
@@ -41,7 +43,7 @@ class Compared:
     def refusal(self, strangers: Iterable[str]) -> ValueError:
         """Return the error for measures or models that match nothing in the study."""
         return ValueError(
-            f"this describes {', '.join(strangers)}; the study {self.study.slug} compares "
+            f"this describes {listed(list(strangers))}; the study {self.study.slug} compares "
             f"{', '.join(self.conditions)} in {', '.join(self.datasets)}"
         )
 
@@ -49,16 +51,20 @@ class Compared:
 def attach(
     settings: Settings, database: Database, study: Study, paths: Sequence[Path], *, by: str, now: datetime
 ) -> dict[str, Any]:
-    """Attach reports and folders of models, replacing earlier ones of the same subject; those of other studies are left
-    out.
+    """Attach reports, tables of measures and folders of models, replacing earlier ones of the same subject; those of
+    other studies are left out.
 
     A report that names no approach belongs to the study as a whole: it is shown, and has nothing to compare with
     scores.
 
     Parameters
     ----------
-    paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
+    paths : folders that `reconstudy validate` or `reconstudy models` wrote, a report.json, or a CSV table of measures
     by : the person's name, for the audit log
+
+    Returns
+    -------
+    what was attached; `ignored` names what the study does not compare, `notes` say what tables leave out or average
 
     Raises
     ------
@@ -67,25 +73,34 @@ def attach(
     """
     with database.reading() as connection:
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
+        attached = measurement_records(connection, study.id)
     compared = Compared(study, datasets, conditions)
     reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
     _check_distinct([report for _, report in reports])
     measures, strangers = _suited_measures(compared, [report for _, report in reports])
+    check_agreement(measures, attached)
     models, foreign = _suited_models(compared, [path for path in paths if holds_models(path)])
     kept = [(report, _keep_report(settings, path)) for path, report in reports]
     for model in models:
         _keep_model(settings, model)
     names = list(dict.fromkeys(measure.measure for measure in measures))
     ignored = list(dict.fromkeys([*strangers, *foreign]))
-    detail = {"measures": names, "reports": len(kept), "models": len(models), "ignored": ignored}
+    notes = [note for _, report in reports for note in report.notes]
+    detail = {"measures": names, "reports": len(kept), "models": len(models), "ignored": ignored, "notes": notes}
     with database.writing() as connection:
         replace_measurements(connection, study.id, measures, now)
         for report, digest in kept:
             if digest is not None:
                 replace_report(connection, study.id, report.kind, subject_of(report.measures), digest, now)
         replace_models(connection, study.id, models, now)
-        record(connection, by, Entry("results attached", study.id, study.slug, detail), now)
+        record(connection, by, Entry(ATTACHED, study.id, study.slug, detail), now)
     return {"study": study.slug, "n_values": len(measures), **detail}
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the names as words, the first of many."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
 
 
 def subject_of(measures: Sequence[Measure]) -> str:

@@ -115,7 +115,7 @@ def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None =
 
     Parameters
     ----------
-    paths : folders that `reconstudy validate` or `reconstudy models` wrote, or a report.json
+    paths : as in `attach`
     slug : of the study; None: the only study there is
 
     Raises

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, delete, insert, select
 
-from app.intake.reports import Measure
+from app.intake.reports import BETTER, Measure
 from app.store.tables import condition, dataset, measurement
 
 
@@ -23,12 +23,12 @@ def replace_measurements(connection: Connection, study_id: int, measures: Sequen
         }
         same = [measurement.c[name] == value for name, value in place.items()]
         connection.execute(delete(measurement).where(*same))
-        facts = {"value": measure.value, "direction": measure.direction, "unit": measure.unit, "attached_at": now}
-        connection.execute(insert(measurement).values(**place, **facts))
+        facts = {name: getattr(measure, name) for name in ("value", "direction", "unit", "source")}
+        connection.execute(insert(measurement).values(**place, **facts, attached_at=now))
 
 
 def measurement_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """`dataset, approach, measure, value, direction, unit, attached_at`, in the study's order."""
+    """`dataset, approach, measure, value, direction, unit, better, source, attached_at`, in the study's order."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),
@@ -37,13 +37,22 @@ def measurement_records(connection: Connection, study_id: int) -> list[dict[str,
             measurement.c.value,
             measurement.c.direction,
             measurement.c.unit,
+            measurement.c.source,
             measurement.c.attached_at,
         )
         .select_from(measurement.join(dataset).join(condition, measurement.c.condition_id == condition.c.id))
         .where(dataset.c.study_id == study_id)
         .order_by(measurement.c.measure, dataset.c.position, condition.c.position)
     )
-    return [{**row._mapping, "attached_at": row.attached_at.isoformat()} for row in rows]
+    return [
+        {
+            **row._mapping,
+            "better": BETTER[row.direction],
+            "source": row.source or "",
+            "attached_at": row.attached_at.isoformat(),
+        }
+        for row in rows
+    ]
 
 
 def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:

@@ -108,6 +108,7 @@ measurement = Table(
     required("value", Float),
     required("direction", String(20)),
     required("unit", String(40)),
+    Column("source", String(500)),  # NULL: attached before sources were kept
     required("attached_at", UtcDateTime),
     UniqueConstraint("dataset_id", "condition_id", "measure"),
     CheckConstraint("direction in ('less is better', 'more is better')", name="direction"),

@@ -1,4 +1,4 @@
-// Replays a trial: both videos run side by side; the one that was on screen at that time is marked, and so is the time.
+// Replays a trial: its videos run side by side; the one that was on screen at that time is marked, and so is the time.
 
 import { byId, required } from "./elements.js";
 
@@ -10,7 +10,7 @@ function play(replay, line) {
   const shownMs = Number(replay.dataset.shownMs);
   const durationS = Number(replay.dataset.filmS);
   const looks = [.../** @type {NodeListOf<SVGRectElement>} */ (line.querySelectorAll("rect.look"))].map((look) => ({
-    label: look.classList.contains("look-a") ? "a" : "b",
+    label: look.dataset.label, // a, b or reference
     from: look.x.baseVal.value / 1000,
     to: (look.x.baseVal.value + look.width.baseVal.value) / 1000,
   }));

@@ -1,4 +1,4 @@
-// Sends a zip file of stimuli or of results, then opens the page that shows how its check goes.
+// Sends a file of stimuli or of results, then opens the page that shows how its check goes.
 
 import { byId, required } from "./elements.js";
 
@@ -25,7 +25,7 @@ function sendFile(form) {
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));
   request.open("PUT", form.dataset.to ?? "");
   request.setRequestHeader("X-CSRF-Token", form.dataset.formToken ?? "");
-  request.setRequestHeader("Content-Type", "application/zip");
+  request.setRequestHeader("Content-Type", "application/octet-stream");
   request.send(new FormData(form).get("file"));
 }
 

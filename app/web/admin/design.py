@@ -11,17 +11,19 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.files import file_digest
 from app.films.strips import write_still
-from app.store.designs import conditions_of, pair_records, stimulus_records
+from app.store.designs import STRIPS, conditions_of, pair_records, stimulus_records
+from app.store.engine import Database
 from app.store.orders import study_plan, taken_orders
+from app.store.studies import Study
 from app.study.balance import balance_report
 from app.study.design import participant_order
+from app.study.options import parse_options
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
 VOTING_S = 4.0  # besides the exposure: fixation, choice, Next; typical of simulated and real sessions
 BEFORE_AND_AFTER_MIN = 5
 REPLICATES = 200  # simulated studies; gives the power to about 3 %
-HALVES = ("top", "bottom")
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -66,13 +68,13 @@ def _power(conditions: int, datasets: int, participants: int, effect_jod: float)
 
 @router.get("/stimuli")
 def stimuli_page(request: Request, person: Person, study: AStudy, database: Store) -> Response:
-    return study_page(request, "stimuli", person, study, {**_stimuli(database, study.id), "checked": None})
+    return study_page(request, "stimuli", person, study, {**_stimuli(database, study), "checked": None})
 
 
 @router.post("/stimuli")
 def check_stimuli(request: Request, person: Person, actor: Acting, study: AStudy, database: Store) -> Response:
     """Check that every pair's file exists and is unchanged."""
-    context = _stimuli(database, study.id)
+    context = _stimuli(database, study)
     checked = {pair["media"]: _fault(request, pair) for pair in context["pairs"]}
     with database.writing() as connection:
         faults = sum(fault is not None for fault in checked.values())
@@ -86,27 +88,29 @@ def still(
     _person: Person,
     study: AStudy,
     media: Annotated[str, Path(max_length=32)],
-    half: Annotated[str, Path(max_length=6)],
+    half: Annotated[str, Path(max_length=9)],
     database: Store,
 ) -> Response:
+    """Show the first picture of a strip of a pair's film."""
+    strips = STRIPS if parse_options(study.options).reference else STRIPS[:2]
     with database.reading() as connection:
         pair = next((row for row in pair_records(connection, study.id) if row["media"] == media), None)
-    if pair is None or half not in HALVES:
+    if pair is None or half not in strips:
         raise NotFoundError("This study has no such film.")
     path = settings(request).data_dir / "stills" / f"{pair['sha256']}-{half}.jpg"
     if not path.is_file():
-        row = 0 if half == "top" else pair["height"] + pair["guard_rows"]
+        row = strips.index(half) * (pair["height"] + pair["guard_rows"])
         film = settings(request).media_dir / pair["file"]
         write_still(film, path, row=row, width=pair["width"], height=pair["height"])
     return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=86400"})
 
 
-def _stimuli(database: Any, study_id: int) -> dict[str, Any]:
+def _stimuli(database: Database, study: Study) -> dict[str, Any]:
     with database.reading() as connection:
-        stimuli, pairs = stimulus_records(connection, study_id), pair_records(connection, study_id)
+        stimuli, pairs = stimulus_records(connection, study.id), pair_records(connection, study.id)
     names = dict.fromkeys(row["dataset"] for row in stimuli)
     datasets = {name: [row for row in stimuli if row["dataset"] == name] for name in names}
-    return {"datasets": datasets, "pairs": pairs}
+    return {"datasets": datasets, "pairs": pairs, "has_reference": bool(parse_options(study.options).reference)}
 
 
 def _fault(request: Request, pair: dict[str, Any]) -> str | None:

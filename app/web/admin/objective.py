@@ -8,11 +8,12 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.operations.attach import report_folder
+from app.operations.attach import ATTACHED, report_folder
 from app.store.attached_reports import report_records
+from app.store.audit import audit_records
 from app.store.measurements import measurement_records
 from app.web.admin.layout import study_page
-from app.web.admin.objective_view import beside_scores, measure_lines, report_view
+from app.web.admin.objective_view import attachment_notes, beside_scores, measure_lines, report_view
 from app.web.analyst.results import FIGURE_TYPES, figures_of, results_of
 from app.web.gates import AStudy, Person, Store, settings
 from app.web.media import FOREVER
@@ -25,8 +26,13 @@ def objective_page(request: Request, person: Person, study: AStudy, database: St
     with database.reading() as connection:
         records = report_records(connection, study.id)
         measures = measurement_records(connection, study.id)
-    reports = [report_view(row, report_folder(settings(request), row["digest"])) for row in records]
-    context = {"reports": reports, "measures": measures, "largest_mb": settings(request).largest_upload_mb}
+        latest = audit_records(connection, study_id=study.id, search=ATTACHED, limit=1)
+    context = {
+        "reports": [report_view(row, report_folder(settings(request), row["digest"])) for row in records],
+        "measures": measures,
+        "notes": attachment_notes(latest[0]["detail"]) if latest else [],
+        "largest_mb": settings(request).largest_upload_mb,
+    }
     return study_page(request, "objective", person, study, context)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.intake.reports import EVERY_DATASET
+from app.operations.attach import listed
 from app.web.admin.results_view import NOTHING, decimal, scores_by_comparison, unique, with_interval
 
 MOST_ROWS = 100  # of a table on the page; the file holds all
@@ -45,6 +46,12 @@ def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         "pictures": [{"caption": _caption(name.removesuffix(".png")), "picture": name} for name in singles],
         "tables": [_table(folder / name) for name in names if name.endswith(".csv")],
     }
+
+
+def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
+    """Return sentences on what an attachment left out or averaged, from its entry in the audit log."""
+    ignored = [f"the study does not compare {listed(detail['ignored'])}: left out"] if detail["ignored"] else []
+    return [*ignored, *detail.get("notes", ())]
 
 
 def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from app.settings import Settings
 from app.store.audit import Entry, record_alone
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page
-from app.web.admin.uploads import MB, UploadingActor, receive_zip, unpack
+from app.web.admin.uploads import MB, UploadingActor, check_zip, receive, unpack
 from app.web.gates import Person, Store, settings
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
@@ -68,7 +68,7 @@ def sets_page(request: Request, person: Person) -> Response:
 async def upload(request: Request, actor: UploadingActor, database: Store) -> Response:
     """Take a zipped stimulus set; it is unpacked and checked in the background."""
     server = settings(request)
-    folder, packed = await receive_zip(request, actor, database, server.sets_dir, server.largest_upload_mb)
+    folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
     def work(progress: Progress) -> str:
         with folder:

@@ -1,4 +1,4 @@
-"""Receive uploaded zip files safely: limits on packed and unpacked size, number of files and names."""
+"""Receive uploaded files safely: limits on packed and unpacked size, number of files and names."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # the last: 
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]
 CheckFile = Callable[[Path, str], None]  # takes an unpacked file and its name in the upload
+CheckUpload = Callable[[Path, int], None]  # takes what was received and the limit in MB
 
 
-async def receive_zip(
-    request: Request, actor: Actor, database: Database, parent: Path, largest_mb: int
+async def receive(
+    request: Request, actor: Actor, database: Database, parent: Path, largest_mb: int, check: CheckUpload
 ) -> tuple[TemporaryDirectory[str], Path]:
-    """Receive an upload into a temporary folder, which the caller removes, and check the zip file's headers.
+    """Receive an upload into a temporary folder, which the caller removes, and check it.
 
     Parameters
     ----------
@@ -41,15 +42,15 @@ async def receive_zip(
     Raises
     ------
     InvalidError, TooLargeError
-        If it is not a zip file, or larger than the limit; the audit log then records it.
+        If `check` refuses it, or it is larger than the limit; the audit log then records it.
     """
     parent.mkdir(parents=True, exist_ok=True)
     folder = TemporaryDirectory(prefix=".upload-", dir=parent)
-    packed = Path(folder.name) / "upload.zip"
+    received = Path(folder.name) / "upload"
     try:
         _check_announced(request, largest_mb)
-        await _receive(request, packed, largest_mb)
-        await run_in_threadpool(check_zip, packed, largest_mb)
+        await _receive(request, received, largest_mb)
+        await run_in_threadpool(check, received, largest_mb)
     except BaseException as error:
         await run_in_threadpool(folder.cleanup)
         if not isinstance(error, InvalidError | TooLargeError):  # the connection was lost, for example
@@ -57,7 +58,7 @@ async def receive_zip(
         entry = Entry("upload refused", subject=request.url.path, detail={"reason": error.detail})
         await run_in_threadpool(record_alone, database, actor.name, entry, actor.now)
         raise
-    return folder, packed
+    return folder, received
 
 
 def check_zip(packed: Path, largest_mb: int) -> None:

@@ -12,21 +12,37 @@ from fastapi.responses import Response
 from app.errors import NotFoundError
 from app.store.designs import datasets_of
 from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
+from app.study.options import parse_options
 from app.web.admin.layout import study_page, turns
 from app.web.gates import AStudy, Looking, Store
 
 VOTES_ON_A_PAGE = 60
+REFERENCE = "reference"  # label of a look at it, and the strip of a film that shows it
 
 router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
 
 
 @dataclass(frozen=True)
 class Look:
-    """A stretch of time in which A or B was on screen."""
+    """A stretch of time in which A, B or the reference was on screen."""
 
     label: str
     from_ms: float
     to_ms: float
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A, B or the reference of a trial, and the strip of the film that shows it."""
+
+    label: str
+    item: str
+    strip: str
+    looks: Sequence[Look]
+
+    @property
+    def dwell_ms(self) -> float:
+        return sum(look.to_ms - look.from_ms for look in self.looks if look.label == self.label)
 
 
 @router.get("")
@@ -61,7 +77,7 @@ def votes_page(
 def replay_page(
     request: Request, person: Looking, study: AStudy, trial: Annotated[str, Path(max_length=32)], database: Store
 ) -> Response:
-    """Show a trial: both films, and a time line of what was on screen."""
+    """Show a trial: both films, the reference if there is one, and a time line of what was on screen."""
     with database.reading() as connection:
         record = trial_record(connection, study.id, trial)
         film = trial_film(connection, study.id, trial)
@@ -69,8 +85,11 @@ def replay_page(
         raise NotFoundError("This study has no such trial.")
     viewing = record["viewing"] or {}
     looks = looks_of(viewing, study.exposure_s * 1000)
-    dwell = {label: sum(look.to_ms - look.from_ms for look in looks if look.label == label) for label in ("a", "b")}
-    context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "dwell": dwell}
+    b_half = "bottom" if film.a_half == "top" else "top"
+    shown = [Shown("a", record["item_a"], film.a_half, looks), Shown("b", record["item_b"], b_half, looks)]
+    if reference := parse_options(study.options).reference:
+        shown.append(Shown(REFERENCE, reference, REFERENCE, looks))
+    context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "shown": shown}
     return study_page(request, "replay", person, study, context)
 
 

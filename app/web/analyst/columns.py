@@ -111,6 +111,8 @@ MEASUREMENTS: Columns = {
     "value": "its value",
     "direction": "which way is better",
     "unit": "its unit",
+    "better": "higher or lower: the direction in one word, as in tables of measures",
+    "source": "what measured it",
     "attached_at": "when it was attached",
 }
 AUDIT: Columns = {

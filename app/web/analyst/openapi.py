@@ -10,7 +10,7 @@ from fastapi.openapi.utils import get_openapi
 
 from app.web.analyst.columns import Columns
 from app.web.analyst.formats import PARQUET, csv_text
-from app.web.analyst.openapi_examples import EXAMPLES, ROW
+from app.web.analyst.openapi_examples import EXAMPLES, example_row
 
 Answers = dict[int | str, dict[str, Any]]
 
@@ -33,7 +33,7 @@ def table_answers(columns: Columns) -> Answers:
     """Return the responses of a route that sends a table."""
     properties = {name: {"description": meaning} for name, meaning in columns.items()}
     row = {"type": "object", "properties": properties, "required": list(columns)}
-    example = {name: ROW.get(name) for name in columns}
+    example = example_row(columns)
     json_table = {"schema": {"type": "array", "items": row}}
     csv_table = {"schema": {"type": "string"}, "example": csv_text([example], list(columns))}
     content = {"application/json": json_table, "text/csv": csv_table, PARQUET: BINARY}
@@ -84,6 +84,6 @@ def _add_examples(operation: dict[str, Any]) -> None:
         schema = content["schema"]
         row = schema.get("items", schema)
         if "properties" in row:
-            content["example"] = [{name: ROW.get(name) for name in row["properties"]}]
+            content["example"] = [example_row(row["properties"])]
         elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
             content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]

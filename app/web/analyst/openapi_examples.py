@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 PROGRESS = {"done": 12, "total": 90}
@@ -171,6 +172,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "value": 3.41,
     "direction": "less is better",
     "unit": "mm",
+    "better": "lower",
     "attached_at": "2026-03-02T09:00:00+00:00",
     "entry": 41,
     "at": "2026-03-02T09:00:00+00:00",
@@ -202,6 +204,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "n_answered": 30,
     "details": {"n_not_seen": 3},
 }
+MEASURED_BY = "validate mesh"  # the source of a measure; that of an answer is another
 STUDY = {
     name: ROW[name] for name in ("slug", "name", "state", "exposure_s", "created_at", "n_datasets", "n_conditions")
 } | {
@@ -217,3 +220,9 @@ ANALYSIS = {
     ],
     "warnings": ["ball: 12 votes is few for 15 pairs"],
 }
+
+
+def example_row(columns: Iterable[str]) -> dict[str, Any]:
+    """Return an example of a table's row."""
+    row = {name: ROW.get(name) for name in columns}
+    return row | {"source": MEASURED_BY} if {"measure", "source"} <= set(row) else row

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.errors import StimuliError
+from app.files import file_digest
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_stimulus_set
 from tests.app import tiny_stimuli
@@ -47,9 +48,64 @@ def test_a_folder_of_videos_becomes_a_stimulus_set(videos: Path, tmp_path: Path)
 
 def test_conditions_need_no_factors(videos: Path, tmp_path: Path) -> None:
     (videos / "conditions.csv").unlink()
-    found = import_stimuli(videos, tmp_path / "set")
+    found = import_stimuli(videos, tmp_path / "set").stimulus_set
     assert found.factors == {}
     assert len(found.datasets) == 3
+
+
+def test_a_condition_may_have_no_level_of_a_factor(videos: Path, tmp_path: Path) -> None:
+    (videos / "conditions.csv").write_text("condition,codec,bitrate\nlow,av1,1\nhigh,,4\n", encoding="utf-8")
+    made = import_stimuli(videos, tmp_path / "set")
+    assert made.stimulus_set.factors == {"codec": ["av1"], "bitrate": ["1", "4"]}
+    assert made.stimulus_set.stimuli[0].levels == {"bitrate": "4"}
+    assert made.notes == ("no level of codec: high; compared with all others, and left out where factors are compared",)
+
+
+def test_a_film_keeps_its_master_its_quality_and_its_camera_path(videos: Path, tmp_path: Path) -> None:
+    shutil.copy(videos / "street" / "low.mp4", videos / "street" / "low.master.mp4")
+    (videos / "street" / "low.quality.json").write_text('{"psnr_y_mean_db": 50.5}', encoding="utf-8")
+    (videos / "street" / "thumbs.db").write_text("what is this", encoding="utf-8")
+    (videos / "paths").mkdir()
+    (videos / "paths" / "street.json").write_text('{"camera_path": []}', encoding="utf-8")
+    made = import_stimuli(videos, tmp_path / "set")
+    assert made.stimulus_set.conditions == ("high", "low")
+    read_stimulus_set(tmp_path / "set")
+    manifest = json.loads((tmp_path / "set" / "manifest.json").read_text(encoding="utf-8"))
+    (low,) = (entry for entry in manifest["stimuli"] if (entry["dataset"], entry["approach"]) == ("street", "low"))
+    assert (low["master"], low["quality"]) == ("street/low.master.mp4", {"psnr_y_mean_db": 50.5})
+    path = manifest["provenance"]["paths"]["street"]
+    assert file_digest(tmp_path / "set" / path["file"]) == path["sha256"]
+    assert made.notes == (
+        "left out, as neither film nor master: street/thumbs.db",
+        "street: no master of high, which the others have; a study encodes these once more",
+    )
+
+
+def test_a_rendered_folder_keeps_all_that_its_manifest_says(tmp_path: Path) -> None:
+    folder = tmp_path / "rendered"
+    tiny_stimuli.write_set(folder, ("ball",), ("id_fa", "pm_fb"))
+    entries = [tiny_stimuli.stimulus(folder, "ball", name) for name in ("id_fa", "pm_fb")]
+    for entry in entries:
+        entry["master"] = entry["video"].replace(".mp4", ".master.mp4")
+        shutil.copy(folder / entry["video"], folder / entry["master"])
+    tiny_stimuli.write_manifest(folder, entries, provenance={"runs": [{"dataset": "ball"}]})
+    made = import_stimuli(folder, tmp_path / "set")
+    assert made.notes[0].endswith("is a stimulus set: its factors, masters, camera paths and provenance are kept")
+    assert read_stimulus_set(tmp_path / "set").stimuli == read_stimulus_set(folder).stimuli
+    manifest = json.loads((tmp_path / "set" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["provenance"]["merged"][0]["provenance"] == {"runs": [{"dataset": "ball"}]}
+    shutil.copy(folder / "ball" / "id_fa.mp4", folder / "ball" / "splat.mp4")
+    with pytest.raises(StimuliError, match=r"splat\.mp4: .*does not name it; .*stimuli merge"):
+        import_stimuli(folder, tmp_path / "again")
+    with pytest.raises(StimuliError, match="which says what is for practice"):
+        import_stimuli(folder, tmp_path / "again", practice="ball")
+    assert not (tmp_path / "again").exists()
+
+
+def test_a_manifest_of_another_program_is_named_and_left_out(videos: Path, tmp_path: Path) -> None:
+    (videos / "manifest.json").write_text('{"name": "an app"}', encoding="utf-8")
+    made = import_stimuli(videos, tmp_path / "set")
+    assert made.notes == ("left out, as neither film nor master: manifest.json",)
 
 
 def spoil(videos: Path, fault: str) -> None:
@@ -65,8 +121,10 @@ def spoil(videos: Path, fault: str) -> None:
         (videos / "conditions.csv").write_text("condition,codec\nlow,av1\n", encoding="utf-8")
     if fault == "unknown":
         (videos / "conditions.csv").write_text(LEVELS + "middle,av1,2\n", encoding="utf-8")
-    if fault == "level":
-        (videos / "conditions.csv").write_text("condition,codec\nlow,av1\nhigh,\n", encoding="utf-8")
+    if fault == "master":
+        (videos / "street" / "low.mp4").rename(videos / "street" / "low.master.mp4")
+    if fault == "long master":
+        tiny_stimuli.encode(videos / "street" / "low.master.mp4", tiny_stimuli.flat("black"), "-frames:v", "12")
     if fault == "columns":
         (videos / "conditions.csv").write_text("name,codec\nlow,av1\n", encoding="utf-8")
     if fault == "empty":
@@ -78,12 +136,19 @@ def spoil(videos: Path, fault: str) -> None:
     ("fault", "why"),
     [
         ("missing", "street: has no video of low, which other datasets have"),
-        ("long", "has n_frames 12, street/high has 10; the stimuli of a dataset must be alike"),
+        (
+            "long",
+            "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",
+        ),
         ("text", "low.mp4: cannot be decoded as a video"),
         ("twice", "low.mkv and low.mp4 are both the condition low"),
         ("row", "has no row for high"),
         ("unknown", "names middle, of which there is no video"),
-        ("level", "high has no level of codec"),
+        (
+            "master",
+            "low.master.mp4: is the master of a film low.mp4 that is not there; put the film beside it",
+        ),
+        ("long master", "low.master.mp4: is .*n_frames=12.*, its film low.mp4 is .*n_frames=10"),
         ("columns", "has the columns name, codec; expected condition"),
         ("empty", "holds no video; expected a folder for each dataset"),
     ],

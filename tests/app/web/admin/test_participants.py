@@ -6,24 +6,37 @@ import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import anyio
 import httpx
 import pytest
+from playwright.sync_api import Browser, expect
 
+from app.films.strips import GUARD_ROWS
+from app.operations import manage
+from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
+from app.study.options import StudyOptions
 from app.web.admin import participants
 from app.web.admin import votes_page as admin_votes
 from app.web.admin.overview import SharedMonitor
 from app.web.admin.votes_page import looks_of
+from tests.app import tiny_stimuli
 from tests.app.web.admin.dashboard_client import Dashboard, link_of, signed_in, until
 
 NewStudy = Callable[[], dict[str, Any]]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
 PASSWORD = "correct horse battery"
 SOON_S = 8
+# The part of its film, from the top, at which each figure's window begins.
+WINDOWS = """() => [...document.querySelectorAll("#replay .half")].map((half) => {
+    const window = half.getBoundingClientRect(), film = half.querySelector("video").getBoundingClientRect();
+    return (window.top - film.top) / film.height;
+})"""
 
 
 def test_invitations_are_made_shown_as_qr_and_ended(
@@ -185,9 +198,69 @@ def test_votes_are_filtered_and_replayed(experimenter: Dashboard, taken: dict[st
     assert "3 trials" in page
     trial = re.findall(rf'href="({base}/[^"?]+)"', page)[0]
     replay = experimenter.get(trial).text
-    assert 'class="look look-' in replay
+    assert set(re.findall(r'<rect class="look" data-label="(\w+)"', replay)) <= {"a", "b"}
+    assert replay.count("<figure data-label=") == 2
     assert "/media/" in replay
     assert experimenter.get(f"{base}/forged").status_code == 404
+
+
+@pytest.fixture
+def looked_at_reference(
+    settings: Settings, stimulus_set: Path, client: httpx.Client, vote_body: Callable[..., dict[str, Any]]
+) -> str:
+    """The page of a trial in which the participant looked at the reference for 390 of 400 ms."""
+    study = create_study(
+        settings, stimulus_set, f"Study {uuid4()}", exposure_s=0.4, options=StudyOptions(reference="id_fb")
+    )
+    session = begin(client, study["slug"], study["invitation"])
+    trial = next_trial(client, session["token"])
+    assert trial is not None
+    viewing = {
+        "first_shown": trial["first_shown"],
+        "shown_ms": 400,
+        "response_ms": 1,
+        "switches": [{"to": "reference", "at_ms": 10, "media_time_s": 0}],
+    }
+    body = vote_body(trial, viewing=viewing)
+    assert client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=body).status_code == 201
+    return f"/admin/studies/{study['slug']}/votes/{trial['trial']}"
+
+
+def test_a_look_at_the_reference_is_replayed_as_such(experimenter: Dashboard, looked_at_reference: str) -> None:
+    replay = experimenter.get(looked_at_reference).text
+    looks = re.findall(r'<rect class="look" data-label="(\w+)"', replay)
+    assert looks in (["a", "reference"], ["b", "reference"])
+    seconds = dict(re.findall(r'<figure data-label="(\w+)".*?on screen ([0-9.]+) s', replay, re.DOTALL))
+    assert seconds == {"a": "0.0", "b": "0.0", "reference": "0.4"}
+    stills = re.findall(r'src="(/admin/[^"]+\.jpg)"', replay)
+    assert len(stills) == len({experimenter.get(still).content for still in stills}) == 3
+
+
+def test_a_study_without_a_reference_has_no_still_of_it(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}"
+    still = re.findall(rf'src="({base}/stimuli/[^"]+)/top\.jpg"', experimenter.get(f"{base}/stimuli").text)[0]
+    assert experimenter.get(f"{still}/bottom.jpg").status_code == 200
+    assert experimenter.get(f"{still}/reference.jpg").status_code == 404
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
+def test_the_browser_marks_the_reference_while_it_was_on_screen(
+    browser: Browser, server: str, settings: Settings, looked_at_reference: str
+) -> None:
+    page = browser.new_page(base_url=server)
+    page.goto(manage.add_experimenter(settings, "Dora Example")["path"])
+    page.goto(looked_at_reference)
+    marked = page.locator(".is-on-screen")
+    expect(marked).to_have_attribute("data-label", re.compile("^[ab]$"))
+    page.locator("#replay-time").click()  # in its middle
+    expect(marked).to_have_attribute("data-label", "reference")
+    film_height = 3 * tiny_stimuli.HEIGHT + 2 * GUARD_ROWS
+    strips = [number * (tiny_stimuli.HEIGHT + GUARD_ROWS) / film_height for number in range(3)]
+    *compared, reference = page.evaluate(WINDOWS)
+    assert [*sorted(compared), reference] == pytest.approx(strips, abs=0.01)
+    page.close()
 
 
 def test_participants_are_searched_and_shown_a_page_at_a_time(

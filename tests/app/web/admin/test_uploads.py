@@ -116,6 +116,47 @@ def test_reports_and_models_are_uploaded(own_server: str, own: Settings, compare
     assert not list((own.data_dir / "uploads").iterdir())
 
 
+MEASURES = b"dataset,approach,measure,value,better\nball,pm_fb,psnr,31.5,higher\nstatue,pm_fb,psnr,2,higher\n"
+
+
+def send_table(dashboard: Dashboard, study: str, content: bytes) -> httpx.Response:
+    token = {"X-CSRF-Token": dashboard.form_token, "Accept": "application/json"}
+    return dashboard.put(f"{study}/upload", content=content, headers=token)
+
+
+def test_a_table_of_measures_is_uploaded_as_it_is_or_zipped(own_server: str, own: Settings, compared: str) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        shown = ends(eva, send_table(eva, compared, MEASURES).json()["job"])
+        assert shown.url.path == f"{compared}/objective"
+        assert "31.5" in shown.text
+        assert "the study does not compare statue/pm_fb: left out" in shown.text
+        zipped_table = {"measures.csv": MEASURES.replace(b"31.5", b"32.25")}
+        assert "32.25" in ends(eva, send_results(eva, compared, zipped_table).json()["job"]).text
+    assert not list((own.data_dir / "uploads").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (MEASURES.replace(b"31.5", b"good"), "the table: row 1: value is &#39;good&#39;"),
+        (MEASURES.replace(b",", b";"), "the table: its columns are separated by semicolons"),
+        (b"\x89PNG\r\n\x1a\n\0", "neither a zip file nor a table in CSV"),
+        (b"PK no zip", "not a zip file"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_with_a_message_and_an_entry(
+    own_server: str, own: Settings, compared: str, content: bytes, complaint: str
+) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        answer = send_table(eva, compared, content)
+        if answer.status_code == 202:
+            answer = ends(eva, answer.json()["job"])
+        assert complaint in answer.text
+        assert str(own.data_dir) not in answer.text
+        assert complaint in eva.get("/admin/audit").text
+    assert not list((own.data_dir / "uploads").iterdir())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("files", "complaint"),

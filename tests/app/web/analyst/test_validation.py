@@ -52,7 +52,95 @@ def test_an_attached_measure_holds_for_every_dataset_and_can_be_fetched(
         (dataset, approach, value) for dataset in ("ball", "box") for approach, value in ACCURACY.items()
     }
     table = list(csv.DictReader(io.StringIO(analyst.get(path, params={"format": "csv"}).text)))
-    assert list(table[0]) == ["dataset", "approach", "measure", "value", "direction", "unit", "attached_at"]
+    assert list(table[0])[:7] == ["dataset", "approach", "measure", "value", "direction", "unit", "better"]
+    assert list(table[0])[7:] == ["source", "attached_at"]
+    assert {row["better"] for row in table} == {"lower"}
+
+
+PSNR = """dataset,approach,frame,measure,direction,value,unit,better,source
+ball,id_fa,0,psnr,symmetric,30,dB,higher,lab
+ball,id_fa,1,psnr,symmetric,32,dB,higher,lab
+ball,pm_fb,,psnr,symmetric,inf,dB,higher,lab
+statue,id_fa,,psnr,symmetric,25,dB,higher,lab
+all,id_fb,,psnr,symmetric,40,dB,higher,lab
+ball,id_fa,,psnr,reference_to_distorted,29,dB,higher,lab
+"""
+
+
+@pytest.fixture
+def psnr(tmp_path: Path) -> Path:
+    """Somebody else's table of measures."""
+    path = tmp_path / "their values.csv"
+    path.write_text(PSNR, encoding="utf-8")
+    return path
+
+
+def test_a_table_of_anybodys_measures_is_attached_with_its_sources(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], psnr: Path, tmp_path: Path
+) -> None:
+    study = new_study()
+    attached = manage.attach_results(settings, [psnr], study["slug"])
+    assert attached["measures"] == ["psnr", "psnr (reference to distorted)"]
+    assert attached["ignored"] == ["statue/id_fa"]
+    assert attached["notes"] == [
+        "psnr is the mean of 2 frames",
+        "psnr leaves out what has no finite value: ball/pm_fb (+inf)",
+    ]
+    path = f"/api/v1/studies/{study['slug']}/validation"
+    rows = analyst.get(path).json()
+    assert {(row["dataset"], row["approach"], row["value"]) for row in rows if row["measure"] == "psnr"} == {
+        ("ball", "id_fa", 31.0),
+        ("ball", "id_fb", 40.0),
+        ("box", "id_fb", 40.0),
+    }
+    assert {(row["better"], row["unit"], row["source"]) for row in rows} == {("higher", "dB", "lab")}
+    again = tmp_path / "validation.csv"
+    again.write_text(analyst.get(path, params={"format": "csv"}).text, encoding="utf-8")
+    assert manage.attach_results(settings, [again], study["slug"])["n_values"] == len(rows)
+
+
+def test_a_reports_values_are_those_of_its_table_of_measures(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path
+) -> None:
+    study = new_study()
+    row = "ball,id_fa,,accuracy,,4.5,mm,lower,validate mesh\n"
+    (report / "measures.csv").write_text(PSNR.splitlines()[0] + "\n" + row, encoding="utf-8")
+    manage.attach_results(settings, [report], study["slug"])
+    (only,) = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    assert (only["value"], only["source"]) == (4.5, "validate mesh")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("ball,id_fa,psnr,1,lower", "direction of psnr is 'less is better' for ball/id_fa and 'more is better' for"),
+        ("statue,id_fa,psnr,1,higher", "compares id_fa, id_fb, pm_fb in ball, box"),
+        (
+            "\n".join(f"ball,a_{number},psnr,1,higher" for number in range(14)),
+            "this describes ball/a_0, .*, ball/a_11 and 2 more; the study",
+        ),
+        ("ball,id_fa,psnr,inf,higher", "no value that can be attached: psnr leaves out .*ball/id_fa"),
+        ("ball,id_fa,psnr,1;5,higher", "odd.csv: row 1: value is '1;5'"),
+        ("", "odd.csv: holds no value that can be attached: it has no row below its header"),
+    ],
+)
+def test_a_table_that_contradicts_the_study_is_refused_as_a_whole(
+    analyst: httpx.Client,
+    settings: Settings,
+    new_study: Callable[[], dict[str, Any]],
+    psnr: Path,
+    tmp_path: Path,
+    row: str,
+    message: str,
+) -> None:
+    study = new_study()
+    manage.attach_results(settings, [psnr], study["slug"])
+    before = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    odd = tmp_path / "odd.csv"
+    odd.write_text(f"dataset,approach,measure,value,better\n{row}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        manage.attach_results(settings, [odd], study["slug"])
+    assert analyst.get(f"/api/v1/studies/{study['slug']}/validation").json() == before
 
 
 def test_attaching_again_replaces_the_value(
