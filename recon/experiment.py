@@ -54,7 +54,7 @@ REACH_MM = 220.0  # how far an object's centre may be from that of the working v
 SEED = 1
 OBJECTIVE_FILE, REPORT = "objective.json", "report.json"
 RECORDING = ("capture", "studio", "rig.py", "geometry")
-MEASURING = ("validation", "render", "surface", "cloud.py", "fusion.py", "geometry", "rig.py")
+MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry", "rig.py")
 
 
 @dataclass(frozen=True)

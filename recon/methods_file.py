@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -44,6 +44,12 @@ class Table:
     content: dict[str, Any]
     folder: Path
 
+    def is_program(self) -> bool:
+        """Tell a table with a command from one with a method; a ValueError says that it has both or neither."""
+        if ("method" in self.content) == ("command" in self.content):
+            raise ValueError(f"{self.place}: expected either a method of this program or a command")
+        return "command" in self.content
+
     def method(self, known: Collection[str]) -> str:
         """Return the name behind "method", or raise a ValueError if it is not a known one."""
         method = self.content.get("method")
@@ -52,12 +58,32 @@ class Table:
         return method
 
     def built(self, kind: type[Built], **given: object) -> Built:
-        """Make an object of a dataclass from the entries, each of the type that the dataclass says.
+        """Make an object of a dataclass from the settings, each of the type that the dataclass says.
 
-        Its fields in `given` are not the table's to say, and "method" is not one of them.
+        Its fields in `given` are not the table's to say.
         """
-        content = {name: value for name, value in self.content.items() if name != "method"}
-        return _built(kind, content, self.place, given)
+        return _built(kind, self.settings, self.place, given)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The entries that set parameters: all but the method."""
+        return {name: value for name, value in self.content.items() if name != "method"}
+
+    def part(self, name: str, kind: type[Built]) -> Built | None:
+        """Make an object of a dataclass from the table in an entry; None where there is no such entry."""
+        if name not in self.content:
+            return None
+        place = f"{self.place} {name}"
+        return _built(kind, _table(self.content[name], place), place, {})
+
+    def without(self, name: str) -> Table:
+        """Return the table without an entry."""
+        return replace(self, content={key: value for key, value in self.content.items() if key != name})
+
+    def changed(self, default: Built) -> Built:
+        """Return parameters, an object of a dataclass, with the table's entries instead of what they were."""
+        values = self.built(type(default))
+        return replace(default, **{name: getattr(values, name) for name in self.settings})  # type: ignore[type-var]
 
     def program(self, kind: type[AProgram]) -> AProgram:
         """Return the program that the table says how to call."""
@@ -73,7 +99,7 @@ def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[st
     ----------
     path : of the methods file
     kind : of `METHOD_KINDS`
-    taken : names that stand for something else
+    taken : names of methods that there are without the file
 
     Raises
     ------
@@ -91,7 +117,7 @@ def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[st
     for name, table in _table(content.get(kind, {}), f"{path}: {kind}").items():
         place = f"{path}: [{kind}.{name}]"
         if name in taken:
-            raise ValueError(f"{place}: {name} is a method of this program; choose another name")
+            raise ValueError(f"{place}: there is a method {name} already; choose another name")
         try:
             check_method_name(name)
         except ValueError as error:
@@ -133,6 +159,8 @@ def _built(kind: type[Built], table: Mapping[str, Any], place: str, given: Mappi
 def _value(value: Any, kind: Any, place: str) -> Any:
     if is_dataclass(kind) and isinstance(kind, type):
         return _built(kind, _table(value, place), place, {})
+    if kind not in KINDS:
+        raise ValueError(f"{place} cannot be set in a methods file: it is no number, text, truth or table of these")
     accepted, description = KINDS[kind]
     if type(value) not in accepted or (isinstance(value, float) and not isfinite(value)):  # a bool is an int, too
         raise ValueError(f"{place} is {value!r}, expected {description}")

@@ -9,11 +9,12 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from inspect import Parameter, signature
 from pathlib import Path
 
 from recon.approaches import check_method_name
@@ -58,6 +59,29 @@ class Plugin:
     def code_version(self) -> str:
         """Digest the source of its module, or of all modules of its package, after it was loaded."""
         return _source_digest(self.target.partition(":")[0].partition(".")[0])
+
+
+def default_parameters(function: object) -> object | None:
+    """Return the parameters that a method has by default: a dataclass, the default of its second parameter.
+
+    None says that it takes nothing but the pair, or the clouds. A TypeError says that it is no such function.
+    """
+    if not callable(function):
+        raise TypeError(f"it is a {type(function).__name__}, expected a function")
+    positional = [
+        parameter
+        for parameter in signature(function).parameters.values()
+        if parameter.kind in (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD) and parameter.name != "views"
+    ]
+    if len(positional) == 1:
+        return None
+    if len(positional) != 2:
+        names = ", ".join(parameter.name for parameter in positional)
+        raise TypeError(f"it takes ({names}), expected what it works on, and at most its parameters")
+    default: object = positional[1].default
+    if not is_dataclass(default) or isinstance(default, type):
+        raise TypeError(f"the default of {positional[1].name} is no object of a dataclass, which its parameters are")
+    return default
 
 
 def registered(group: str, taken: Collection[str] = ()) -> dict[str, Plugin]:

@@ -24,7 +24,7 @@ FLOORS = {
         {"approaches", "methods_file", "plugins"},
         {"render"},
         {"pipeline", "validation"},
-        {"experiment", "export_models"},
+        {"contract", "experiment", "export_models"},
         {"cli"},
     ],
     "app": [

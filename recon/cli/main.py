@@ -14,9 +14,12 @@ import typer
 from recon.cli.capture import app as capture_app
 from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import (
+    PLUGIN_NAMES,
     ClusterOption,
+    MethodsCommand,
     MethodsOption,
     WorkersOption,
+    find_methods,
     parse_frames,
     parse_loops,
     parse_names,
@@ -34,7 +37,7 @@ app.add_typer(capture_app, name="capture")
 app.add_typer(validate_app, name="validate")
 
 
-@app.command()
+@app.command(cls=MethodsCommand)
 def match(
     left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bits.")],
     right: Annotated[Path, typer.Argument(help="Right image, of the same size.")],
@@ -42,13 +45,14 @@ def match(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="File to write: .pfm, .npy, .tiff, or .png for a coloured preview.")
     ],
-    method: Annotated[str, typer.Option(help="Depth method: id, dr, pm, sgm or one of --methods.")] = "id",
+    method: Annotated[
+        str, typer.Option(help=f"Depth method: id, dr, pm, sgm, {PLUGIN_NAMES}, or one of --methods.")
+    ] = "id",
     min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
     methods: MethodsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Match one rectified pair; unmatched pixels become NaN (npy, tiff) or inf (pfm)."""
-    from recon.pipeline.methods import read_methods
     from recon.pipeline.reconstruct import match_files
 
     result = match_files(
@@ -58,7 +62,7 @@ def match(
         method=method,
         n_disparities=disparities,
         min_disparity=min_disparity,
-        methods=read_methods(methods),
+        methods=find_methods(methods),
     )
     for warning in result["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
@@ -66,7 +70,7 @@ def match(
     print_result(result, sentence, as_json=as_json)
 
 
-@app.command()
+@app.command(cls=MethodsCommand)
 def reconstruct(
     capture: Annotated[
         Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Folder of the capture, {OR_URL}.")
@@ -82,9 +86,11 @@ def reconstruct(
         ),
     ],
     depth: Annotated[
-        str, typer.Option(help="Depth methods, comma-separated: id, dr, pm, sgm, those of --methods.")
+        str, typer.Option(help=f"Depth methods, comma-separated: id, dr, pm, sgm, {PLUGIN_NAMES}, those of --methods.")
     ] = "id,dr,pm",
-    fusion: Annotated[str, typer.Option(help="Fusions, comma-separated: fa, fb, those of --methods.")] = "fa,fb",
+    fusion: Annotated[
+        str, typer.Option(help=f"Fusions, comma-separated: fa, fb, poisson, tsdf, {PLUGIN_NAMES}, those of --methods.")
+    ] = "fa,fb",
     methods: MethodsOption = None,
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
     voxel: Annotated[
@@ -105,7 +111,6 @@ def reconstruct(
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
-    from recon.pipeline.methods import read_methods
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
     from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
@@ -113,7 +118,7 @@ def reconstruct(
     options = ReconstructOptions(
         depths=parse_names(depth),
         fusions=parse_names(fusion),
-        methods=read_methods(methods),
+        methods=find_methods(methods),
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
@@ -131,13 +136,18 @@ def reconstruct(
     print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(out)}", as_json=as_json)
 
 
-@app.command()
+@app.command(cls=MethodsCommand)
 def fuse(
     clouds: Annotated[list[Path], typer.Argument(help="PLY files of coloured, oriented points in mm, one per sensor.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .ply or .glb.")],
     fusion: Annotated[
-        str, typer.Option(help="fb: one surface from all clouds; fa: a surface from each cloud, then merged.")
+        str,
+        typer.Option(
+            help="fb: one surface from all clouds; fa: a surface from each cloud, then merged; poisson: screened "
+            f"Poisson; {PLUGIN_NAMES}, or one of --methods."
+        ),
     ] = "fb",
+    methods: MethodsOption = None,
     voxel: Annotated[
         float | None, typer.Option(help="Voxel size, mm; default: chosen from the points' spacing.")
     ] = None,
@@ -145,12 +155,14 @@ def fuse(
     as_json: JsonOption = False,
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
-    from recon.fusion import fused
     from recon.geometry.mesh import read_cloud, write_mesh
+    from recon.pipeline.reconstruct import fuse_clouds
     from recon.surface import SurfaceParameters
 
     parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
-    mesh, warnings = fused(fusion, [read_cloud(cloud) for cloud in clouds], parameters)
+    mesh, warnings = fuse_clouds(
+        [read_cloud(cloud) for cloud in clouds], fusion, parameters, methods=find_methods(methods)
+    )
     write_mesh(out, mesh)
     result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
     sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Collection
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from recon.storage.remote import is_there, place
+
+if TYPE_CHECKING:
+    from recon.pipeline.methods import Methods
 
 WorkersOption = Annotated[
     int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
@@ -23,6 +29,41 @@ ClusterOption = Annotated[
 MethodsOption = Annotated[
     Path | None, typer.Option(help="TOML file of further methods: variants of ours, and other programs.")
 ]
+
+
+PLUGIN_NAMES = "installed plug-ins"  # in the help of an option: what stands for the names of those that are installed
+PLUGIN_GROUPS = {"method": "reconstudy.depth", "depth": "reconstudy.depth", "fusion": "reconstudy.fusion"}
+
+
+class MethodsCommand(TyperCommand):
+    """A command that takes names of methods. Its help tells those of plug-ins, which nothing else waits for."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help with the names of the plug-ins, which are not imported for it."""
+        for parameter in self.params:
+            group = PLUGIN_GROUPS.get(parameter.name or "")
+            if group and isinstance(parameter, TyperOption) and parameter.help:
+                names = "".join(f"{name}, " for name in installed_names(group))
+                parameter.help = parameter.help.replace(f"{PLUGIN_NAMES}, ", names)
+        super().format_help(ctx, formatter)
+
+
+def installed_names(group: str) -> list[str]:
+    """List the names of the installed plug-ins of a group."""
+    return sorted({entry.name for entry in entry_points(group=group)})
+
+
+def find_methods(path: Path | None) -> Methods:
+    """Find all methods, those of a file included, and tell of plug-ins that are left out."""
+    from recon.pipeline.methods import read_methods
+    from recon.plugins import PluginWarning
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PluginWarning)
+        methods = read_methods(path)
+    for warning in caught:
+        typer.echo(f"warning: {warning.message}", err=True)
+    return methods
 
 
 def parse_size(text: str) -> tuple[int, int]:

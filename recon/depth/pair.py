@@ -91,6 +91,15 @@ def rectified_pair(capture: Capture, rectification: Rectification, frame: int) -
     return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
 
 
+def within_pair(pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Drop disparities, float32 (H, W), pixels, outside a pair's range or on its left background: NaN."""
+    highest = pair.min_disparity + pair.n_disparities - 1
+    is_match = (disparity >= pair.min_disparity - 0.5) & (disparity <= highest + 0.5)
+    if pair.left_mask is not None:
+        is_match &= pair.left_mask
+    return np.where(is_match, disparity, np.float32(np.nan))
+
+
 def _check_image(image: NDArray[np.uint8], side: str) -> None:
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
         raise ValueError(f"the {side} image has shape {image.shape}; expected (rows, columns) or (rows, columns, 3)")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.disparity_io import read_disparity, read_disparity_png16
-from recon.depth.pair import StereoPair
+from recon.depth.pair import StereoPair, within_pair
 from recon.programs import Program, ProgramError, Value, check_written, workplace
 from recon.storage.files import whole_file
 
@@ -28,15 +28,24 @@ READERS = {
 class DepthProgram(Program):
     """How to call a program that matches; its limit of time is for one pair."""
 
-    PLACEHOLDERS: ClassVar[tuple[str, ...]] = ("left", "right", "out", "n_disparities", "min_disparity")
+    PLACEHOLDERS: ClassVar[tuple[str, ...]] = (
+        "left",
+        "right",
+        "left_mask",
+        "right_mask",
+        "out",
+        "n_disparities",
+        "min_disparity",
+    )
     OUTPUTS: ClassVar[tuple[str, ...]] = tuple(READERS)
 
 
 def match_by_program(pair: StereoPair, program: DepthProgram, folder: Path) -> NDArray[np.float32]:
     """Match the left image of a pair by a program: float32 (H, W), pixels.
 
-    The program sees the pictures with their background. What it finds on the left background or outside the range is
-    dropped: NaN.
+    The program sees the pictures with their background. If its command asks for masks, they are written, too, as PNG
+    of 8 bits: white on the foreground, all white where there are none. What it finds on the left background or outside
+    the range is dropped: NaN.
 
     Parameters
     ----------
@@ -58,16 +67,18 @@ def match_by_program(pair: StereoPair, program: DepthProgram, folder: Path) -> N
         "n_disparities": pair.n_disparities,
         "min_disparity": pair.min_disparity,
     }
+    masks = {"left_mask": pair.left_mask, "right_mask": pair.right_mask}
     with workplace(folder):
         _write_picture(left, pair.left)
         _write_picture(right, pair.right)
+        for name, mask in masks.items():
+            values[name] = str(folder / f"{name}.png")
+            if program.asks_for(name):
+                is_foreground = np.ones(pair.left.shape[:2], np.bool_) if mask is None else mask
+                _write_picture(folder / f"{name}.png", np.where(is_foreground, np.uint8(255), np.uint8(0)))
         program.run(values, folder)
         disparity = _read_result(out, read, pair)
-    highest = pair.min_disparity + pair.n_disparities - 1
-    is_match = (disparity >= pair.min_disparity - 0.5) & (disparity <= highest + 0.5)
-    if pair.left_mask is not None:
-        is_match &= pair.left_mask
-    return np.where(is_match, disparity, np.float32(np.nan))
+    return within_pair(pair, disparity)
 
 
 def _write_picture(path: Path, image: NDArray[np.uint8]) -> None:

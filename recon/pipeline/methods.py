@@ -1,12 +1,12 @@
-"""The methods that a run can use, by name: ours, and those of a methods file, which adds variants of ours and programs.
+"""The methods that a run can use, by name: ours, those of installed packages, and those of a methods file.
 
-docs/depth.md shows a methods file.
+docs/depth.md shows a methods file and a package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
+from recon.depth.pair import within_pair
 from recon.depth.program import DepthProgram, match_by_program
-from recon.fusion import FUSIONS
+from recon.depth.temporal import TemporalParameters
+from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
+from recon.fusion.program import FusionProgram, fuse_by_program
+from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
-from recon.surface import SurfaceParameters
+from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
 
 @dataclass(frozen=True)
-class DepthMethod:
+class OurDepth:
     """A name in `MATCHERS`, and the parameters that it is run with."""
 
     method: str
@@ -29,42 +34,82 @@ class DepthMethod:
 
 
 @dataclass(frozen=True)
-class FusionMethod:
-    """A name in `FUSIONS`, and what it changes of a run's `SurfaceParameters`."""
+class OurFusion:
+    """A name in `FUSIONS`, and what it changes of its parameters in a run."""
 
     method: str
     changes: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _depth_methods() -> dict[str, DepthMethod | DepthProgram]:
-    return {name: DepthMethod(name, DEFAULTS[name]) for name in MATCHERS}
+@dataclass(frozen=True)
+class Installed:
+    """A plug-in, imported when it is used, and the table that sets its parameters; None leaves their defaults."""
+
+    plugin: Plugin
+    table: Table | None = None
+
+    def load(self) -> tuple[Callable[..., Any], Any]:
+        """Return the function and its parameters, None if it has none; a ValueError says what is wrong with either."""
+        function = self.plugin.load()
+        try:
+            parameters = default_parameters(function)
+        except (TypeError, ValueError) as error:
+            raise PluginError(f"{self.plugin} is no method: {error}") from error
+        assert callable(function)
+        if self.table is None or not self.table.settings:
+            return function, parameters
+        if parameters is None:
+            raise ValueError(f"{self.table.place} {', '.join(self.table.settings)}: {self.plugin} has no parameters")
+        return function, self.table.changed(parameters)
 
 
-def _fusion_methods() -> dict[str, FusionMethod]:
-    return {name: FusionMethod(name) for name in FUSIONS}
+DepthMethod = OurDepth | DepthProgram | Installed
+FusionMethod = OurFusion | FusionProgram | Installed
+
+
+def _our_depths() -> dict[str, DepthMethod]:
+    return {name: OurDepth(name, DEFAULTS[name]) for name in MATCHERS}
+
+
+def _our_fusions() -> dict[str, FusionMethod]:
+    return {name: OurFusion(name) for name in FUSIONS}
 
 
 @dataclass(frozen=True)
 class Methods:
-    """Depth and fusion methods by name; those of this program unless others are given."""
+    """Depth and fusion methods by name; those of this program unless others are given.
 
-    depth: Mapping[str, DepthMethod | DepthProgram] = field(default_factory=_depth_methods)
-    fusion: Mapping[str, FusionMethod] = field(default_factory=_fusion_methods)
+    Parameters
+    ----------
+    depth, fusion : what the names stand for
+    temporal : of depth methods that are not filtered in time as the run says
+    """
+
+    depth: Mapping[str, DepthMethod] = field(default_factory=_our_depths)
+    fusion: Mapping[str, FusionMethod] = field(default_factory=_our_fusions)
+    temporal: Mapping[str, TemporalParameters] = field(default_factory=dict)
 
     def check(self, depths: tuple[str, ...], fusions: tuple[str, ...]) -> None:
-        """Raise a ValueError if one of these methods is not there."""
+        """Raise a ValueError if one of these methods is not there, or is a plug-in that cannot be used."""
         for kind, names, known in (("depth", depths, self.depth), ("fusion", fusions, self.fusion)):
             for name in names:
                 if name not in known:
                     raise ValueError(f"unknown {kind} method {name!r}, expected one of {', '.join(known)}")
+                method = known[name]
+                if isinstance(method, Installed):
+                    method.load()
+
+    def temporal_of(self, depth: str, run: TemporalParameters | None) -> TemporalParameters | None:
+        """Return how a depth method is filtered in time, in a run with these parameters; never if the run does not."""
+        return None if run is None else self.temporal.get(depth, run)
 
 
-def match(method: DepthMethod | DepthProgram, pair: StereoPair, folder: Path) -> tuple[NDArray[np.float32], list[str]]:
+def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair; returns the disparities of its left image and a sentence for each warning.
 
     Parameters
     ----------
-    method : one of ours, or a program
+    method : ours, a program or a plug-in
     pair : to match
     folder : where a program works; what is in it is removed
 
@@ -75,50 +120,167 @@ def match(method: DepthMethod | DepthProgram, pair: StereoPair, folder: Path) ->
     """
     if isinstance(method, DepthProgram):
         return match_by_program(pair, method, folder), []
+    if isinstance(method, Installed):
+        return _match_by_plugin(method, pair), []
     return matched(method.method, pair, method.parameters)
 
 
-def depth_key(method: DepthMethod | DepthProgram) -> dict[str, Any]:
+def fuse(
+    method: FusionMethod,
+    clouds: Sequence[Cloud],
+    run: SurfaceParameters,
+    *,
+    views: Sequence[DepthView] | None,
+    folder: Path,
+) -> tuple[Mesh, list[str]]:
+    """Fuse the clouds of all sensors; returns the mesh and a sentence for each warning.
+
+    Parameters
+    ----------
+    method : ours, a program or a plug-in
+    clouds : one per sensor
+    run : parameters of a surface in the run
+    views : the clouds' points as depth maps, for methods that ask for them; None where cameras are not known
+    folder : where a program works; what is in it is removed
+    """
+    if isinstance(method, FusionProgram):
+        voxel = with_voxel(clouds, run).voxel_mm
+        assert voxel is not None
+        return fuse_by_program(clouds, method, voxel, folder), []
+    if isinstance(method, Installed):
+        return _fuse_by_plugin(method, clouds, run, views)
+    return fused(FUSIONS[method.method], clouds, fusion_parameters(method, run), views)
+
+
+def needs_views(method: FusionMethod) -> bool:
+    """Tell whether a fusion works on depth maps."""
+    if isinstance(method, FusionProgram):
+        return False
+    return asks_for_views(method.load()[0] if isinstance(method, Installed) else FUSIONS[method.method])
+
+
+def fusion_parameters(method: OurFusion | Installed, run: SurfaceParameters) -> Any:
+    """Return the parameters of a fusion in a run with these, None if it has none.
+
+    Ours, FA and FB, take the run's; others take the run's voxel where they have a `voxel_mm` that is None.
+    """
+    if isinstance(method, Installed):
+        return _with_voxel_of(run, method.load()[1])
+    default = default_parameters(FUSIONS[method.method])
+    base = run if isinstance(default, SurfaceParameters) else _with_voxel_of(run, default)
+    return replace(base, **method.changes)
+
+
+def depth_key(method: DepthMethod) -> dict[str, Any]:
     """Describe a depth method for a key, by what its result depends on."""
     if isinstance(method, DepthProgram):
         return {"command": method.command, "output": method.output}
+    if isinstance(method, Installed):
+        return _plugin_key(method, method.load()[1])
     return asdict(method)
 
 
-def describe_depth(method: DepthMethod | DepthProgram) -> dict[str, Any]:
-    """Describe a depth method for people."""
-    return depth_key(method) | ({"timeout_s": method.timeout_s} if isinstance(method, DepthProgram) else {})
+def fusion_key(method: FusionMethod, run: SurfaceParameters) -> dict[str, Any]:
+    """Describe a fusion for a key, by what its result depends on in a run with these parameters."""
+    if isinstance(method, FusionProgram):
+        return {"command": method.command, "output": method.output, "voxel_mm": run.voxel_mm}
+    if isinstance(method, Installed):
+        return _plugin_key(method, fusion_parameters(method, run))
+    return {"method": method.method, "parameters": asdict(fusion_parameters(method, run))}
 
 
-def surface_parameters(method: FusionMethod, run: SurfaceParameters) -> SurfaceParameters:
-    """Return the parameters of the surface by a fusion method, in a run with these."""
-    return replace(run, **method.changes)
+def with_limit(key: dict[str, Any], method: DepthMethod | FusionMethod) -> dict[str, Any]:
+    """Add the time limit of a program to its key, to describe it for people."""
+    return key | ({"timeout_s": method.timeout_s} if isinstance(method, DepthProgram | FusionProgram) else {})
 
 
 def read_methods(path: Path | None) -> Methods:
-    """Read a methods file; its methods come after ours, which are all if there is no file.
+    """Find all methods: after ours come those of installed packages, then those of a methods file, if there is one.
 
     Raises
     ------
     ValueError
         If the file cannot be read, or a name or a value in it cannot be used; it names the table and the key.
     """
-    ours = Methods()
-    depth = {name: _depth_method(table) for name, table in read_tables(path, "depth", ours.depth).items()}
-    fusion = {name: _fusion_method(table) for name, table in read_tables(path, "fusion", ours.fusion).items()}
-    return Methods({**ours.depth, **depth}, {**ours.fusion, **fusion})
+    depth: dict[str, DepthMethod] = _our_depths()
+    depth |= {name: Installed(plugin) for name, plugin in registered(DEPTH_GROUP, depth).items()}
+    fusion: dict[str, FusionMethod] = _our_fusions()
+    fusion |= {name: Installed(plugin) for name, plugin in registered(FUSION_GROUP, fusion).items()}
+    depth_tables, fusion_tables = read_tables(path, "depth", depth), read_tables(path, "fusion", fusion)
+    temporal = {name: table.part("temporal", TemporalParameters) for name, table in depth_tables.items()}
+    return Methods(
+        depth | {name: _depth_method(table.without("temporal"), depth) for name, table in depth_tables.items()},
+        fusion | {name: _fusion_method(table, fusion) for name, table in fusion_tables.items()},
+        {name: parameters for name, parameters in temporal.items() if parameters is not None},
+    )
 
 
-def _depth_method(table: Table) -> DepthMethod | DepthProgram:
-    if ("method" in table.content) == ("command" in table.content):
-        raise ValueError(f"{table.place}: expected either a method of this program or a command")
-    if "command" in table.content:
+def _depth_method(table: Table, known: Mapping[str, DepthMethod]) -> DepthMethod:
+    if table.is_program():
         return table.program(DepthProgram)
-    method = table.method(MATCHERS)
-    return DepthMethod(method, table.built(type(DEFAULTS[method])))
+    method = known[table.method(known)]
+    if isinstance(method, OurDepth):
+        return OurDepth(method.method, table.changed(method.parameters))
+    assert isinstance(method, Installed)
+    return Installed(method.plugin, table)
 
 
-def _fusion_method(table: Table) -> FusionMethod:
-    method = table.method(FUSIONS)
-    parameters = table.built(SurfaceParameters)
-    return FusionMethod(method, {name: getattr(parameters, name) for name in table.content if name != "method"})
+def _fusion_method(table: Table, known: Mapping[str, FusionMethod]) -> FusionMethod:
+    if table.is_program():
+        return table.program(FusionProgram)
+    method = known[table.method(known)]
+    if isinstance(method, OurFusion):
+        parameters = table.built(type(default_parameters(FUSIONS[method.method])))
+        return OurFusion(method.method, {name: getattr(parameters, name) for name in table.settings})
+    assert isinstance(method, Installed)
+    return Installed(method.plugin, table)
+
+
+def _match_by_plugin(method: Installed, pair: StereoPair) -> NDArray[np.float32]:
+    """Match by a plug-in: float32 (H, W), pixels; what it finds outside the range or on the background is dropped."""
+    function, parameters = method.load()
+    try:
+        result = function(pair) if parameters is None else function(pair, parameters)
+    except Exception as error:  # a package of others may raise anything
+        raise PluginError(f"{method.plugin} failed: {error!r}") from error
+    expected = (pair.height, pair.width)
+    if not isinstance(result, np.ndarray) or result.shape != expected or result.dtype.kind not in "fiu":
+        shown = f"{result.dtype} {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
+        raise PluginError(f"{method.plugin} returned {shown}, expected float32 {expected}")
+    return within_pair(pair, result.astype(np.float32))
+
+
+def _fuse_by_plugin(
+    method: Installed, clouds: Sequence[Cloud], run: SurfaceParameters, views: Sequence[DepthView] | None
+) -> tuple[Mesh, list[str]]:
+    function, _ = method.load()
+    parameters = fusion_parameters(method, with_voxel(clouds, run))
+    try:
+        mesh, warnings = fused(function, clouds, parameters, views)
+    except NoSurfaceError:
+        raise
+    except Exception as error:  # a package of others may raise anything
+        raise PluginError(f"{method.plugin} failed: {error!r}") from error
+    if not isinstance(mesh, Mesh) or not len(mesh.faces):
+        shown = "a Mesh without faces" if isinstance(mesh, Mesh) else f"a {type(mesh).__name__}"
+        raise PluginError(f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces")
+    return mesh, warnings
+
+
+def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
+    """Return parameters with the run's voxel, if they have one and leave it open."""
+    has_voxel = parameters is not None and "voxel_mm" in {entry.name for entry in fields(parameters)}
+    if has_voxel and parameters.voxel_mm is None:
+        return replace(parameters, voxel_mm=run.voxel_mm)
+    return parameters
+
+
+def _plugin_key(method: Installed, parameters: Any) -> dict[str, Any]:
+    plugin = method.plugin
+    return {
+        "plugin": plugin.name,
+        "package": plugin.package,
+        "version": plugin.version,
+        "code": plugin.code_version(),
+        "parameters": {} if parameters is None else asdict(parameters),
+    }

@@ -6,7 +6,8 @@ Both go on where an earlier start was stopped; `recon.pipeline.run` says how the
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
@@ -21,11 +22,11 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
-from recon.depth.program import DepthProgram
+from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import write_manifest
-from recon.pipeline.methods import Methods, describe_depth, match, surface_parameters
+from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
     Run,
@@ -53,6 +54,7 @@ from recon.render.frames import choose_renderer
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
 from recon.storage.remote import remove
+from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
@@ -86,16 +88,13 @@ def match_files(
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
-    folder = Path(mkdtemp(prefix=f"reconstudy-{method}-"))
-    try:
+    with _program_folder(method) as folder:
         disparity, warnings = match(methods.depth[method], pair, folder)
-    except ProgramError as error:
-        raise ProgramError(f"{method}: {error}") from error
-    rmtree(folder)
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
-    chosen = methods.depth[method]
-    parameters = describe_depth(chosen) if isinstance(chosen, DepthProgram) else asdict(chosen.parameters)
+    described = with_limit(depth_key(methods.depth[method]), methods.depth[method])
+    parameters = {name: value for name, value in described.items() if name not in ("method", "parameters")}
+    parameters |= described.get("parameters", {})
     return {
         "out": str(out),
         "method": method,
@@ -105,6 +104,28 @@ def match_files(
         "warnings": warnings,
         "parameters": {"n_disparities": n_disparities, "min_disparity": min_disparity} | parameters,
     }
+
+
+def fuse_clouds(
+    clouds: Sequence[Cloud], method: str, surface: SurfaceParameters, *, methods: Methods = Methods()
+) -> tuple[Mesh, list[str]]:
+    """Fuse clouds; returns the mesh and a sentence for each warning.
+
+    Parameters
+    ----------
+    clouds : one per sensor
+    method : a name in `methods`
+    surface : where its voxel is None, one is chosen for the clouds
+    methods : what the name stands for
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown, needs cameras, or fails.
+    """
+    methods.check((), (method,))
+    with _program_folder(method) as folder:
+        return fuse(methods.fusion[method], clouds, surface, views=None, folder=folder)
 
 
 def reconstruct(
@@ -225,15 +246,33 @@ def _digests(source: Source, films: Sequence[Film]) -> dict[str, Any]:
     }
 
 
+@contextmanager
+def _program_folder(method: str) -> Iterator[Path]:
+    """Yield a folder for a method that may be a program; it stays, with the log, if the program fails."""
+    folder = Path(mkdtemp(prefix=f"reconstudy-{method}-"))
+    try:
+        yield folder
+    except ProgramError as error:
+        raise ProgramError(f"{method}: {error}") from error
+    except ValueError:
+        rmtree(folder)
+        raise
+    rmtree(folder)
+
+
 def _described(options: ReconstructOptions) -> dict[str, Any]:
     """Return the options for ``run.json``, with what the methods' names stand for."""
-    depths = {name: describe_depth(options.methods.depth[name]) for name in options.depths}
-    fusions = {}
-    for name in options.fusions:
-        method = options.methods.fusion[name]
-        parameters = asdict(surface_parameters(method, options.surface))
-        fusions[name] = {"method": method.method, "parameters": parameters}
-    content = {name: value for name, value in asdict(options).items() if name not in ("frames", *WHERE)}
+    methods = options.methods
+    depths: dict[str, Any] = {}
+    for name in options.depths:
+        temporal = methods.temporal_of(name, options.temporal)
+        depths[name] = with_limit(depth_key(methods.depth[name]), methods.depth[name])
+        depths[name]["temporal"] = None if temporal is None else asdict(temporal)
+    fusions = {
+        name: with_limit(fusion_key(methods.fusion[name], options.surface), methods.fusion[name])
+        for name in options.fusions
+    }
+    content = {name: value for name, value in asdict(options).items() if name not in ("frames", "methods", *WHERE)}
     return content | {"methods": {"depth": depths, "fusion": fusions}}
 
 

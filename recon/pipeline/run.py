@@ -7,7 +7,8 @@ warnings and the meshes' digests: a folder without it is no run yet.
 
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
 ``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
-``programs/<method>/<sensor>/<frame>/log.txt`` (what programs of others printed),
+``programs/<method>/<sensor>/<frame>/log.txt`` and ``programs/<approach>/<frame>/log.txt`` (what programs of others
+printed),
 ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
 """
 
@@ -39,6 +40,11 @@ COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 def mesh_name(approach: str, frame: int) -> str:
     """Name the mesh of a frame by an approach such as "pm_fb"."""
     return f"meshes/{approach}/{frame:04d}.ply"
+
+
+def fusion_folder(approach: str, frame: int) -> str:
+    """Name the folder where a program of somebody else's makes a mesh, with its log."""
+    return f"programs/{approach}/{frame:04d}"
 
 
 class View(NamedTuple):

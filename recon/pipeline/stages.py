@@ -22,10 +22,11 @@ from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity,
 from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
-from recon.fusion import fused
-from recon.geometry.mesh import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
-from recon.pipeline.methods import Methods, depth_key, match, surface_parameters
-from recon.pipeline.run import COLOURS_NAME, View, mesh_name, read_clouds
+from recon.fusion import DepthView, depth_view
+from recon.geometry.mesh import Cloud, no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, needs_views
+from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
+from recon.plugins import PluginError
 from recon.programs import LOG, ProgramError
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version, file_digest, key_of
@@ -95,6 +96,10 @@ class Job:
         wanted = approaches(self.options.depths, self.options.fusions)
         return [(approach, frame) for approach in wanted for frame in self.frames]
 
+    def temporal(self, method: str) -> TemporalParameters | None:
+        """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
+        return self.options.methods.temporal_of(method, self.options.temporal)
+
     def clouds(self, method: str, frame: int) -> list[str]:
         """Name the clouds of all sensors."""
         return [View(method, stream.id, frame).cloud for stream in self.capture.sensors]
@@ -119,9 +124,9 @@ def match_frame(job: Job, view: View) -> list[str]:
         where = f"{view.method}: sensor {view.sensor_id}, frame {view.frame}"
         try:
             disparity, warnings = match(method, pair, job.artefacts.folder / view.program)
-        except ProgramError as error:
-            stored(job.artefacts.folder / view.program / LOG)
-            raise ProgramError(f"{where}: {error}") from error
+        except (ProgramError, PluginError) as error:
+            _store_log(job, view.program)
+            raise type(error)(f"{where}: {error}") from error
         write_disparity(path, disparity)
         return [f"{where}: {warning}" for warning in warnings]
 
@@ -133,7 +138,7 @@ def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
 
     A frame is filtered with all frames before it, so its key depends on theirs.
     """
-    parameters = job.options.temporal
+    parameters = job.temporal(views[0].method)
     keys: dict[View, dict[str, Any]] = {}
     before: str | None = None
     for view in views:
@@ -216,33 +221,51 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
     approach, frame : which clouds, and how to fuse them
     """
     balanced, fusion = job.options.balance_colours, job.options.methods.fusion[approach.fusion]
-    parameters = surface_parameters(fusion, job.options.surface)
     clouds = job.clouds(approach.depth, frame)
     key = {
         "clouds": job.artefacts.digests(clouds),
         "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
-        "fusion": fusion.method,
-        "parameters": asdict(parameters),
-        "code": code_version("surface", "fusion.py", "geometry"),
+        "fusion": fusion_key(fusion, job.options.surface),
+        "code": code_version("surface", "fusion", "geometry"),
     }
 
     def write(path: Path) -> list[str]:
         sensors = read_clouds(job.artefacts, clouds)
         if balanced:
             sensors = balance_colours(sensors, _colours(job.artefacts))
+        views = _depth_views(job.capture, sensors) if needs_views(fusion) else None
+        folder = fusion_folder(str(approach), frame)
         try:
-            mesh, left_out = fused(fusion.method, sensors, parameters)
+            mesh, left_out = fuse(
+                fusion, sensors, job.options.surface, views=views, folder=job.artefacts.folder / folder
+            )
         except NoSurfaceError as error:
             raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
+        except (ProgramError, PluginError) as error:
+            _store_log(job, folder)
+            raise type(error)(f"{approach}: frame {frame}: {error}") from error
         write_mesh(path, mesh)
         return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 
 
+def _store_log(job: Job, folder: str) -> None:
+    """Put the log of a program that failed where the run is."""
+    log = job.artefacts.folder / folder / LOG
+    if log.is_file():
+        stored(log)
+
+
+def _depth_views(capture: Capture, clouds: Sequence[Cloud]) -> list[DepthView]:
+    """Return the clouds of all sensors as depth maps of their rectified left pictures."""
+    cameras = [rectify(stream.sensor, capture.bounds).left for stream in capture.sensors]
+    return [depth_view(cloud, camera) for cloud, camera in zip(clouds, cameras, strict=True)]
+
+
 def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[np.float32]]]:
     """Yield the filtered disparity maps; the filter forgets everything where the sensor sees nothing."""
-    rectification = _rectification(job.capture, views[0])
+    rectification, parameters = _rectification(job.capture, views[0]), job.temporal(views[0].method)
 
     def matched(view: View) -> NDArray[np.float32]:
         return read_disparity(job.artefacts.path(view.matched))
@@ -250,13 +273,13 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
     for sees, group in groupby(views, key=lambda view: bool(np.isfinite(matched(view)).any())):
         stretch = list(group)
         disparities = map(matched, stretch)
-        if job.options.temporal is None or not sees:
+        if parameters is None or not sees:
             yield from zip(stretch, disparities, strict=True)
             continue
         maybe = (rectified_pair(job.capture, rectification, view.frame) for view in stretch)
         pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
         known = partial(_next_of, disparities)
-        yield from zip(stretch, match_sequence(pairs, known, job.options.temporal), strict=True)
+        yield from zip(stretch, match_sequence(pairs, known, parameters), strict=True)
 
 
 def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
+from recon.approaches import FUSION_METHODS, parse_approach
 from recon.capture.format import Capture, read_capture
 from recon.cloud import CloudParameters
 from recon.geometry.mesh import Mesh, read_mesh
@@ -155,11 +155,13 @@ def _mesh(path: Path) -> Mesh:
 
 @lru_cache(maxsize=2)
 def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
-    """Make the mesh from true depth, by the run's parameters and the fusion of its last approach."""
+    """Make the mesh from true depth, by the run's parameters and the fusion of its last approach; by FB if not ours."""
     run, options = read_run(folder), read_json(folder / RUN_FILE)["options"]
     fusion = parse_approach(run.approaches[-1]).fusion
     known = options.get("methods", {}).get("fusion", {})  # earlier runs knew ours alone
     used = known.get(fusion, {"method": fusion, "parameters": options["surface"]})
+    if used.get("method") not in FUSION_METHODS:
+        used = {"method": "fb", "parameters": options["surface"]}
     return true_mesh(
         capture, frame, used["method"], CloudParameters(**options["cloud"]), SurfaceParameters(**used["parameters"])
     )

@@ -1,4 +1,4 @@
-"""What every matcher does: one contract for all that are registered."""
+"""What our matchers do beyond the contract of all: see tests/recon/test_contract.py."""
 
 from __future__ import annotations
 
@@ -30,23 +30,10 @@ def shifted_pair(disparity: int, *, n_disparities: int = 12, min_disparity: int 
 
 @pytest.mark.slow
 @every_matcher
-@pytest.mark.parametrize(("disparity", "min_disparity"), [(0, 0), (5, 0), (11, 0), (-3, -6), (7, 4)])
-def test_a_shifted_picture_has_its_shift_as_disparity(matcher: Matcher, disparity: int, min_disparity: int) -> None:
-    found = matcher(shifted_pair(disparity, min_disparity=min_disparity))
-    assert found.dtype == np.float32
-    assert found.shape == (40, 80)
-    visible = found[:, max(disparity, 0) : 80 + min(disparity, 0)]
-    assert np.mean(np.abs(visible - disparity) <= 0.3) > 0.95
-
-
-@pytest.mark.slow
-@every_matcher
-def test_no_match_points_outside_the_right_image_or_the_range(matcher: Matcher) -> None:
+def test_no_match_points_outside_the_right_image(matcher: Matcher) -> None:
     noise = StereoPair(texture(seed=1), texture(seed=2), 12, 3)
     found = matcher(noise)
     valid = np.isfinite(found)
-    assert (found[valid] >= 2.5).all()
-    assert (found[valid] <= 14.5).all()
     matched = (np.arange(80) - found)[valid]
     assert (matched >= -0.5).all()
     assert (matched <= 79.5).all()
@@ -88,9 +75,3 @@ def test_what_lies_behind_the_mask_is_unmatched_and_changes_nothing(matcher: Mat
     np.testing.assert_array_equal(found[0], found[1])
     assert np.isnan(found[0][~masks[0]]).all()
     assert np.mean(np.abs(found[0][masks[0]] - 4) <= 0.25) > 0.95
-
-
-@every_matcher
-def test_the_same_pair_gives_the_same_bits(matcher: Matcher) -> None:
-    pair = shifted_pair(6)
-    np.testing.assert_array_equal(matcher(pair), matcher(pair))

@@ -19,7 +19,7 @@ from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
-from recon.pipeline.methods import DepthMethod, FusionMethod, Methods, read_methods
+from recon.pipeline.methods import Methods, OurDepth, OurFusion, read_methods
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.stages import ReconstructOptions
 from recon.programs import LOG, ProgramError
@@ -199,11 +199,11 @@ voxel_mm = 2
 """,
     )
     methods = read_methods(path)
-    assert methods.depth["dr8"] == DepthMethod("dr", DrParameters(sigma=8.0, levels=1))
-    assert methods.depth["pm-fast"] == DepthMethod("pm", PmParameters(sweeps=2, seed=DrParameters(sigma=9.0)))
+    assert methods.depth["dr8"] == OurDepth("dr", DrParameters(sigma=8.0, levels=1))
+    assert methods.depth["pm-fast"] == OurDepth("pm", PmParameters(sweeps=2, seed=DrParameters(sigma=9.0)))
     assert methods.depth["mine"] == replace(program(tmp_path, BOX_FILTER), timeout_s=5.0)
-    assert methods.fusion["fb-fine"] == FusionMethod("fb", {"voxel_mm": 2.0})
-    assert methods.depth["id"] == Methods().depth["id"] == DepthMethod("id", DEFAULTS["id"])
+    assert methods.fusion["fb-fine"] == OurFusion("fb", {"voxel_mm": 2.0})
+    assert methods.depth["id"] == Methods().depth["id"] == OurDepth("id", DEFAULTS["id"])
     assert pickle.loads(pickle.dumps(methods)) == methods
 
 
@@ -223,8 +223,8 @@ WRONG_FILES = {
     "not a number": ('[depth.a]\nmethod = "id"\nsigma = nan', r"\[depth.a\] sigma is nan, expected a number"),
     "a wrong value": ('[depth.a]\nmethod = "id"\nlevels = 9', r"\[depth.a\] levels: levels is 9"),
     "a wrong value below": ('[depth.a]\nmethod = "pm"\nseed.sigma = 0', r"\[depth.a\] seed sigma: sigma is 0"),
-    "a name of ours": ('[depth.sgm]\nmethod = "id"', r"\[depth.sgm\]: sgm is a method of this program"),
-    "a fusion of ours": ('[fusion.fa]\nmethod = "fb"', r"\[fusion.fa\]: fa is a method of this program"),
+    "a name of ours": ('[depth.sgm]\nmethod = "id"', r"\[depth.sgm\]: there is a method sgm already"),
+    "a fusion of ours": ('[fusion.fa]\nmethod = "fb"', r"\[fusion.fa\]: there is a method fa already"),
     "a name that is a path": ('[depth."../a"]\nmethod = "id"', r"'../a' is no name of a method"),
     "a name with an underscore": ('[depth.a_b]\nmethod = "id"', "'a_b' is no name of a method"),
     "no output": ('[depth.a]\ncommand = "a"', r"\[depth.a\]: output is missing"),

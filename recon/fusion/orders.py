@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from recon.cloud import merge_clouds
+from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
 from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, with_voxel
-
-__all__ = [
-    "FUSIONS",
-    "Fusion",
-    "LeftOutWarning",
-    "fuse_after",
-    "fuse_before",
-    "fused",
-]
-
-Fusion = Callable[[Sequence[Cloud], SurfaceParameters], Mesh]
 
 
 class LeftOutWarning(UserWarning):
@@ -63,33 +53,5 @@ def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = Surface
 
 def _checked(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:
     """Check that there are points, and set a voxel size, the same for both orders."""
-    if not clouds:
-        raise ValueError("there is no cloud to fuse")
-    if not any(map(len, clouds)):
-        raise NoSurfaceError(f"there is nothing to fuse: none of {len(clouds)} clouds holds points")
+    check_clouds(clouds)
     return with_voxel(clouds, parameters)
-
-
-FUSIONS: dict[str, Fusion] = {"fa": fuse_after, "fb": fuse_before}
-
-
-def fused(method: str, clouds: Sequence[Cloud], parameters: SurfaceParameters) -> tuple[Mesh, list[str]]:
-    """Fuse clouds by a named method; returns the mesh, and a sentence for each cloud that was left out.
-
-    Parameters
-    ----------
-    method : a name in `FUSIONS`
-    clouds : one per sensor
-    parameters : of the surface
-
-    Raises
-    ------
-    ValueError
-        If there is no such method, or the fusion raises it.
-    """
-    if method not in FUSIONS:
-        raise ValueError(f"unknown fusion {method!r}, expected one of {', '.join(FUSIONS)}")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", LeftOutWarning)
-        mesh = FUSIONS[method](clouds, parameters)
-    return mesh, [str(warning.message) for warning in caught]

@@ -1,0 +1,84 @@
+"""Somebody else's program as a fusion: it gets the sensors' clouds as PLY files, and writes a mesh into another one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from plyfile import PlyData
+from scipy.spatial import cKDTree
+
+from recon.cloud import merge_clouds
+from recon.fusion.views import check_clouds
+from recon.geometry.mesh import Cloud, Mesh, read_surface, write_cloud
+from recon.geometry.normals import mesh_normals
+from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
+from recon.programs import Program, ProgramError, Value, check_written, workplace
+
+
+@dataclass(frozen=True)
+class FusionProgram(Program):
+    """How to call a program that fuses; its limit of time is for one mesh."""
+
+    PLACEHOLDERS: ClassVar[tuple[str, ...]] = ("out", "voxel_mm")
+    LISTS: ClassVar[tuple[str, ...]] = ("clouds",)
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("ply",)
+
+
+def fuse_by_program(clouds: Sequence[Cloud], program: FusionProgram, voxel_mm: float, folder: Path) -> Mesh:
+    """Fuse clouds by a program.
+
+    The clouds that hold points become ``cloud-1.ply``, ``cloud-2.ply`` ... A mesh without normals gets those of its
+    faces; one without colours gets at each vertex that of the nearest point.
+
+    Parameters
+    ----------
+    clouds : one per sensor
+    program : what to call
+    voxel_mm : what {voxel_mm} stands for
+    folder : where it runs; all that is in it is removed before, and if the program succeeds all but the log afterwards
+
+    Raises
+    ------
+    ProgramError
+        If the program fails in any way; it names the log, and the folder is left as it is, to try by hand.
+    """
+    check_clouds(clouds)
+    seen = [cloud for cloud in clouds if len(cloud)]
+    files = [folder / f"cloud-{number}.ply" for number in range(1, len(seen) + 1)]
+    out = folder / "out.ply"
+    values: dict[str, Value] = {"clouds": [str(file) for file in files], "out": str(out), "voxel_mm": voxel_mm}
+    with workplace(folder):
+        for file, cloud in zip(files, seen, strict=True):
+            write_cloud(file, cloud)
+        program.run(values, folder)
+        check_written(out)
+        try:
+            return _read_mesh(out, merge_clouds(seen))
+        except ValueError as error:
+            raise ProgramError(f"the program's mesh cannot be used: {error}") from error
+
+
+def _read_mesh(path: Path, cloud: Cloud) -> Mesh:
+    vertices, faces = read_surface(path)
+    if not len(faces):
+        raise ValueError(f"{path}: holds no faces")
+    ply = read_ply(path)
+    return Mesh(vertices, faces, _normals(path, ply, vertices, faces), _colours(path, ply, vertices, cloud))
+
+
+def _normals(path: Path, ply: PlyData, vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float32]:
+    if any(name not in ply["vertex"] for name in FLOAT_NORMAL):
+        return mesh_normals(vertices, faces)
+    return np.asarray(point_columns(path, ply, FLOAT_NORMAL), dtype=np.float32)
+
+
+def _colours(path: Path, ply: PlyData, vertices: NDArray[np.float32], cloud: Cloud) -> NDArray[np.uint8]:
+    if any(name not in ply["vertex"] for name in UINT8_COLOUR):
+        _, nearest = cKDTree(cloud.points).query(vertices)
+        return cloud.colours[nearest]
+    return point_columns(path, ply, UINT8_COLOUR)

@@ -1,0 +1,53 @@
+"""What fusions get: clouds, and for those that work on depth maps the same points as their sensors' depth maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.mesh import Cloud
+from recon.rig import Camera
+from recon.surface import NoSurfaceError
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """A sensor's points as a picture.
+
+    Parameters
+    ----------
+    depth : float32 (H, W), mm along the camera's z axis, NaN where there is no point
+    colours : uint8 (H, W, 3), sRGB, black where there is no point
+    camera : of the rectified left picture, without distortion
+    """
+
+    depth: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    camera: Camera
+
+
+def depth_view(cloud: Cloud, camera: Camera) -> DepthView:
+    """Put the points of a cloud back into the pixels that they were made from.
+
+    Every point came from the middle of a pixel, so nothing is resampled: the view has the cloud's points, no more and
+    no fewer.
+    """
+    width, height = camera.size
+    depth = np.full((height, width), np.nan, np.float32)
+    colours = np.zeros((height, width, 3), np.uint8)
+    if len(cloud):
+        columns, rows = np.rint(camera.project(cloud.points)).astype(np.int64).T
+        depth[rows, columns] = camera.points_in_camera(cloud.points)[:, 2]
+        colours[rows, columns] = cloud.colours
+    return DepthView(depth, colours, camera)
+
+
+def check_clouds(clouds: Sequence[Cloud]) -> None:
+    """Raise a ValueError if there is no cloud, a NoSurfaceError if none holds points."""
+    if not clouds:
+        raise ValueError("there is no cloud to fuse")
+    if not any(map(len, clouds)):
+        raise NoSurfaceError(f"there is nothing to fuse: none of {len(clouds)} clouds holds points")
