@@ -19,7 +19,7 @@ from recon.approaches import DEPTH_METHODS
 from recon.capture.format import CAPTURE_FILE
 from recon.capture.masks.segment import segment_capture
 from recon.depth import DEFAULTS
-from recon.depth.census import RADIUS as CENSUS_RADIUS
+from recon.depth.census import WINDOW
 from recon.depth.temporal import TemporalParameters
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.reconstruct import reconstruct, render
@@ -295,7 +295,7 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
         "scenes": list(SCENES),
         "reports": reports,
         "parameters": {method: asdict(DEFAULTS[method]) for method in DEPTH_METHODS},
-        "census_window": 2 * CENSUS_RADIUS + 1,
+        "census_window": WINDOW,
         "temporal": asdict(TemporalParameters()),
         "n_points": _points(experiment),
     }

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.bands import in_bands, in_both
-from recon.depth.census import grey_image
+from recon.depth.census import WINDOW, WINDOWS, grey_image
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import TILE_BITS, search_windows
 from recon.depth.lanes import N_LANES
@@ -44,11 +44,13 @@ class IdParameters:
     sigma : permeability, grey levels
     levels : how often the images are halved for hierarchical matching; 0 searches every disparity
     consistency_threshold : pixels by which the two views' disparities may differ
+    window : width of the square that a census code describes, pixels: 3 or 5
     """
 
     sigma: float = 12.0
     levels: int = 2
     consistency_threshold: int = 0
+    window: int = WINDOW
 
     def __post_init__(self) -> None:
         if not self.sigma > 0:
@@ -57,6 +59,8 @@ class IdParameters:
             raise ValueError(f"levels is {self.levels}; expected 0 (full search) to 6")
         if self.consistency_threshold < 0:
             raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 0 or more pixels")
+        if self.window not in WINDOWS:
+            raise ValueError(f"window is {self.window}; expected {' or '.join(map(str, WINDOWS))} pixels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,7 @@ def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDA
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        left, _ = match_views(views_of(pair, parameters.sigma), parameters)
+        left, _ = match_views(views_of(pair, parameters.sigma, parameters.window), parameters)
         disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
     return disparity
 
@@ -108,7 +112,7 @@ def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDA
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        views = views_of(pair, parameters.sigma)
+        views = views_of(pair, parameters.sigma, parameters.window)
         left, right = match_views(views, parameters)
         if left.valid.any():
             surface, valid = refined(views, left, right, parameters)

@@ -79,7 +79,7 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if not has_texture(pair):
         return disparity
-    views = views_of(pair, parameters.seed.sigma)
+    views = views_of(pair, parameters.seed.sigma, parameters.seed.window)
     planes = _seeded(views, parameters.seed) if parameters.is_seeded else _random(views)
     if planes is not None:
         left, right = (swept[..., 0] for swept in _swept(views, planes, parameters))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.census import BEHIND, census_pair, fine_grey_image, grey_image
+from recon.depth.census import BEHIND, WINDOW, census_pair, fine_grey_image, grey_image
 from recon.depth.guide import Passages, guide_image, noise_level, permeabilities
 from recon.depth.hierarchy import halved, halved_mask
 from recon.depth.lanes import N_LANES
@@ -56,6 +56,7 @@ class View:
     mask: NDArray[np.bool_] | None
     noise: float
     sigma: float
+    window: int
     level: Level
     is_right: bool
 
@@ -72,7 +73,14 @@ class View:
         """Return the view at the next coarser level."""
         mask = None if self.mask is None else halved_mask(self.mask)
         return View(
-            halved(self.image), halved(self.grey), mask, self.noise / 2, self.sigma, self.level.halved(), self.is_right
+            halved(self.image),
+            halved(self.grey),
+            mask,
+            self.noise / 2,
+            self.sigma,
+            self.window,
+            self.level.halved(),
+            self.is_right,
         )
 
     @cached_property
@@ -81,7 +89,7 @@ class View:
 
         Beyond the image the outermost code is repeated: no disparity is favoured there, and ties remain ties.
         """
-        codes = census_pair(self.grey)
+        codes = census_pair(self.grey, self.window)
         if self.mask is not None:
             codes[:, ~self.mask] |= BEHIND
         mirrored = codes[:, :, ::-1] if self.is_right else codes
@@ -104,19 +112,23 @@ class View:
         return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
 
 
-def views_of(pair: StereoPair, sigma: float) -> tuple[View, View]:
-    """Return the left and the right view of the part of a pair that is matched."""
+def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View, View]:
+    """Return the left and the right view of the part of a pair that is matched.
+
+    Parameters
+    ----------
+    pair : to match
+    sigma : permeability, grey levels
+    window : of the census, pixels
+    """
     box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
-    return (
-        _view(pair.left[box], None if pair.left_mask is None else pair.left_mask[box], sigma, level, is_right=False),
-        _view(pair.right[box], None if pair.right_mask is None else pair.right_mask[box], sigma, level, is_right=True),
-    )
 
+    def view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, *, is_right: bool) -> View:
+        image = image[box]
+        if mask is not None:
+            mask = mask[box]
+            image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
+        noise = noise_level(grey_image(image), mask)
+        return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right)
 
-def _view(
-    image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, sigma: float, level: Level, *, is_right: bool
-) -> View:
-    if mask is not None:
-        image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
-    noise = noise_level(grey_image(image), mask)
-    return View(image, fine_grey_image(image), mask, noise, sigma, level, is_right)
+    return view(pair.left, pair.left_mask, is_right=False), view(pair.right, pair.right_mask, is_right=True)

@@ -9,25 +9,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from recon.depth.census import census_pair, fine_grey_image, grey_image
+from recon.depth.census import WINDOWS, census_pair, fine_grey_image, grey_image
 
 
-def plain_census(grey: NDArray[np.uint16]) -> NDArray[np.uint32]:
-    framed = np.pad(grey, 2, mode="edge")
+def plain_census(grey: NDArray[np.uint16], window: int = 5) -> NDArray[np.uint32]:
+    framed = np.pad(grey, window // 2, mode="edge")
     codes = np.zeros(grey.shape, np.uint32)
-    for row in range(5):
-        for column in range(5):
-            if (row, column) != (2, 2):
+    for row in range(window):
+        for column in range(window):
+            if (row, column) != (window // 2, window // 2):
                 darker = framed[row : row + grey.shape[0], column : column + grey.shape[1]] < grey
                 codes = (codes << np.uint32(1)) | darker.astype(np.uint32)
     return codes
 
 
 @settings(deadline=None)  # the first call compiles
-@given(seed=st.integers(0, 100), height=st.integers(1, 9), width=st.integers(1, 20))
-def test_codes_are_those_of_the_plain_reference(seed: int, height: int, width: int) -> None:
+@given(seed=st.integers(0, 100), height=st.integers(1, 9), width=st.integers(1, 20), window=st.sampled_from(WINDOWS))
+def test_codes_are_those_of_the_plain_reference(seed: int, height: int, width: int, window: int) -> None:
     grey = np.random.default_rng(seed).integers(0, 5, (height, width)).astype(np.uint16)
-    np.testing.assert_array_equal(census_pair(grey)[0], plain_census(grey))
+    np.testing.assert_array_equal(census_pair(grey, window)[0], plain_census(grey, window))
 
 
 def test_codes_do_not_change_with_exposure() -> None:

@@ -100,6 +100,7 @@ def test_a_level_has_twice_the_pixel_of_the_one_below() -> None:
         ({"levels": 9}, "levels is 9"),
         ({"consistency_threshold": -1}, "threshold is -1"),
         ({"fill_threshold": -0.5}, "fill threshold is -0.5"),
+        ({"window": 7}, "window is 7; expected 3 or 5 pixels"),
     ],
 )
 def test_impossible_parameters_are_refused(changes: dict[str, float], sentence: str) -> None:

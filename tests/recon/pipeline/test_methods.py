@@ -106,6 +106,24 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
     assert np.array_equal(np.isfinite(matched), mask & (np.arange(40) >= 20)[:, None])
 
 
+def test_a_program_gets_masks_where_its_command_asks_for_them(tmp_path: Path) -> None:
+    pair = shifted_pair(5)
+    mask = np.zeros((40, 80), np.bool_)
+    mask[5:9, 10:30] = True
+    masked = StereoPair(pair.left, pair.right, 12, left_mask=mask)
+    asks = DepthProgram("false {left_mask} {right_mask} {out}", "npy")
+    for called, names in ((asks, ["left_mask.png", "right_mask.png"]), (DepthProgram("false {out}", "npy"), [])):
+        with pytest.raises(ProgramError):
+            match_by_program(masked, called, tmp_path / "work")
+        assert sorted(path.name for path in (tmp_path / "work").glob("*mask*")) == names
+        if names:
+            left, right = (cv2.imread(str(tmp_path / "work" / name), cv2.IMREAD_UNCHANGED) for name in names)
+            assert left is not None
+            assert np.array_equal(left, np.where(mask, 255, 0))
+            assert right is not None
+            assert (right == 255).all()
+
+
 def test_a_program_gets_the_pictures_as_they_are(tmp_path: Path) -> None:
     pair = shifted_pair(5)
     with pytest.raises(ProgramError):
@@ -234,7 +252,27 @@ WRONG_FILES = {
     "an open quotation": ('[depth.a]\ncommand = "a \'"\noutput = "npy"', "cannot be filled in"),
     "an unknown placeholder": ('[depth.a]\ncommand = "a {input}"\noutput = "npy"', r"expected arguments with \{left\}"),
     "an unknown key of a command": ('[depth.a]\ncommand = "a"\noutput = "npy"\nfolder = "/"', "folder is unknown"),
-    "an unknown fusion": ('[fusion.a]\nmethod = "fc"', r"\[fusion.a\] method is 'fc', expected one of fa, fb"),
+    "a wrong filter in time": (
+        '[depth.a]\nmethod = "id"\ntemporal.sigma = 0',
+        r"\[depth.a\] temporal sigma: sigma is 0.0",
+    ),
+    "a filter in time of a fusion": ('[fusion.a]\nmethod = "fb"\ntemporal.sigma = 3', "temporal is unknown"),
+    "a fusion that writes disparities": (
+        '[fusion.a]\ncommand = "a"\noutput = "npy"',
+        "output is 'npy', expected one of p",
+    ),
+    "clouds within an argument": (
+        '[fusion.a]\ncommand = "a --in={clouds}"\noutput = "ply"',
+        r"\{clouds\} must be an argument of its own",
+    ),
+    "a parameter of another fusion": (
+        '[fusion.a]\nmethod = "poisson"\nradius = 3',
+        "radius is unknown, expected voxel_mm",
+    ),
+    "an unknown fusion": (
+        '[fusion.a]\nmethod = "fc"',
+        r"\[fusion.a\] method is 'fc', expected one of fa, fb, poisson, tsdf",
+    ),
     "a wrong voxel": ('[fusion.a]\nmethod = "fb"\nvoxel_mm = -1', r"\[fusion.a\] voxel_mm: voxel_mm is -1.0"),
 }
 
@@ -337,3 +375,41 @@ def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path
     told = command("match", *pictures, "-o", out, "--method", "mine")
     assert told.code == 1
     assert "unknown depth method 'mine', expected one of id, dr, pm, sgm" in told.err
+
+
+@pytest.mark.slow
+def test_every_parameter_of_table_2_is_set_by_a_methods_file_and_recorded_in_the_run(
+    capture: Capture, tmp_path: Path
+) -> None:
+    path, run = tmp_path / "methods.toml", tmp_path / "run"
+    path.write_text("""
+[depth.table2]
+method = "id"
+window = 3                  # cost computation: census, window size
+sigma = 8                   # cost aggregation: permeability filter, permeability
+levels = 1                  # hierarchical matching: levels
+consistency_threshold = 1   # post-processing: L/R consistency, threshold
+temporal.sigma = 6          # temporal filtering: permeability filter, permeability
+temporal.sigma_disparity = 0.5  # temporal filtering: temporal consistency
+""")
+    options = ReconstructOptions(depths=("id", "table2"), fusions=("fb",), methods=read_methods(path))
+    recorded = reconstruct(capture.folder, run, options)["options"]["methods"]["depth"]
+    ours = {"sigma": 12.0, "levels": 2, "consistency_threshold": 0, "window": 5}
+    assert recorded["id"]["parameters"] == ours
+    assert recorded["table2"]["parameters"] == {
+        "sigma": 8.0, "levels": 1, "consistency_threshold": 1, "window": 3
+    }  # fmt: skip
+    assert recorded["id"]["temporal"] == {"sigma": 12.0, "sigma_disparity": 1.0, "memory": 8.0}
+    assert recorded["table2"]["temporal"] == {"sigma": 6.0, "sigma_disparity": 0.5, "memory": 8.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["window = 3", "sigma = 3", "levels = 0", "consistency_threshold = 1",
+                                    "temporal.sigma = 1", "temporal.sigma_disparity = 0.1"])  # fmt: skip
+def test_every_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Path, change: str) -> None:
+    path, run = tmp_path / "methods.toml", tmp_path / "run"
+    path.write_text(f'[depth.changed]\nmethod = "dr"\n{change}\n')
+    options = ReconstructOptions(depths=("dr", "changed"), fusions=("fb",), methods=read_methods(path))
+    reconstruct(capture.folder, run, options)
+    depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
+    assert not np.array_equal(*depths, equal_nan=True)
