@@ -18,6 +18,8 @@ from recon.plugins import default_parameters
 from recon.rig import Camera
 from recon.surface import NoSurfaceError
 
+__all__ = ["check_fusion", "check_matcher"]
+
 HEIGHT, WIDTH = 40, 80  # pixels, of the pictures that are matched
 SHIFTS = ((0, 0), (5, 0), (-3, -6), (7, 4))  # pixels: a disparity, and the smallest one to search
 N_DISPARITIES = 12

@@ -20,7 +20,6 @@ __all__ = [
     "LeftOutWarning",
     "PoissonParameters",
     "TsdfParameters",
-    "asks_for_views",
     "depth_view",
     "fuse_after",
     "fuse_before",

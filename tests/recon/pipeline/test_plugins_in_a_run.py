@@ -78,7 +78,7 @@ def matched(methods: Methods, name: str, pair: StereoPair, folder: Path) -> Any:
 
 
 def test_a_plug_in_matches_with_its_parameters_and_those_of_a_methods_file(packages: Path, tmp_path: Path) -> None:
-    flat_package(packages, "their_flat")
+    flat_package(packages, "others_flat")
     methods = variants(tmp_path, '[depth.flat3]\nmethod = "flat"\ndisparity = 3\n')
     pair = shifted_pair(5)
     mask = np.zeros((40, 80), np.bool_)
@@ -91,7 +91,7 @@ def test_a_plug_in_matches_with_its_parameters_and_those_of_a_methods_file(packa
 
 
 def test_a_plug_in_fuses_with_the_voxel_of_the_run(packages: Path, tmp_path: Path) -> None:
-    flat_package(packages, "their_coarse")
+    flat_package(packages, "others_coarse")
     methods = variants(tmp_path, '[fusion.coarser]\nmethod = "coarse"\ntimes = 5\n')
     sizes = []
     for name in ("fb", "coarse", "coarser"):
@@ -120,7 +120,7 @@ BROKEN = {
 
 @pytest.mark.parametrize(("code", "sentence"), BROKEN.values(), ids=BROKEN.keys())
 def test_a_broken_plug_in_is_named_when_it_is_used(packages: Path, tmp_path: Path, code: str, sentence: str) -> None:
-    name = f"their_broken_{list(BROKEN.values()).index((code, sentence))}"
+    name = f"others_broken_{list(BROKEN.values()).index((code, sentence))}"
     flat_package(packages, name, code)
     methods = read_methods(None)
     with pytest.raises(PluginError) as raised:
@@ -132,7 +132,7 @@ def test_a_broken_plug_in_is_named_when_it_is_used(packages: Path, tmp_path: Pat
 
 
 def test_a_wrong_parameter_of_a_plug_in_is_named_with_its_place(packages: Path, tmp_path: Path) -> None:
-    flat_package(packages, "their_strict")
+    flat_package(packages, "others_strict")
     for text, sentence in (
         ("depth = 3", r"\[depth.b\] depth is unknown, expected disparity"),
         ('disparity = "a"', r"\[depth.b\] disparity is 'a', expected a number"),
@@ -253,14 +253,14 @@ def test_a_package_that_pip_installed_goes_from_the_help_to_the_analysis(capture
 def test_a_plug_in_that_is_left_out_is_told_and_disturbs_nothing(
     command: Command, packages: Path, tmp_path: Path
 ) -> None:
-    install(packages, "their_id", "", "[reconstudy.depth]\nid = their_id:match\n")
-    install(packages, "their_broken", "1 / 0", "[reconstudy.depth]\nbroken = their_broken:match\n")
+    install(packages, "others_id", "", "[reconstudy.depth]\nid = others_id:match\n")
+    install(packages, "others_broken", "1 / 0", "[reconstudy.depth]\nbroken = others_broken:match\n")
     told = command("match", "--help")
     assert told.code == 0
     assert "broken," in told.out
     told = command("match", tmp_path / "no.png", tmp_path / "no.png", "--disparities", 9, "-o", tmp_path / "out.npy",
                    "--method", "broken")  # fmt: skip
     assert told.code == 1
-    assert "warning: plug-in id of their_id 1.0 is left out: id is a method of this program" in told.err
-    assert "plug-in broken of their_broken 1.0 cannot be imported (their_broken:match): ZeroDivisionError" in told.err
-    assert "their_id:match" not in told.err
+    assert "warning: plug-in id of others_id 1.0 is left out: id is a method of this program" in told.err
+    assert "plug-in broken of others_broken 1.0 cannot be imported (others_broken:match): ZeroDivisionError" in told.err
+    assert "others_id:match" not in told.err
