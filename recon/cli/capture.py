@@ -37,6 +37,9 @@ def capture_synth(
     ] = 0.02,
     calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
     distortion: Annotated[float, typer.Option(help="About the lenses' k1 in OpenCV's model; -0.1 is usual.")] = 0.0,
+    depth_maps: Annotated[
+        bool, typer.Option("--depth-maps", help="Record by single cameras with depth maps instead of by stereo pairs.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -56,6 +59,7 @@ def capture_synth(
         exposure_spread=exposure_spread,
         calibration_error_px=calibration_error,
         distortion=distortion,
+        depth_maps=depth_maps,
     )
     capture = synthesise(out, parameters, progress=progress)
     progress.close()
