@@ -75,9 +75,9 @@ def read_depth_map(folder: Path, stream: SensorStream, frame: int) -> NDArray[np
     path = fetched(depth_path(folder, depth, frame))
     lengths = read_depth_values(path).astype(np.float64) * depth.scale_mm
     if lengths.shape != size[::-1]:
-        found = "x".join(map(str, lengths.shape[::-1]))
+        shape = "x".join(map(str, lengths.shape[::-1]))
         raise CaptureError(
-            f"{path}: is a depth map of {found} pixels, expected {size[0]}x{size[1]}; if it shows the camera's whole "
+            f"{path}: is a depth map of {shape} pixels, expected {size[0]}x{size[1]}; if it shows the camera's whole "
             'picture in another resolution, say so by "size" beside its "image"'
         )
     if depth.kind == "distance":

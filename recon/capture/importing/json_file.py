@@ -78,8 +78,6 @@ def import_json(
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
-    if options.up == "y":
-        options = replace(options, up=str(content.get("up", "y")))
     try:
         sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
         recording = Recording(
@@ -89,6 +87,7 @@ def import_json(
             object=_object(described),
             fps=content.get("fps"),
             bounds=described.length("bounds"),
+            up=str(content.get("up", "y")),
         )
     except ValueError as error:
         raise CaptureError(f"{source}: {error}") from error

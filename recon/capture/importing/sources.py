@@ -53,7 +53,7 @@ class ImportOptions:
     bounds : float64 (2, 3), in the capture's world and mm
     unit_mm : length of the source's unit, mm, None for the importer's default
     fps : frames per second
-    up : axis of the source's world that points upwards, a key of UPWARDS
+    up : axis of the source's world that points upwards, a key of UPWARDS; None for the importer's default
     """
 
     name: str | None = None
@@ -61,11 +61,10 @@ class ImportOptions:
     bounds: ArrayLike | None = None
     unit_mm: float | None = None
     fps: float | None = None
-    up: str = "y"
+    up: str | None = None
 
     def __post_init__(self) -> None:
-        if self.up not in UPWARDS:
-            raise CaptureError(f"up is {self.up!r}, expected one of {', '.join(UPWARDS)}")
+        _check_up(self.up or "y")
         if self.n_frames is not None and self.n_frames < 1:
             raise CaptureError(f"n_frames is {self.n_frames}, expected at least 1")
 
@@ -104,6 +103,7 @@ class Recording:
     ----------
     bounds : float64 (2, 3), mm, in the source's world
     held_out : cameras with their photographs of frame 0
+    up : axis of the source's world that points upwards, a key of UPWARDS
     """
 
     name: str
@@ -113,6 +113,10 @@ class Recording:
     fps: float | None = None
     bounds: NDArray[np.float64] | None = None
     held_out: tuple[tuple[Camera, Path], ...] = ()
+    up: str = "y"
+
+    def __post_init__(self) -> None:
+        _check_up(self.up)
 
 
 def parse_unit(text: str) -> float:
@@ -141,7 +145,7 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
         If pictures are missing, counts differ, a video's frame rate is variable or not the others', or nothing tells
         the bounds. Nothing is left behind.
     """
-    turn = rigid(UPWARDS[options.up], np.zeros(3))
+    turn = rigid(UPWARDS[options.up or recording.up], np.zeros(3))
     fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     held_out = tuple(
@@ -165,6 +169,11 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
             copy_file(path, folder / photograph.image)
         write_capture(capture)
     return replace(capture, folder=out)
+
+
+def _check_up(up: str) -> None:
+    if up not in UPWARDS:
+        raise CaptureError(f"up is {up!r}, expected one of {', '.join(UPWARDS)}")
 
 
 def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
