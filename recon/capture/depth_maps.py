@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import cv2
@@ -141,7 +142,7 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
     try:
         with path.open("rb") as file:
             return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
+    except (ValueError, EOFError, OSError, MemoryError, SyntaxError, TokenError) as error:  # of its header, too
         raise CaptureError(f"{path}: is not readable as NPY: {error}") from error
 
 

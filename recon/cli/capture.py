@@ -142,7 +142,10 @@ def capture_export(
     out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
     frame: Annotated[int, typer.Option(min=0, help="Number of the frame to export.")] = 0,
     points: Annotated[
-        Path | None, typer.Option(help="PLY cloud in mm for splats to start from, such as RUN/clouds/pm/S1/0000.ply.")
+        list[Path] | None,
+        typer.Option(
+            help="PLY cloud in mm for splats to start from, such as RUN/clouds/pm/S1/0000.ply; may be repeated."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -150,12 +153,13 @@ def capture_export(
     from recon.capture.exporting.colmap import export_colmap
     from recon.capture.exporting.nerfstudio import export_nerfstudio
     from recon.capture.format import read_capture
+    from recon.cloud import merge_clouds
     from recon.geometry.mesh import read_cloud
 
     exporters = {"nerfstudio": export_nerfstudio, "colmap": export_colmap}
     if kind not in exporters:
         raise typer.BadParameter(f"{kind!r} is not a format that can be written; expected {' or '.join(exporters)}")
-    cloud = None if points is None else read_cloud(points)
+    cloud = merge_clouds([read_cloud(path) for path in points]) if points else None
     exporters[kind](read_capture(capture), out, frame=frame, points=cloud)
     result = {"out": str(out), "kind": kind, "frame": frame}
     print_result(result, f"Wrote frame {frame} of {capture} for {kind}: {out}", as_json=as_json)

@@ -136,7 +136,7 @@ def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
 
 
 def check_lens(view: ExportedView, places: Sequence[int], form: str) -> NDArray[np.float64]:
-    """Return the numbers at these places of OpenCV's distortion, 0 beyond its end.
+    """Return the numbers at these places of OpenCV's distortion, float64 (N,), 0 beyond its end.
 
     Parameters
     ----------
