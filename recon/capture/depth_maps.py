@@ -6,7 +6,9 @@ All that follows depth maps works on disparities, so given depth becomes the dis
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -150,7 +152,8 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
     import OpenEXR
 
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        # its warnings about damaged files go to standard output, where --json prints the result
+        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), separate_channels=True) as file:
             channels: dict[str, Any] = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, TypeError) as error:
         raise CaptureError(f"{path}: is not readable as EXR: {error}") from error
