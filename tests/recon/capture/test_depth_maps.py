@@ -64,7 +64,7 @@ def rewritten(
     return replace(capture, sensors=tuple(sensors))
 
 
-@pytest.mark.parametrize("distortion", [0.0, -0.1])
+@pytest.mark.parametrize("distortion", [0.0, pytest.param(-0.1, marks=pytest.mark.slow)])
 def test_true_depth_maps_put_every_point_on_the_true_surface(tmp_path: Path, distortion: float) -> None:
     capture = record(tmp_path / "capture", distortion=distortion)
     in_metres = {"scale_mm": 1000.0, "kind": "distance"}
