@@ -82,8 +82,12 @@ def reconstruct(
         ),
     ],
     depth: Annotated[
-        str, typer.Option(help="Depth methods, comma-separated: id, dr, pm, sgm, those of --methods.")
-    ] = "id,dr,pm",
+        str | None,
+        typer.Option(
+            help="Depth methods, comma-separated: id, dr, pm, sgm, given (the capture's own depth maps), those of "
+            "--methods. Default: id,dr,pm; given if the capture holds only depth maps.",
+        ),
+    ] = None,
     fusion: Annotated[str, typer.Option(help="Fusions, comma-separated: fa, fb, those of --methods.")] = "fa,fb",
     methods: MethodsOption = None,
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
@@ -111,7 +115,7 @@ def reconstruct(
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
-        depths=parse_names(depth),
+        depths=parse_names(depth or ""),
         fusions=parse_names(fusion),
         methods=read_methods(methods),
         frames=parse_frames(frames),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.recording import GIVEN
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
 from recon.depth.program import DepthProgram, match_by_program
 from recon.fusion import FUSIONS
@@ -36,8 +37,16 @@ class FusionMethod:
     changes: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _depth_methods() -> dict[str, DepthMethod | DepthProgram]:
-    return {name: DepthMethod(name, DEFAULTS[name]) for name in MATCHERS}
+@dataclass(frozen=True)
+class GivenDepth:
+    """The depth maps of the capture, as they are."""
+
+
+AnyDepth = DepthMethod | DepthProgram | GivenDepth
+
+
+def _depth_methods() -> dict[str, AnyDepth]:
+    return {**{name: DepthMethod(name, DEFAULTS[name]) for name in MATCHERS}, GIVEN: GivenDepth()}
 
 
 def _fusion_methods() -> dict[str, FusionMethod]:
@@ -48,7 +57,7 @@ def _fusion_methods() -> dict[str, FusionMethod]:
 class Methods:
     """Depth and fusion methods by name; those of this program unless others are given."""
 
-    depth: Mapping[str, DepthMethod | DepthProgram] = field(default_factory=_depth_methods)
+    depth: Mapping[str, AnyDepth] = field(default_factory=_depth_methods)
     fusion: Mapping[str, FusionMethod] = field(default_factory=_fusion_methods)
 
     def check(self, depths: tuple[str, ...], fusions: tuple[str, ...]) -> None:
@@ -59,7 +68,7 @@ class Methods:
                     raise ValueError(f"unknown {kind} method {name!r}, expected one of {', '.join(known)}")
 
 
-def match(method: DepthMethod | DepthProgram, pair: StereoPair, folder: Path) -> tuple[NDArray[np.float32], list[str]]:
+def match(method: AnyDepth, pair: StereoPair, folder: Path) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair; returns the disparities of its left image and a sentence for each warning.
 
     Parameters
@@ -72,20 +81,27 @@ def match(method: DepthMethod | DepthProgram, pair: StereoPair, folder: Path) ->
     -------
     disparity : float32 (H, W), pixels, NaN where unmatched or masked out
     warnings : sentences
+
+    Raises
+    ------
+    ValueError
+        If the method does not match pairs, or a program fails.
     """
+    if isinstance(method, GivenDepth):
+        raise ValueError(f"{GIVEN} takes the depth maps of a capture and matches no pairs; choose another method")
     if isinstance(method, DepthProgram):
         return match_by_program(pair, method, folder), []
     return matched(method.method, pair, method.parameters)
 
 
-def depth_key(method: DepthMethod | DepthProgram) -> dict[str, Any]:
+def depth_key(method: AnyDepth) -> dict[str, Any]:
     """Describe a depth method for a key, by what its result depends on."""
     if isinstance(method, DepthProgram):
         return {"command": method.command, "output": method.output}
     return asdict(method)
 
 
-def describe_depth(method: DepthMethod | DepthProgram) -> dict[str, Any]:
+def describe_depth(method: AnyDepth) -> dict[str, Any]:
     """Describe a depth method for people."""
     return depth_key(method) | ({"timeout_s": method.timeout_s} if isinstance(method, DepthProgram) else {})
 
