@@ -79,9 +79,11 @@ def simulated_votes(is_shared: bool, rng: np.random.Generator) -> VotesTable:
     parts = [simulate_votes(StudyPlan(CONDITIONS, 1, PARTICIPANTS), each, rng) for each in abilities]
     names = parts[0].participants, tuple(f"d{k}" for k in range(DATASETS)), parts[0].items
     return votes_from_indices(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("participant",)),
+        np.concatenate([part.participant for part in parts]),
         np.repeat(np.arange(DATASETS), len(parts[0])),
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("item_a", "item_b", "choice")),
+        np.concatenate([part.item_a for part in parts]),
+        np.concatenate([part.item_b for part in parts]),
+        np.concatenate([part.choice for part in parts]),
         names=names,
     )
 
@@ -114,11 +116,11 @@ def random_measures(situation: Situation, n_studies: int, rng: np.random.Generat
                 low, high = row[f"{name}_low"], row[f"{name}_high"]
                 where.setdefault(name, []).append(low is not None and (low > chance or high < chance))
             where.setdefault("people only", [])
-        for where, is_excluded in people_only(compared, values, rng):
-            errors[where]["people only"].append(is_excluded)
-    for where, columns in errors.items():
+        for over, is_excluded in people_only(compared, values, rng):
+            errors[over]["people only"].append(is_excluded)
+    for over, columns in errors.items():
         shares = " | ".join(f"{np.mean(columns[name]):.1%}" for name in (*COLUMNS, "people only"))
-        print(f"| {situation.name} | {where} | {len(columns['pearson'])} | {shares} |", flush=True)
+        print(f"| {situation.name} | {over} | {len(columns['pearson'])} | {shares} |", flush=True)
 
 
 def people_only(
@@ -161,7 +163,7 @@ def normal_points(
 
     def noise() -> Array:
         common, rest = rng.normal(size=(1, CONDITIONS)), rng.normal(size=(datasets, CONDITIONS))
-        return np.sqrt(shared) * common + np.sqrt(1 - shared) * rest
+        return np.asarray(np.sqrt(shared) * common + np.sqrt(1 - shared) * rest)
 
     scores, none = noise(), np.zeros((0, 2), np.intp)
     dataset, condition = (part.ravel() for part in np.indices(scores.shape))

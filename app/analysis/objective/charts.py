@@ -112,9 +112,9 @@ def _curve(row: Row, points: Sequence[Row], domain: Sequence[float]) -> list[Any
     """Return the layer of the logistic curve, none where there is no fit."""
     if row["logistic_bottom"] is None:
         return []
-    ends = (row[f"logistic_{name}"] for name in ("bottom", "top", "middle", "width"))
-    fit = Logistic(*ends, correlation=0.0, status="")
-    x = np.linspace(*domain, CURVE_STEPS)
+    bottom, top, middle, width = (row[f"logistic_{name}"] for name in ("bottom", "top", "middle", "width"))
+    fit = Logistic(bottom, top, middle, width, correlation=row["pearson_logistic"], status=row["logistic_status"])
+    x = np.linspace(domain[0], domain[1], CURVE_STEPS)
     # The fit is to values and scores less their means, also where a single dataset is drawn as it is.
     means = [float(np.mean([point[side] for point in points])) for side in ("x", "y")]
     y = fit(x - means[0]) + means[1]
@@ -198,7 +198,7 @@ def ranking_chart(analysis: Mapping[str, Any]) -> Any:
     if not names:
         return None
     labels = [name if last[name]["better"] else f"{name} *" for name in names]
-    panels = []
+    panels: list[Any] = []
     for column, title, neutral in RANKED:
         rows = [_ranked(last[name], column) | {"measure": label} for name, label in zip(names, labels, strict=True)]
         panels.append(_ranking_panel(rows, labels, title, neutral, has_names=not panels))

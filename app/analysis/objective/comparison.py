@@ -59,7 +59,7 @@ def _directed(points: Points, better: str | None) -> Points:
 
 
 def _varies(points: Points) -> bool:
-    return len(points) > 0 and np.ptp(points.relative_values) > 0 and np.ptp(points.relative_scores) > 0
+    return bool(len(points)) and all(np.ptp(side) > 0 for side in (points.relative_values, points.relative_scores))
 
 
 def _rows(measures: Mapping[str, Points], rng: np.random.Generator) -> Iterator[dict[str, Any]]:

@@ -102,7 +102,7 @@ def chance(correlations: Array, observed: float, n_conditions: int) -> Chance:
     p_value = float(np.mean(sizes >= sizes[0] - ROUNDING))
     if n_conditions < FEWEST_CONDITIONS:
         return Chance(None, None, p_value)
-    levels, counts = np.unique(np.round(sizes, 9), return_counts=True)
+    levels, counts = np.unique(np.round(sizes, 9).astype(np.float64), return_counts=True)
     half = _upper_quantile(levels, counts)
     inner = levels[levels < 1 - ROUNDING]
     limit = (1 + inner[-1]) / 2 if len(inner) else 0.5  # what 1 stands for on a scale of steps

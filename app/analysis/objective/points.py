@@ -74,8 +74,15 @@ class Points:
         """Return the points to keep, bool (N,), with the pairs among them."""
         place = np.cumsum(is_kept) - 1
         different, similar = (place[pairs[is_kept[pairs].all(axis=1)]] for pairs in (self.different, self.similar))
-        columns = (self.values, self.scores, self.half_widths, self.dataset, self.condition)
-        return Points(*(column[is_kept] for column in columns), different=different, similar=similar)
+        return Points(
+            self.values[is_kept],
+            self.scores[is_kept],
+            self.half_widths[is_kept],
+            self.dataset[is_kept],
+            self.condition[is_kept],
+            different,
+            similar,
+        )
 
     @cached_property
     def relative_values(self) -> Array:
@@ -114,12 +121,15 @@ def matched(score_sets: Mapping[str, ScoreSet], values: Mapping[str, Mapping[str
                 rows.append((known[item], score, half, number, place[item]))
         different += [(point[a], point[b]) for a, b in score_set.different if a in point and b in point]
         similar += [(point[a], point[b]) for a, b in score_set.similar if a in point and b in point]
-    columns = list(zip(*rows, strict=True)) or [()] * 5
+    measured, scores, half_widths, datasets, places = zip(*rows, strict=True) if rows else [()] * 5
     return Points(
-        *(np.array(column, float) for column in columns[:3]),
-        *(np.array(column, np.intp) for column in columns[3:]),
-        different=np.array(different, np.intp).reshape(-1, 2),
-        similar=np.array(similar, np.intp).reshape(-1, 2),
+        np.array(measured, float),
+        np.array(scores, float),
+        np.array(half_widths, float),
+        np.array(datasets, np.intp),
+        np.array(places, np.intp),
+        np.array(different, np.intp).reshape(-1, 2),
+        np.array(similar, np.intp).reshape(-1, 2),
     )
 
 

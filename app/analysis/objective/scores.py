@@ -29,7 +29,8 @@ def score_set(comparison: Comparison) -> ScoreSet:
     low, high, _ = intervals(fit, comparison.bootstrap)
     half_widths = np.full(len(fit.items), np.nan) if low is None or high is None else (high - low) / 2
     place = {item: index for index, item in enumerate(fit.items)}
-    different, similar = [], []
+    different: list[tuple[int, int]] = []
+    similar: list[tuple[int, int]] = []
     for contrast in contrasts(fit):
         a, b = place[contrast.item_a], place[contrast.item_b]
         better_first = (a, b) if contrast.difference > 0 else (b, a)
