@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from app.analysis.comparison import Comparison
-from app.analysis.objective.permutation import FEWEST_CONDITIONS, smallest_p
+from app.analysis.objective.permutation import FEWEST_CONDITIONS
 from app.analysis.objective.prediction import ALL
 from app.analysis.settings import LEVEL
 from app.analysis.votes_table import MAIN, VotesTable
@@ -42,25 +42,25 @@ def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     ----------
     predictions : rows of `prediction_rows`
     """
-    judged: dict[int, dict[str, None]] = {}
+    judged: dict[tuple[int, float], dict[str, None]] = {}
     for row in predictions:
         if row["n_conditions"] < FEW_CONDITIONS:
-            judged.setdefault(row["n_conditions"], {})[row["dataset"]] = None
-    for n_conditions, datasets in judged.items():
+            judged.setdefault((row["n_conditions"], row["p_smallest"]), {})[row["dataset"]] = None
+    for (n_conditions, p_smallest), datasets in judged.items():
         single = [name for name in datasets if name != ALL]
         where = f"dataset {', '.join(single)}" if single else "all datasets together"
-        smallest = f"the smallest p-value that a measure can reach is {smallest_p(n_conditions):.2g}"
+        smallest = f"measures, {where}: with {n_conditions} conditions the smallest p-value is {p_smallest:.2g}"
         if n_conditions < FEWEST_CONDITIONS:
             yield (
-                f"measures, {where}: with {n_conditions} conditions {smallest}, so nothing can be said about "
-                f"measures and there are no intervals; expected {FEWEST_CONDITIONS} conditions or more"
+                f"{smallest}, so next to nothing can be said about measures, and there are no intervals; "
+                f"expected {FEWEST_CONDITIONS} conditions or more"
             )
         else:
             t = student.ppf((1 + LEVEL) / 2, n_conditions - 2)
             yield (
-                f"measures, {where}: with {n_conditions} conditions {smallest}, and on one dataset random numbers "
-                f"correlate by up to {t / np.sqrt(n_conditions - 2 + t**2):.2f} (19 times in 20): a single dataset "
-                "can hardly tell whether a measure predicts the scores"
+                f"{smallest}, and on one dataset random numbers correlate by up to "
+                f"{t / np.sqrt(n_conditions - 2 + t**2):.2f} (19 times in 20): a single dataset can hardly tell "
+                "whether a measure predicts the scores"
             )
 
 

@@ -200,6 +200,8 @@ def ranking_chart(analysis: Mapping[str, Any]) -> Any:
     labels = [name if last[name]["better"] else f"{name} *" for name in names]
     panels: list[Any] = []
     for column, title, neutral in RANKED:
+        if all(last[name][column] is None for name in names):
+            continue
         rows = [_ranked(last[name], column) | {"measure": label} for name, label in zip(names, labels, strict=True)]
         panels.append(_ranking_panel(rows, labels, title, neutral, has_names=not panels))
     subtitle = ["line: 95 % interval; filled: it excludes what a measure without information gets (dashed)"]

@@ -11,7 +11,7 @@ from scipy.special import expit
 Array = NDArray[np.float64]
 
 PARAMETERS = 4
-MIDDLES = 25  # of the first grid, over the range of the values
+MIDDLES = 17  # of the first grid, over the range of the values
 WIDTHS = np.geomspace(1 / 50, 2, 9)  # of the first grid, shares of the range: nearly a step to nearly a line
 ZOOMS = 10  # each halves the distance to the best curve
 AT_LIMIT = 1.001  # a width this close to a limit stands on it

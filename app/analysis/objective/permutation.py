@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 MOST_ORDERS = 1000  # all orders if there are fewer, as with six conditions; else so many drawn at random
 FEWEST_CONDITIONS = 5  # with fewer, no rank correlation is rare enough for an interval to mean anything
 LEVEL = 0.95
+NEARLY_ONE = 0.995  # larger correlations count as 1, which ranks and curves reach with few points
 ROUNDING = 1e-9  # correlations that differ by less are equal
 
 
@@ -75,11 +76,6 @@ def _n_orders(groups: list[list[int]]) -> int:
     return min(prod(factorial(len(group)) for group in groups), MOST_ORDERS)
 
 
-def smallest_p(n_conditions: int) -> float:
-    """Return the smallest p-value that permuting so many conditions can give."""
-    return 1 / min(factorial(n_conditions), MOST_ORDERS)
-
-
 def chance(correlations: Array, observed: float, n_conditions: int) -> Chance:
     """Return the p-value and the interval of a correlation.
 
@@ -104,8 +100,8 @@ def chance(correlations: Array, observed: float, n_conditions: int) -> Chance:
         return Chance(None, None, p_value)
     levels, counts = np.unique(np.round(sizes, 9).astype(np.float64), return_counts=True)
     half = _upper_quantile(levels, counts)
-    inner = levels[levels < 1 - ROUNDING]
-    limit = (1 + inner[-1]) / 2 if len(inner) else 0.5  # what 1 stands for on a scale of steps
+    inner = levels[levels < NEARLY_ONE]
+    limit = (1 + inner[-1]) / 2 if len(inner) else 0.5  # a perfect correlation of few points is not certain
     centre = np.arctanh(np.clip(observed, -limit, limit))
     low, high = np.tanh(centre - half), np.tanh(centre + half)
     return Chance(float(min(low, observed)), float(max(high, observed)), p_value)

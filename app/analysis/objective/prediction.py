@@ -13,7 +13,7 @@ from app.analysis.correlation import FEWEST_POINTS
 from app.analysis.objective.correlations import kendalls, monotones, pearsons, spearmans
 from app.analysis.objective.logistic import PARAMETERS, fit_logistic, grid_correlations
 from app.analysis.objective.pair_order import better_worse, different_similar, pair_differences, share_in_order
-from app.analysis.objective.permutation import chance, condition_orders, smallest_p
+from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Indices, Points, ScoreSet, matched
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ def describe(points: Points, orders: Indices, better: str | None) -> dict[str, A
     return {
         "n": len(points),
         "n_conditions": points.n_conditions,
-        "p_smallest": smallest_p(points.n_conditions),
+        "p_smallest": 1 / len(orders),
         "better": better,
         "direction_from": "measure" if better else "rank correlation",
         "pairs_different": len(points.different),

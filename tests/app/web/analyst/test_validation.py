@@ -195,7 +195,7 @@ def test_measures_stand_beside_the_scores(
         browser.get(path)
         page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
         assert "Objective measures" in page
-        assert "measures, dataset ball, box: with 3 conditions the smallest p-value" in page
+        assert "with 3 conditions the smallest p-value is 0.17" in page
         ranking = browser.get(f"/admin/studies/{study['slug']}/figures/measures.csv").text
         assert ranking.count("accuracy") == len(analysis["measures"])
         plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")
