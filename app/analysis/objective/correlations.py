@@ -23,12 +23,34 @@ def pearsons(values: Array, scores: Array) -> Array:
 
 
 def spearmans(values: Array, scores: Array, orders: Indices) -> Array:
-    """Return the rank correlations, float64 (P,), of values (N,) with scores (N,) in every order (P, N)."""
+    """Return the rank correlations of values with the scores in every order.
+
+    Parameters
+    ----------
+    values : float64 (N,), of the measure
+    scores : float64 (N,), log-odds
+    orders : intp (P, N), for each order and point the one whose score it gets
+
+    Returns
+    -------
+    float64 (P,)
+    """
     return pearsons(rankdata(values), rankdata(scores)[orders])
 
 
 def kendalls(values: Array, scores: Array, orders: Indices) -> Array:
-    """Return Kendall's tau-b, float64 (P,), of values (N,) with scores (N,) in every order (P, N)."""
+    """Return Kendall's tau-b of values with the scores in every order.
+
+    Parameters
+    ----------
+    values : float64 (N,), of the measure
+    scores : float64 (N,), log-odds
+    orders : intp (P, N), for each order and point the one whose score it gets
+
+    Returns
+    -------
+    float64 (P,)
+    """
     first, second = np.triu_indices(len(values), 1)
     of_values = np.sign(values[first] - values[second])
     of_scores = np.sign(scores[:, None] - scores)
