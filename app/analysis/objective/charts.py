@@ -63,12 +63,15 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
     )
     y_title, y_scale = f"score (log-odds){relative}", alt.Scale(domain=y_domain, nice=False)
     colors, legend = alt.Scale(domain=names, range=[*PALETTE] * len(names)), alt.Legend(symbolOpacity=1)
+    y_axis = alt.Axis(titlePadding=10)
     color = alt.Color("dataset:N", sort=names, scale=colors, legend=legend)
     shape = alt.Shape("dataset:N", sort=names, scale=alt.Scale(domain=names, range=SHAPES * len(names)))
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
-    bars = base.mark_rule(opacity=0.45).encode(y=alt.Y("low:Q", title=y_title, scale=y_scale), y2="high:Q", color=color)
+    bars = base.mark_rule(opacity=0.45).encode(
+        y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2="high:Q", color=color
+    )
     points = base.mark_point(size=60, filled=True, opacity=1).encode(
-        y=alt.Y("y:Q", title=y_title, scale=y_scale), color=color, shape=shape
+        y=alt.Y("y:Q", title=y_title, scale=y_scale, axis=y_axis), color=color, shape=shape
     )
     layers = [*_curve(overall, rows, x_domain), bars, points, *_labels(rows, x_domain, y_domain)]
     title = alt.TitleParams(f"Score against {measure}", subtitle=_subtitle(overall))
