@@ -125,6 +125,8 @@ def read_scene(path: Path) -> None:
     _, problems = read_scene_file(path.parent)
     if problems:
         raise ValueError(problems[0])
+
+
 NPY = (
     b"\x93NUMPY\x01\x00v\x00"
     + b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }".ljust(117)

@@ -57,7 +57,7 @@ class DepthMaps:
 
     def __post_init__(self) -> None:
         _check_path(self.image, DEPTH_SUFFIXES)
-        if not _is_number(self.scale_mm) or not self.scale_mm > 0:
+        if not (_is_number(self.scale_mm) and self.scale_mm > 0):
             raise CaptureError(f"depth: scale_mm is {self.scale_mm!r}, expected the length of the value 1 in mm")
         if self.kind not in DEPTH_KINDS:
             raise CaptureError(f"depth: kind is {self.kind!r}, expected one of {', '.join(DEPTH_KINDS)}")
