@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth import Matcher, StereoPair
-from recon.fusion import DepthView, Fusion, depth_view, fused
+from recon.fusion import DepthView, Fusion, fused, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 from recon.plugins import default_parameters
 from recon.rig import Camera
@@ -86,7 +86,7 @@ def check_fusion(fusion: Fusion) -> None:
     unchanged = all(np.array_equal(points, cloud.points) for points, cloud in zip(before, clouds, strict=True))
     _expect(unchanged, "it changed the clouds")
     nothing = clouds[0].select(np.zeros(len(clouds[0]), np.bool_))
-    empty = depth_view(nothing, views[0].camera)
+    empty = view_of_cloud(nothing, views[0].camera)
     with_nothing = _mesh(fusion, [*clouds, nothing], [*views, empty])
     _expect(np.array_equal(mesh.vertices, with_nothing.vertices), "a sensor that saw nothing changes the mesh")
     single = _mesh(fusion, clouds[:1], views[:1])
@@ -186,7 +186,7 @@ def _ball(angles: Sequence[float]) -> tuple[list[Cloud], list[DepthView]]:
         camera = _camera(angle)
         cloud = _seen(camera)
         clouds.append(cloud)
-        views.append(depth_view(cloud, camera))
+        views.append(view_of_cloud(cloud, camera))
     return clouds, views
 
 

@@ -49,7 +49,7 @@ def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: P
 def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path]:
     truth = _truth(run, frame)
     depth = parse_approach(approach).depth
-    names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors]
+    names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors_for(depth)]
     cloud = replace(merge_clouds(read_clouds(run.artefacts, names)), sigma=None)  # nobody looks at sigmas
     mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
     return [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import resource
+import struct
 import subprocess
 import tempfile
 import time
@@ -26,8 +27,10 @@ from app.ffmpeg import decode
 from app.intake.stimuli import read_stimulus_set
 from app.operations.create import read_options
 from app.study.study_file import parse_study_file
+from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
+from recon.capture.importing import colmap_model
 from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh import read_cloud, read_mesh
 from recon.models.read import Placement, read_model
@@ -124,6 +127,17 @@ def read_scene(path: Path) -> None:
         raise ValueError(problems[0])
 
 
+NPY = (
+    b"\x93NUMPY\x01\x00v\x00"
+    + b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }".ljust(117)
+    + b"\n"
+    + bytes(16)
+)
+COLMAP_IMAGE = (
+    struct.pack("<QI7dI", 1, 1, 1.0, 0, 0, 0, 0, 0, 2.0, 7) + b"1.png\0" + struct.pack("<Qddq", 1, 3.0, 4.0, -1)
+)
+
+
 @cache
 def png() -> bytes:
     file = io.BytesIO()
@@ -150,6 +164,8 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "mesh": (read_mesh, "mesh.ply", PLY.encode),
     "disparity": (read_disparity, "disparity.pfm", lambda: PFM),
     "image": (read_image, "image.png", png),
+    "depth map": (read_depth_values, "depth.npy", lambda: NPY),
+    "model of COLMAP": (lambda path: colmap_with_cameras(path.parent), "images.bin", lambda: COLMAP_IMAGE),
     "capture": (lambda path: read_draft(path.parent), "capture.json", json.dumps(CAPTURE).encode),
     "camera path": (lambda path: read_path(path, 1, (96, 64)), "path.json", json.dumps(CAMERA_PATH).encode),
     "ply model": (read_placed, "model.ply", PLY.encode),
@@ -160,6 +176,14 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "recorded video": (lambda path: read_video_frame(path, 9), "film.mp4", film),
     "times of a video": (video_times, "film.mp4", film),
 }
+
+
+def colmap_with_cameras(folder: Path) -> Any:
+    """Read the model of a folder whose images are given, with a camera for them."""
+    (folder / "cameras.bin").write_bytes(struct.pack("<QIiQQ4d", 1, 7, 1, 96, 64, 80.0, 80.0, 48.0, 32.0))
+    return colmap_model.read_model(folder)
+
+
 SURPRISES = [b"", b"\0", b"\xff\xfe", b"-1", b"99999999999999999999", b"nan", b"1e999", b"[" * 50, b'"', b",", b"\n\n"]
 
 

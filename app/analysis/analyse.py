@@ -12,8 +12,7 @@ from app.analysis.agreement import agreement_rows, concordance, dataset_agreemen
 from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores, only_compared
 from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
-from app.analysis.contrasts import SIGNIFICANT, contrasts, holm
-from app.analysis.correlation import ScoreSet, correlation_rows
+from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
     ModelTest,
@@ -26,6 +25,10 @@ from app.analysis.factors import (
 )
 from app.analysis.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.homogeneity import Part, parts_differ
+from app.analysis.objective.comparison import comparison_rows
+from app.analysis.objective.points import ScoreSet, matched
+from app.analysis.objective.prediction import prediction_rows
+from app.analysis.objective.scores import score_sets
 from app.analysis.observers import observer_rows
 from app.analysis.result_rows import (
     contrast_rows,
@@ -41,9 +44,7 @@ from app.analysis.result_rows import (
 from app.analysis.settings import AnalysisSettings
 from app.analysis.triads import triads
 from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable
-from app.analysis.warnings import MOST_PAIRS, warnings_of
-
-MEASURE_REPLICATES = 500  # bootstrap samples of participants for the intervals of correlations
+from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
 
 
 def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict[str, Any]:
@@ -68,6 +69,9 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     groups = _group_comparisons(used, settings)
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
+    scored = _measured_scores(used, settings, compared)
+    rng = np.random.default_rng([settings.seed, 1])
+    predictions = prediction_rows(scored, settings.measures, settings.better, rng)
     return {
         "schema_version": 1,
         "settings": settings.as_dict(),
@@ -82,7 +86,10 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         "groups": [row for group in groups for row in group_rows(group)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
-        "measures": _measure_rows(used, settings, compared),
+        "measures": predictions,
+        "measure_comparisons": comparison_rows(
+            {measure: matched(scored, values) for measure, values in settings.measures.items()}, settings.better, rng
+        ),
         "agreement": agreement_rows(used),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset),
@@ -94,7 +101,11 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
             if len(comparison.fit.counts.first) <= MOST_PAIRS
             for row in pair_rows(comparison)
         ],
-        "warnings": [*warnings_of(votes, used, compared), *_left_out(used, settings)],
+        "warnings": [
+            *warnings_of(votes, used, compared),
+            *measure_warnings(predictions),
+            *_left_out(used, settings),
+        ],
     }
 
 
@@ -170,36 +181,15 @@ def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
     return parts_differ("datasets differ", model, ALL, parts[ALL].fit, single)
 
 
-def _measure_rows(
+def _measured_scores(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
-) -> list[dict[str, Any]]:
-    """Correlate the measures with the scores; draws bootstrap replicates for the intervals if there are none."""
+) -> dict[str, ScoreSet]:
+    """Return the scores to compare measures with: those of single datasets, even if the others are not reported."""
     if not settings.measures:
-        return []
-    if not settings.bootstrap:
-        compared = list(compare(votes, replace(settings, bootstrap=MEASURE_REPLICATES, analysed_factors=())))
-    with_scores = [
-        comparison for comparison in compared if comparison.comparison == ALL and comparison.fit.scores is not None
-    ]
-    single = [comparison for comparison in with_scores if comparison.dataset != ALL] or with_scores
-    score_sets = {comparison.dataset: _score_set(comparison) for comparison in single}
-    return correlation_rows(score_sets, settings.measures, np.random.default_rng([settings.seed, 1]))
-
-
-def _score_set(comparison: Comparison) -> ScoreSet:
-    fit = comparison.fit
-    assert fit.scores is not None
-    place = {item: index for index, item in enumerate(fit.items)}
-    different = [
-        (place[c.item_a], place[c.item_b]) if c.difference > 0 else (place[c.item_b], place[c.item_a])
-        for c in contrasts(fit)
-        if c.p_holm < SIGNIFICANT
-    ]
-    replicates = np.zeros((0, len(fit.items)))
-    if comparison.bootstrap is not None:
-        replicates = np.full((len(comparison.bootstrap.kept), len(fit.items)), np.nan)
-        replicates[comparison.bootstrap.kept] = comparison.bootstrap.scores
-    return ScoreSet(fit.items, fit.scores, replicates, different)
+        return {}
+    if votes.has_datasets and not settings.by_dataset:
+        compared = list(compare(votes, replace(settings, by_dataset=True, bootstrap=0, analysed_factors=())))
+    return score_sets(compared)
 
 
 def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:

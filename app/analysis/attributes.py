@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from app.analysis.measures_table import is_long, read_measures_table
 from app.analysis.tabular import numbers, read_csv
 from app.analysis.votes_table import VotesError
 
@@ -52,19 +55,56 @@ def _read_attributes(path: Path, key: str, attribute: str) -> dict[str, dict[str
     }
 
 
-def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """Read objective measures, `dataset,item,<measure>,…`, as {measure: {dataset: {item: value}}}; an empty cell means
-    no value.
+EVERY_DATASET = "all"  # stands for every dataset in a table of measures
+
+
+@dataclass(frozen=True)
+class MeasureValues:
+    """Objective measures of the items.
+
+    Parameters
+    ----------
+    values : measure -> dataset -> item -> value
+    better : measure -> `higher` or `lower`, where the table tells
+    notes : sentences on what was averaged or left out
+    """
+
+    values: dict[str, dict[str, dict[str, float]]]
+    better: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def on(self, datasets: Sequence[str]) -> dict[str, dict[str, dict[str, float]]]:
+        """Return the values on these datasets, with those that the table gives for all of them."""
+        return {
+            measure: {name: by.get(EVERY_DATASET, {}) | by.get(name, {}) for name in datasets}
+            for measure, by in self.values.items()
+        }
+
+    def strangers(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
+        """Return the names, dataset/item, of what is not among these datasets and items."""
+        known = {EVERY_DATASET, *datasets}
+        places = {(d, item): None for by in self.values.values() for d, row in by.items() for item in row}
+        return [f"{d}/{item}" for d, item in places if d not in known or item not in items]
+
+
+def read_measures(path: Path) -> MeasureValues:
+    """Read objective measures from either of two tables: the long one that `reconstudy validate` writes, with a row for
+    each value and the direction, or a wide one, `dataset,item,<measure>,…`, where an empty cell means no value.
 
     Raises
     ------
     VotesError
-        If a column is missing, an item of a dataset appears twice, or a value is no finite number.
+        If a column is missing, a value stands there twice, or a value is no number.
     """
     frame = read_csv(path)
+    if is_long([str(name) for name in frame.columns]):
+        return _long_measures(path)
     if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
         columns = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {columns}; expected dataset, item and at least one measure")
+        raise VotesError(
+            f"{path}: has the columns {columns}; expected dataset, item and a column for each measure, or dataset, "
+            "approach, measure, value, better"
+        )
     twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
     if len(twice):
         raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
@@ -79,4 +119,12 @@ def read_measures(path: Path) -> dict[str, dict[str, dict[str, float]]]:
         for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
             if text:
                 by_dataset.setdefault(dataset, {})[item] = float(value)
-    return measures
+    return MeasureValues(measures)
+
+
+def _long_measures(path: Path) -> MeasureValues:
+    table = read_measures_table(path)
+    values: dict[str, dict[str, dict[str, float]]] = {}
+    for row in table.values:
+        values.setdefault(row.measure, {}).setdefault(row.dataset, {})[row.approach] = row.value
+    return MeasureValues(values, {row.measure: row.better for row in table.values}, table.notes)

@@ -1,4 +1,4 @@
-"""Draw the charts of an analysis in Vega-Lite: scores, preferences, residuals, triads, measures, response times. They
+"""Draw the charts of an analysis in Vega-Lite: scores, preferences, residuals, triads, response times. They
 stay readable in print, without colour, and for colour-blind readers.
 """
 
@@ -202,42 +202,6 @@ def triads_chart(analysis: Mapping[str, Any]) -> Any:
         subtitle=["bar: strict cycles; tick: expected if ties are broken", "at random; diamond: random votes"],
     )
     return (strict + ties + chance).properties(width=320, height=alt.Step(15), title=title)
-
-
-def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
-    """Draw the scores with their intervals against an objective measure; shape and colour tell datasets apart.
-
-    Returns
-    -------
-    altair chart, or None if no item has both a score and a value
-    """
-    values = analysis["settings"]["measures"].get(measure, {})
-    rows = [
-        dict(row) | {"value": values[row["dataset"]][row["item"]]}
-        for row in analysis["scores"]
-        if row["comparison"] == "all" and row["score"] is not None and row["item"] in values.get(row["dataset"], {})
-    ]
-    if not rows:
-        return None
-    names = _datasets(rows)
-    base = alt.Chart(alt.Data(values=rows)).encode(
-        x=alt.X("value:Q", title=measure, scale=alt.Scale(zero=False), axis=alt.Axis(tickCount=6))
-    )
-    color = alt.Color("dataset:N", sort=names, scale=alt.Scale(domain=names, range=[*PALETTE] * len(names)))
-    bars = base.mark_rule(opacity=0.45).encode(
-        y=alt.Y("ci_low:Q", title="score (log-odds)"), y2="ci_high:Q", color=color
-    )
-    points = base.mark_point(size=60, filled=True, opacity=1).encode(
-        y="score:Q", color=color, shape=alt.Shape("dataset:N", sort=names, scale=alt.Scale(domain=names))
-    )
-    overall = [row for row in analysis["measures"] if row["measure"] == measure][-1]
-    correlations = ", ".join(
-        f"{name} {overall[key]:.2f}".replace("-", "−")
-        for name, key in (("Spearman", "spearman"), ("Pearson", "pearson"))
-        if overall[key] is not None
-    )
-    title = alt.TitleParams(f"Score against {measure}", subtitle=correlations or "too few points for a correlation")
-    return (bars + points).properties(width=380, height=280, title=title)
 
 
 def response_chart(analysis: Mapping[str, Any]) -> Any:

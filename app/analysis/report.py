@@ -16,25 +16,28 @@ import scipy
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.analyse import analyse
-from app.analysis.attributes import read_items, read_measures, read_participants
+from app.analysis.attributes import MeasureValues, read_items, read_measures, read_participants
 from app.analysis.charts import (
     chart_pdf,
     chart_png,
     chart_svg,
     groups_chart,
-    measure_chart,
     preference_chart,
     residual_chart,
     response_chart,
     scores_chart,
     triads_chart,
 )
+from app.analysis.objective.charts import measure_chart, ranking_chart
+from app.analysis.objective.prediction import ALL, measures_by_rank
 from app.analysis.reading import read_votes
 from app.analysis.report_sections import sections
 from app.analysis.settings import AnalysisSettings
+from app.analysis.votes_table import VotesError, VotesTable
 from app.files import packaged, write_bytes, write_json, write_text
 
 ITEMS_IN_A_TABLE = 60
+MOST_NAMED = 5  # of what is not among the votes
 
 ROUNDING = 1e-12  # smaller numbers are rounding errors of zero
 
@@ -69,7 +72,8 @@ def analyse_file(
     items : CSV with `item` and one column per factor
     columns, choices : our names -> those in the file, where they differ: {"participant": "judge"}, {"none": "tie"}
     factors : the factors to analyse out of those in `items`; all of them by default
-    measures : CSV with `dataset`, `item` and one column per objective measure, to be compared with the scores
+    measures : CSV with objective measures, to be compared with the scores: the long table of `reconstudy validate`,
+        or `dataset`, `item` and one column per measure
     participants : CSV with `participant` and one column per grouping, whose groups are compared
     groups : the groupings to compare out of those in `participants`; all of them by default
 
@@ -92,15 +96,36 @@ def analyse_file(
         settings = replace(settings, factors=known, analysed_factors=tuple(factors or known))
     elif factors:
         raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
+    notes: list[str] = []
     if measures is not None:
-        settings = replace(settings, measures=read_measures(measures))
+        known_measures = read_measures(measures)
+        notes = _measure_notes(known_measures, votes, measures)
+        datasets = votes.datasets if votes.has_datasets else (ALL,)
+        settings = replace(settings, measures=known_measures.on(datasets), better=known_measures.better)
     if participants is not None:
         settings = replace(settings, groups=_chosen(read_participants(participants), groups, "grouping", participants))
     elif groups:
         raise ValueError(f"the grouping {groups[0]!r} needs a participants file that gives each participant's group")
     analysis = analyse(votes, settings)
+    analysis["warnings"] += notes
     write_analysis(analysis, out, source=path.name)
     return analysis
+
+
+def _measure_notes(measures: MeasureValues, votes: VotesTable, path: Path) -> list[str]:
+    """Return what is to be known about a table of measures; raise if it is of other items than the votes."""
+    datasets = votes.datasets if votes.has_datasets else ()
+    strangers = measures.strangers(datasets, votes.items)
+    more = f" and {len(strangers) - MOST_NAMED} more" if len(strangers) > MOST_NAMED else ""
+    named = ", ".join(strangers[:MOST_NAMED]) + more
+    n_places = len({(d, item) for by in measures.values.values() for d, row in by.items() for item in row})
+    if len(strangers) == n_places:
+        raise VotesError(
+            f"{path}: measures {named or 'nothing'}; the votes are on {', '.join(votes.items[:MOST_NAMED])} … in "
+            f"{', '.join(datasets[:MOST_NAMED]) or 'all (no dataset is named)'}; name datasets and items as they do"
+        )
+    left_out = [f"measures: {named} not among the votes and left out"] if strangers else []
+    return [*left_out, *(f"measures: {note}" for note in measures.notes)]
 
 
 def _chosen(
@@ -124,8 +149,9 @@ def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "vot
     out : the folder
     source : name of what was analysed, for the report's title
     """
-    for name in ("scores", "triads", "observers"):
-        write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
+    for name in COLUMNS:
+        if analysis[name] or name not in WHERE_MEASURED:
+            write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
     figures = [_write_figure(name, caption, chart, out) for name, caption, chart in named_charts(analysis)]
     content = _content(analysis, figures, source)
     for name in ("report.html", "report.md"):
@@ -143,7 +169,10 @@ COLUMNS = {
         *("circular_expected_ties", "circular_max", "zeta", "p_value"),
     ),
     "observers": ("participant", "flags"),
+    "measures": ("measure", "dataset"),
+    "measure_comparisons": ("measure_a", "measure_b"),
 }
+WHERE_MEASURED = ("measures", "measure_comparisons")  # tables of analyses with objective measures
 
 
 def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
@@ -165,7 +194,8 @@ def named_charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
         yield name, f"Scores of {what} with 95 % intervals.", scores_chart(analysis, comparison)
     yield "preferences", "Votes for the row's item against the column's.", preference_chart(analysis)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis)
-    for measure in dict.fromkeys(row["measure"] for row in analysis["measures"]):
+    yield "measures", "How well each measure predicts the scores.", ranking_chart(analysis)
+    for measure in measures_by_rank(analysis["measures"]):
         yield f"measure_{_file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure)
     for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
         yield f"group_{_file_name(grouping)}", f"Scores by {grouping}, all datasets.", groups_chart(analysis, grouping)

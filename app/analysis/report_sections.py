@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from app.analysis.objective.prediction import measures_by_rank
+
 Analysis = Mapping[str, Any]
 Figures = Mapping[str, dict[str, str]]
 Row = Mapping[str, Any]
 
 ROWS = 80  # rows of a table; the CSV files hold the rest
+MOST_FIGURES = 8  # of measures in the report
+MOST_COMPARED = 30  # pairs of measures in the report
 HEADINGS = {  # of columns; others have their name in analysis.json
+    "auc_a": "its AUC",
+    "auc_b": "its AUC",
+    "auc_better_worse": "AUC better/worse",
+    "auc_different_similar": "AUC different/similar",
+    "auc_p": "p, AUC",
+    "auc_p_holm": "p, AUC (Holm)",
     "ci_high": "to",
     "ci_low": "from",
     "circular_expected_ties": "expected with ties broken",
@@ -18,11 +28,13 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "dataset_b": "and",
     "flags": "unusual",
     "g2": "G2",
-    "kendall": "Kendall",
+    "kendall": "KRCC",
     "log_nu": "tie parameter",
     "log_theta": "tie parameter",
     "loglik": "log-likelihood",
     "loglik_per_vote_left_out": "log-likelihood per vote",
+    "measure_a": "measure",
+    "measure_b": "and",
     "model": "in the model of",
     "moderate": "moderate violated",
     "n": "points",
@@ -38,10 +50,18 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "p_value": "p",
     "pairs_correct": "in order",
     "pairs_different": "pairs that differ",
+    "outlier_ratio": "outliers",
+    "pairs_similar": "pairs alike",
     "pearson": "Pearson",
+    "pearson_a": "its Pearson",
+    "pearson_b": "its Pearson",
+    "pearson_logistic": "PLCC",
     "pearson_monotone": "monotone",
     "pearson_x2": "Pearson X2",
-    "spearman": "Spearman",
+    "rmse": "RMSE",
+    "rmse_epsilon": "RMSE*",
+    "spearman": "SROCC",
+    "spearman_p": "p, SROCC",
     "strong": "strong violated",
     "tie_rate": "tie rate",
     "weak": "weak violated",
@@ -80,11 +100,13 @@ def _section(
     title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[dict[str, str]] = ()
 ) -> dict[str, Any]:
     """Return a section with one table of these columns of the rows."""
-    headings = [HEADINGS.get(column, column) for column in columns]
-    cells = [[row[column] for column in columns] for row in rows[:ROWS]]
-    table = {"title": "", "columns": headings, "rows": cells}
     rest = f" The first {ROWS} of {len(rows)} rows." if len(rows) > ROWS else ""
-    return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [table]}
+    return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [_table("", columns, rows)]}
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+    headings = [HEADINGS.get(column, column) for column in columns]
+    return {"title": title, "columns": headings, "rows": [[row[column] for column in columns] for row in rows[:ROWS]]}
 
 
 def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -124,17 +146,85 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
-    text = (
-        "How well objective measures predict the scores. The monotone correlation is taken after fitting the best "
-        "monotone curve; the last column is the share of significantly different pairs that the measure puts in the "
-        "right order. Over all datasets, measure and score are relative to their dataset's mean. Intervals: 95 %, "
-        "from resampling participants, over all datasets also datasets."
+    rows = [_with_intervals(row) for row in analysis["measures"]]
+    last = {row["measure"]: row for row in rows}
+    ranked = [last[measure] for measure in measures_by_rank(analysis["measures"])]
+    single = [row for row in rows if row["dataset"] != "all"] if ranked[0]["dataset"] == "all" else []
+    correlations = ("pearson_logistic", "pearson", "pearson_monotone", "spearman", "spearman_p", "kendall")
+    told = ("pairs_correct", "auc_better_worse", "auc_different_similar")
+    drawn = [figure for name, figure in figures.items() if name.startswith("measure_")]
+    shown = [figures["measures"]] if "measures" in figures else []
+    rest = f" Figures of the best {MOST_FIGURES} of {len(drawn)}; the folder figures holds all." * (
+        len(drawn) > MOST_FIGURES
     )
-    correlations = ("pearson", "pearson_monotone", "spearman", "kendall")
-    rows = [row | {n: _with_interval(row, n) for n in (*correlations, "pairs_correct")} for row in analysis["measures"]]
-    columns = ["measure", "dataset", "n", *correlations, "pairs_different", "pairs_correct"]
-    shown = [figure for name, figure in figures.items() if name.startswith("measure_")]
-    return _section("Objective measures", text, columns, rows, shown)
+    where = "all datasets" if single else "the dataset"
+    return {
+        "title": "Do objective measures predict the scores?",
+        "paragraphs": [MEASURES_TEXT + rest, _chance_text(len(last))],
+        "figures": [*shown, *drawn[:MOST_FIGURES]],
+        "tables": [
+            _table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
+            _table(
+                "Pairs told rightly, and errors after the logistic fit",
+                ["measure", "pairs_different", "pairs_similar", *told, "rmse", "rmse_epsilon", "outlier_ratio"],
+                ranked,
+            ),
+            *([_table("On each dataset", ["measure", "dataset", "n", *correlations, *told], single)] if single else []),
+            *_comparisons(analysis),
+        ],
+    }
+
+
+MEASURES_TEXT = (
+    "PLCC is Pearson's correlation of the scores with a logistic curve of the measure (VQEG 2000); monotone is the "
+    "same with the best monotone curve. A pair is different if the votes tell its items apart (5 %, Holm), else "
+    "similar: “in order” is the share of different pairs that the measure orders as the votes do, the areas are those "
+    "of Krasula and others (2016). RMSE is in log-odds, RMSE* counts only what exceeds a score's 95 % interval, "
+    "outliers are the points beyond it (ITU-T P.1401). Over all datasets, measure and score are relative to their "
+    "dataset's mean."
+)
+
+
+def _chance_text(n_measures: int) -> str:
+    expected = n_measures * 0.05
+    many = (
+        f" Of {n_measures} measures without information, about {expected:.0f} would have p below 0.05."
+        if expected >= 1
+        else ""
+    )
+    return (
+        "Intervals (95 %) and p-values hold for the measure: they come from permuting the conditions, the same way on "
+        f"all datasets, so they take conditions as exchangeable.{many} A measure whose lower values are better should "
+        "have negative correlations; pairs and areas already count in its direction, or in that of the rank "
+        "correlation where none is stated (“better” is a dash), which flatters the measure."
+    )
+
+
+def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return the table of measures against each other, the clearest differences first; none without a pair."""
+    rows = [row for row in analysis["measure_comparisons"] if row["p_value"] is not None]
+    rows.sort(key=lambda row: row["p_value"])
+    if not rows:
+        return []
+    rest = f", the {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
+    columns = [
+        "measure_a",
+        "measure_b",
+        "pearson_a",
+        "pearson_b",
+        "p_value",
+        "p_holm",
+        "auc_a",
+        "auc_b",
+        "auc_p",
+        "auc_p_holm",
+    ]
+    return [_table(f"Does a measure predict better than another?{rest}", columns, rows[:MOST_COMPARED])]
+
+
+def _with_intervals(row: Row) -> dict[str, Any]:
+    shown = [name for name in row if f"{name}_low" in row]
+    return dict(row) | {name: _with_interval(row, name) for name in shown}
 
 
 def _with_interval(row: Mapping[str, Any], name: str) -> str | None:

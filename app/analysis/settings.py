@@ -25,6 +25,7 @@ class AnalysisSettings:
     factors : factor -> item -> level, all factors of the items
     analysed_factors : the factors to report on; all by default
     measures : objective measure -> dataset -> item -> value
+    better : objective measure -> `higher` or `lower`, where it is known
     groups : grouping -> participant -> group, whose scores are compared
     penalty : the estimate where no maximum exists: `firth` or `ridge`
     by_dataset : also analyse every dataset alone
@@ -38,6 +39,7 @@ class AnalysisSettings:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     analysed_factors: tuple[str, ...] | None = None
     measures: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    better: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     penalty: str = "firth"
     by_dataset: bool = True
@@ -48,6 +50,9 @@ class AnalysisSettings:
             raise ValueError(f"ties is {self.ties!r}, expected one of {', '.join(TIE_MODELS)}")
         if self.penalty not in PENALTIES:
             raise ValueError(f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}")
+        for measure, better in self.better.items():
+            if better not in ("higher", "lower"):
+                raise ValueError(f"better of the measure {measure!r} is {better!r}, expected higher or lower")
         if self.bootstrap < 0:
             raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
         unknown = [factor for factor in self.analysed_factors or () if factor not in self.factors]

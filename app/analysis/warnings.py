@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from app.analysis.comparison import Comparison
+from app.analysis.objective.permutation import FEWEST_CONDITIONS
+from app.analysis.objective.prediction import ALL
 from app.analysis.settings import LEVEL
 from app.analysis.votes_table import MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name
+FEW_CONDITIONS = 10  # of a dataset, which then tells little about a measure: 0.63 is within chance
 
 
 def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison]) -> list[str]:
@@ -28,6 +33,35 @@ def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison])
     for comparison in compared:
         warnings += _fit_warnings(comparison)
     return warnings
+
+
+def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a sentence for each number of conditions with which measures can hardly, or cannot, be judged.
+
+    Parameters
+    ----------
+    predictions : rows of `prediction_rows`
+    """
+    judged: dict[tuple[int, float], dict[str, None]] = {}
+    for row in predictions:
+        if row["n_conditions"] < FEW_CONDITIONS:
+            judged.setdefault((row["n_conditions"], row["p_smallest"]), {})[row["dataset"]] = None
+    for (n_conditions, p_smallest), datasets in judged.items():
+        single = [name for name in datasets if name != ALL]
+        where = f"dataset {', '.join(single)}" if single else "all datasets together"
+        smallest = f"measures, {where}: with {n_conditions} conditions the smallest p-value is {p_smallest:.2g}"
+        if n_conditions < FEWEST_CONDITIONS:
+            yield (
+                f"{smallest}, so next to nothing can be said about measures, and there are no intervals; "
+                f"expected {FEWEST_CONDITIONS} conditions or more"
+            )
+        else:
+            t = student.ppf((1 + LEVEL) / 2, n_conditions - 2)
+            yield (
+                f"{smallest}, and on one dataset random numbers correlate by up to "
+                f"{t / np.sqrt(n_conditions - 2 + t**2):.2f} (19 times in 20): a single dataset can hardly tell "
+                "whether a measure predicts the scores"
+            )
 
 
 def _fit_warnings(comparison: Comparison) -> Iterator[str]:

@@ -50,7 +50,10 @@ def analyse(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
     items: Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")] = None,
     measures: Annotated[
-        Path | None, typer.Option(help="CSV file: dataset, item, then a column for each objective measure.")
+        Path | None,
+        typer.Option(
+            help="CSV file of objective measures: measures.csv of `validate`, or dataset, item and a column for each."
+        ),
     ] = None,
     ties: Annotated[
         str, typer.Option(help="How to treat votes without preference: davidson, rao-kupper, half or drop.")

@@ -11,8 +11,9 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.analysis.charts import chart_svg, measure_chart, scores_chart, triads_chart
+from app.analysis.charts import chart_svg, scores_chart, triads_chart
 from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.objective.charts import measure_chart
 from app.experiment.study import N_PEOPLE, QUALITY
 from app.files import read_json
 from app.films.strips import write_still

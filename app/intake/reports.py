@@ -221,6 +221,11 @@ def by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, dict[str, dict
     return measures
 
 
+def better_by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, str]:
+    """Return for each measure whether `higher` or `lower` is better, as the analysis takes it."""
+    return {str(row["measure"]): str(row["better"]) for row in rows}
+
+
 def _first_fault(error: OSError | ValidationError) -> str:
     if isinstance(error, OSError):
         return str(error)

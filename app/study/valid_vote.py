@@ -33,8 +33,8 @@ def check_viewing(viewing: Mapping[str, Any], first_shown: Label, *, has_referen
     Raises
     ------
     InvalidVoteError
-        If nothing was shown, another label was shown first, a switch does not change what is shown or goes to what is not there, or
-        switches are not in the order of time.
+        If nothing was shown, another label was shown first, a switch does not change what is shown or goes to what is
+        not there, or switches are not in the order of time.
     """
     if not viewing["shown_ms"] > 0:
         raise InvalidVoteError(f"shown_ms is {viewing['shown_ms']}; nobody can vote on what was not shown")

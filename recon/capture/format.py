@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError, is_video, read_image, read_video_frame
-from recon.capture.recording import CameraStream, Capture, HeldOut, SensorStream, image_path
+from recon.capture.recording import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path
 from recon.capture.schema import Draft, capture_json, parse_capture
 from recon.rig import Camera
 from recon.storage.files import read_json, write_json
@@ -21,9 +21,11 @@ __all__ = [
     "CameraStream",
     "Capture",
     "CaptureError",
+    "DepthMaps",
     "HeldOut",
     "Picture",
     "SensorStream",
+    "depth_path",
     "expected_pictures",
     "frame_pictures",
     "image_path",
@@ -59,8 +61,10 @@ def read_capture(folder: Path) -> Capture:
     A CaptureError names the first thing that is wrong, and says how many more there are.
     """
     draft = read_draft(folder)
-    paths = dict.fromkeys(picture.path for picture in expected_pictures(folder, draft))
-    problems = draft.problems or tuple(f"{path}: there is no such file" for path in missing(paths))
+    paths = [picture.path for picture in expected_pictures(folder, draft)]
+    for stream in draft.sensors:
+        paths += [depth_path(folder, stream.depth, frame) for frame in range(draft.n_frames or 0) if stream.depth]
+    problems = draft.problems or tuple(f"{path}: there is no such file" for path in missing(dict.fromkeys(paths)))
     if problems or draft.capture is None:
         more = f" (and {len(problems) - 1} more: see `capture check`)" if len(problems) > 1 else ""
         raise CaptureError(problems[0] + more)
@@ -84,8 +88,8 @@ def write_capture(capture: Capture) -> Path:
     return stored(path)
 
 
-def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Read the images (left, right) of a sensor at a frame, RGB uint8 (H, W, 3).
+def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.uint8], ...]:
+    """Read the images (left, right) of a sensor at a frame, RGB uint8 (H, W, 3); (left,) if it has one camera.
 
     Parameters
     ----------
@@ -99,14 +103,13 @@ def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
         If there is no such sensor or frame, or an image is missing, unreadable, or not of its camera's size.
     """
     _check_frame(capture, frame)
-    left, right = map(read_picture, frame_pictures(capture.folder, capture.stream(sensor_id), frame))
-    return left, right
+    return tuple(map(read_picture, frame_pictures(capture.folder, capture.stream(sensor_id), frame)))
 
 
-def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np.bool_], ...] | None:
     """Read the foreground masks (left, right) of a sensor at a frame, bool (H, W); None if the sensor has none.
 
-    Foreground is where the mask's image is at least half bright.
+    Foreground is where the mask's image is at least half bright. A sensor of one camera has (left,).
 
     Parameters
     ----------
@@ -115,20 +118,12 @@ def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
     frame : number, from 0
     """
     _check_frame(capture, frame)
-    pictures = mask_pictures(capture.folder, capture.stream(sensor_id), frame)
-    if not pictures:
-        return None
-    left, right = map(read_mask, pictures)
-    return left, right
+    return tuple(map(read_mask, mask_pictures(capture.folder, capture.stream(sensor_id), frame))) or None
 
 
-def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+def read_plates(capture: Capture, sensor_id: str) -> tuple[NDArray[np.uint8], ...] | None:
     """Read the clean plates (left, right) of a sensor, RGB uint8 (H, W, 3); None if the sensor has none."""
-    pictures = plate_pictures(capture.folder, capture.stream(sensor_id))
-    if not pictures:
-        return None
-    left, right = map(read_picture, pictures)
-    return left, right
+    return tuple(map(read_picture, plate_pictures(capture.folder, capture.stream(sensor_id)))) or None
 
 
 def read_held_out(capture: Capture, photograph: HeldOut) -> NDArray[np.uint8]:
@@ -136,8 +131,8 @@ def read_held_out(capture: Capture, photograph: HeldOut) -> NDArray[np.uint8]:
     return read_picture(_held_out_picture(capture.folder, photograph))
 
 
-def frame_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Picture, Picture]:
-    """Return the pictures (left, right) that a sensor recorded at a frame.
+def frame_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Picture, ...]:
+    """Return the pictures (left, right) that a sensor recorded at a frame; (left,) if it has one camera.
 
     Parameters
     ----------
@@ -145,8 +140,7 @@ def frame_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Pict
     stream : the sensor and its images
     frame : number, from 0
     """
-    left, right = (_picture(folder, side.image, frame, side.camera) for side in (stream.left, stream.right))
-    return left, right
+    return tuple(_picture(folder, side.image, frame, side.camera) for side in stream.cameras)
 
 
 def mask_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Picture, ...]:
@@ -164,6 +158,18 @@ def mask_pictures(folder: Path, stream: SensorStream, frame: int) -> tuple[Pictu
 def plate_pictures(folder: Path, stream: SensorStream) -> tuple[Picture, ...]:
     """Return a sensor's clean plates (left, right); empty if it has none."""
     return tuple(_picture(folder, name, 0, stream.left.camera) for name in stream.plate or ())
+
+
+def depth_path(folder: Path, depth: DepthMaps, frame: int) -> Path:
+    """Return the file of a depth map.
+
+    Parameters
+    ----------
+    folder : the capture's
+    depth : a sensor's depth maps
+    frame : number, from 0
+    """
+    return image_path(folder, depth.image, frame)
 
 
 def expected_pictures(folder: Path, draft: Draft) -> Iterator[Picture]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,9 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
-from recon.rig import Camera, Rig, Sensor
+from recon.rig import Camera, Rig, Sensor, rigid
 
 KINDS = ("scene", "sphere", "cuboid")
+GIVEN = "given"  # the depth method that takes the depth maps of the capture
+SIDES = ("left", "right")
+DEPTH_SUFFIXES = (".png", ".exr", ".npy")
+DEPTH_KINDS = ("z", "distance")
+STAND_IN_MM = 1.0  # from a camera with depth maps to the second one that stands in where only places matter
 FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
 
 
@@ -33,25 +38,57 @@ class CameraStream:
         _check_path(self.image, IMAGE_SUFFIXES + VIDEO_SUFFIXES)
 
 
-@dataclass(frozen=True, eq=False)
-class SensorStream:
-    """A stereo sensor and where its images lie.
+@dataclass(frozen=True)
+class DepthMaps:
+    """Depth maps of a sensor's left camera: a value for each pixel; 0, NaN and infinity where nothing was measured.
 
     Parameters
     ----------
-    plate : images (left, right) of the empty studio, or None
-    mask : patterns (left, right) of the foreground masks, or None
+    image : pattern of the files: PNG of one channel with 16 bits, EXR, or NPY
+    scale_mm : length of the value 1, mm
+    kind : "z" along the optical axis, or "distance" along the ray from the optical centre
+    size : (width, height), pixels, of maps that show the camera's whole picture in another resolution; None for its own
+    """
+
+    image: str
+    scale_mm: float = 1.0
+    kind: str = "z"
+    size: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        _check_path(self.image, DEPTH_SUFFIXES)
+        if not (_is_number(self.scale_mm) and self.scale_mm > 0):
+            raise CaptureError(f"depth: scale_mm is {self.scale_mm!r}, expected the length of the value 1 in mm")
+        if self.kind not in DEPTH_KINDS:
+            raise CaptureError(f"depth: kind is {self.kind!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.size is not None and (len(self.size) != 2 or min(self.size) < 1):
+            raise CaptureError(f"depth: size is {list(self.size)}, expected [width, height] in pixels")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorStream:
+    """A sensor and where its images lie: a stereo pair, a camera with depth maps, or a pair whose left camera has them.
+
+    Parameters
+    ----------
+    left, right : the cameras; without `right`, there are depth maps
+    plate : images (left, right) of the empty studio, or None; (left,) without a right camera
+    mask : patterns (left, right) of the foreground masks, or None; (left,) without a right camera
+    depth : depth maps of the left camera, or None
     """
 
     id: str
     left: CameraStream
-    right: CameraStream
-    plate: tuple[str, str] | None = None
-    mask: tuple[str, str] | None = None
+    right: CameraStream | None
+    plate: tuple[str, ...] | None = None
+    mask: tuple[str, ...] | None = None
+    depth: DepthMaps | None = None
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w.-]+", self.id) or self.id.startswith("."):
             raise CaptureError(f"sensor id {self.id!r} is no file name: use letters, digits, '_', '-' and '.'")
+        if self.right is None and self.depth is None:
+            raise CaptureError(f"sensor {self.id}: has neither a right camera nor depth maps; one of them is needed")
         for path in (*(self.plate or ()), *(self.mask or ())):
             _check_path(path, IMAGE_SUFFIXES)
         try:
@@ -61,8 +98,21 @@ class SensorStream:
 
     @property
     def sensor(self) -> Sensor:
-        """The two cameras without their images."""
-        return Sensor(self.id, self.left.camera, self.right.camera)
+        """The two cameras without their images; where there is only one, a second stands in just beside it."""
+        if self.right is not None:
+            return Sensor(self.id, self.left.camera, self.right.camera)
+        beside = rigid(np.eye(3), (-STAND_IN_MM, 0.0, 0.0)) @ self.left.camera.cam_from_world
+        return Sensor(self.id, self.left.camera, replace(self.left.camera, cam_from_world=beside))
+
+    @property
+    def cameras(self) -> tuple[CameraStream, ...]:
+        """The cameras: (left, right), or (left,)."""
+        return (self.left,) if self.right is None else (self.left, self.right)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The names of the cameras."""
+        return SIDES[: len(self.cameras)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +178,12 @@ class Capture:
 
     @property
     def rig(self) -> Rig:
-        """All sensors' cameras."""
+        """All sensors' cameras; see `SensorStream.sensor` for those that have only one."""
         return Rig(tuple(stream.sensor for stream in self.sensors))
+
+    def sensors_for(self, method: str) -> tuple[SensorStream, ...]:
+        """Return the sensors that a depth method uses: those with depth maps if it is `GIVEN`, else all."""
+        return tuple(stream for stream in self.sensors if method != GIVEN or stream.depth is not None)
 
     def stream(self, sensor_id: str) -> SensorStream:
         """Return the sensor of an id, or raise a CaptureError if there is none."""
@@ -220,7 +274,8 @@ def _check_ids(ids: list[str]) -> None:
 
 
 def _check_patterns(stream: SensorStream, n_frames: int) -> None:
-    for pattern in (stream.left.image, stream.right.image, *(stream.mask or ())):
+    depth = [stream.depth.image] if stream.depth is not None else []
+    for pattern in (*(camera.image for camera in stream.cameras), *(stream.mask or ()), *depth):
         if n_frames > 1 and not is_video(pattern) and not FRAME_FIELD.search(pattern):
             raise CaptureError(
                 f"sensor {stream.id}: {pattern} names one image for {n_frames} frames; "

@@ -6,7 +6,7 @@ chosen such that disparity 0 is at the far side of the bounds instead of at infi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ FAR_DISPARITY = 1.0  # of the bounds' far side: a neighbour below for subpixel f
 MIN_ACROSS = 0.2  # sine of the smallest angle between the baseline and the viewing direction, 11.5 degrees
 MIN_SIZE_PX = 8  # below this nothing can be matched
 BORDER_STEPS = 64  # points along each edge of a picture when its outline is undistorted
+IMAGINED_BASELINE = 0.1  # of the distance to the middle of the bounds, as docs/capture.md recommends for pairs
 FARTHEST_SLOPE = 20.0  # tangent of the largest angle from the rectified viewing direction, 87 degrees
 
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -93,7 +94,86 @@ def rectify(sensor: Sensor, bounds: NDArray[np.floating]) -> Rectification:
     box = _common_box(sensor.id, views[0], views[1])
     _check_disparities(sensor.id, n_disparities, box, near)
     left, right = (_cut(camera, box, shift) for camera, shift in zip(cameras, (0.0, -offset), strict=True))
-    return Rectification(sensor.id, left, right, n_disparities, _maps(sensor.left, left), _maps(sensor.right, right))
+    return Rectification(
+        sensor.id,
+        left,
+        right,
+        n_disparities,
+        undistortion_maps(sensor.left, left),
+        undistortion_maps(sensor.right, right),
+    )
+
+
+def rectify_depth(sensor: Sensor, depth_size: tuple[int, int], bounds: NDArray[np.floating]) -> Rectification:
+    """Imagine the pair of which a camera's depth maps are disparity maps: z = focal * baseline / disparity.
+
+    The left view is the camera itself without its distortion, in the resolution of the depth maps; the right one stands
+    a tenth of the distance beside it. So a pixel of disparity means the same as for a good stereo sensor where surfaces
+    end and errors of points are estimated. There are no pictures of the right view, its maps are those of the left.
+
+    Parameters
+    ----------
+    sensor : whose left camera has depth maps
+    depth_size : (width, height) of the depth maps, pixels
+    bounds : float64 (2, 3), mm, lowest and highest corner of the space to be seen
+    """
+    scaled = scaled_camera(sensor.left, depth_size)
+    K = scaled.K.copy()
+    K[0, 1] = 0.0  # OpenCV knows no skew
+    left = Camera(K, depth_size, scaled.cam_from_world)
+    distance = float(np.linalg.norm(left.centre - bounds.mean(axis=0)))
+    radius = float(np.linalg.norm(bounds[1] - bounds[0])) / 2  # of bounds around the camera, such as a room
+    baseline = IMAGINED_BASELINE * max(distance, radius)
+    right = replace(left, cam_from_world=rigid(np.eye(3), (-baseline, 0.0, 0.0)) @ left.cam_from_world)
+    near = max(float(left.points_in_camera(bounds_corners(bounds))[:, 2].min()), baseline)
+    n_disparities = int(np.ceil(K[0, 0] * baseline / near)) + 1
+    maps = undistortion_maps(sensor.left, left)
+    return Rectification(sensor.id, left, right, n_disparities, maps, maps)
+
+
+def scaled_camera(camera: Camera, size: tuple[int, int]) -> Camera:
+    """Return a camera that records the same picture in another size, (width, height) pixels."""
+    scale = np.diag([size[0] / camera.size[0], size[1] / camera.size[1], 1.0])
+    corner = np.array([[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1.0]])  # from pixel centres to the picture's corner
+    return replace(camera, K=np.linalg.inv(corner) @ scale @ corner @ camera.K, size=size)
+
+
+def undistortion_maps(original: Camera, rectified: Camera) -> Maps:
+    """Compute where a rectified camera's pixels lie in the original picture: columns and rows, float32 (h, w) each.
+
+    Parameters
+    ----------
+    original : the camera that recorded the picture
+    rectified : without distortion, in the same place
+    """
+    rotation = rectified.rotation @ original.rotation.T
+    columns, rows = cv2.initUndistortRectifyMap(
+        original.K, original.dist, rotation, rectified.K, rectified.size, cv2.CV_32FC1
+    )
+    skew = original.K[0, 1] / original.K[1, 1]  # OpenCV knows none
+    return columns + np.float32(skew) * (rows - np.float32(original.K[1, 2])), rows
+
+
+def rectify_left(rectification: Rectification, left: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Warp the left picture to the rectified camera, uint8 (h, w, 3), black where the original saw nothing.
+
+    Parameters
+    ----------
+    rectification : of the sensor
+    left : uint8 (H, W, 3), as recorded
+    """
+    return _remap(left, rectification.left_maps)
+
+
+def rectify_left_mask(rectification: Rectification, left_mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Warp the left mask to the rectified camera, bool (h, w), False where the original saw nothing.
+
+    Parameters
+    ----------
+    rectification : of the sensor
+    left_mask : bool (H, W), as recorded
+    """
+    return _remap_mask(left_mask, rectification.left_maps)
 
 
 def rectify_images(
@@ -203,15 +283,6 @@ def _cut(camera: Camera, box: NDArray[np.float64], shift: float) -> Camera:
     K[:2, 2] = (shift - box[0, 0], -box[0, 1])
     width, height = (box[1] - box[0]).astype(int) + 1
     return Camera(K, (width, height), camera.cam_from_world)
-
-
-def _maps(original: Camera, rectified: Camera) -> Maps:
-    rotation = rectified.rotation @ original.rotation.T
-    columns, rows = cv2.initUndistortRectifyMap(
-        original.K, original.dist, rotation, rectified.K, rectified.size, cv2.CV_32FC1
-    )
-    skew = original.K[0, 1] / original.K[1, 1]  # OpenCV knows none
-    return columns + np.float32(skew) * (rows - np.float32(original.K[1, 2])), rows
 
 
 def _remap(image: NDArray[np.uint8], maps: Maps) -> NDArray[np.uint8]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError
 from recon.capture.recording import (
+    SIDES,
     CameraStream,
     Capture,
+    DepthMaps,
     HeldOut,
     SensorStream,
     check_bounds,
@@ -76,11 +78,13 @@ def capture_json(capture: Capture) -> dict[str, Any]:
 
 def _sensor_json(stream: SensorStream) -> dict[str, Any]:
     entry: dict[str, Any] = {"id": stream.id}
-    for side, camera_stream in (("left", stream.left), ("right", stream.right)):
+    for side, camera_stream in zip(stream.sides, stream.cameras, strict=True):
         entry[side] = {"image": camera_stream.image, **_camera_json(camera_stream.camera)}
-    for key, pair in (("plate", stream.plate), ("mask", stream.mask)):
-        if pair is not None:
-            entry[key] = {"left": pair[0], "right": pair[1]}
+    if stream.depth is not None:
+        entry["depth"] = {name: value for name, value in asdict(stream.depth).items() if value is not None}
+    for key, names in (("plate", stream.plate), ("mask", stream.mask)):
+        if names is not None:
+            entry[key] = dict(zip(stream.sides, names, strict=True))
     return entry
 
 
@@ -133,19 +137,20 @@ class _Parser:
         with self._at(""):
             entries = _list(content, "sensors")
             if not entries:
-                raise CaptureError("sensors is empty, expected at least one stereo sensor")
+                raise CaptureError("sensors is empty, expected at least one sensor")
         cameras: list[CameraStream] = []
         sensors: list[SensorStream] = []
         for number, entry in enumerate(entries):
             place = f"sensor {_label(entry, 'id', number)}"
-            pair: list[CameraStream] = []
-            for side in ("left", "right"):
+            sides = _sides(entry)
+            streams: list[CameraStream] = []
+            for side in sides:
                 with self._at(f"{place}, {side}"):
-                    pair.append(_stream(_member(_mapping(entry), side)))
-            cameras += pair
-            if len(pair) == 2:
+                    streams.append(_stream(_member(_mapping(entry), side)))
+            cameras += streams
+            if len(streams) == len(sides):
                 with self._at(place):
-                    sensors.append(_sensor_stream(entry, *pair))
+                    sensors.append(_sensor_stream(entry, streams))
         return tuple(cameras), tuple(sensors)
 
     def _held_out(self, content: Mapping[str, Any]) -> tuple[HeldOut, ...]:
@@ -160,10 +165,26 @@ class _Parser:
         return tuple(photographs)
 
 
-def _sensor_stream(entry: Mapping[str, Any], left: CameraStream, right: CameraStream) -> SensorStream:
-    plate = _pair(entry, "plate") if "plate" in entry else None
-    mask = _pair(entry, "mask") if "mask" in entry else None
-    return SensorStream(_text(entry, "id"), left, right, plate, mask)
+def _sides(entry: Any) -> tuple[str, ...]:
+    """Return the cameras that a sensor has to have: without a right one, it has depth maps."""
+    has_one = isinstance(entry, Mapping) and "depth" in entry and "right" not in entry
+    return SIDES[:1] if has_one else SIDES
+
+
+def _sensor_stream(entry: Mapping[str, Any], cameras: Sequence[CameraStream]) -> SensorStream:
+    sides = SIDES[: len(cameras)]
+    plate = _names(entry, "plate", sides) if "plate" in entry else None
+    mask = _names(entry, "mask", sides) if "mask" in entry else None
+    right = cameras[1] if len(cameras) > 1 else None
+    return SensorStream(_text(entry, "id"), cameras[0], right, plate, mask, _depth_maps(entry))
+
+
+def _depth_maps(entry: Mapping[str, Any]) -> DepthMaps | None:
+    if "depth" not in entry:
+        return None
+    content = _mapping(entry["depth"])
+    size = _size(content) if "size" in content else None
+    return DepthMaps(_text(content, "image"), content.get("scale_mm", 1.0), content.get("kind", "z"), size)
 
 
 def _stream(entry: Any) -> CameraStream:
@@ -171,15 +192,19 @@ def _stream(entry: Any) -> CameraStream:
 
 
 def _camera(entry: Mapping[str, Any]) -> Camera:
-    size = _list(entry, "size")
-    if len(size) != 2 or any(isinstance(value, bool) or not isinstance(value, int) for value in size):
-        raise CaptureError(f"size is {size}, expected [width, height] in whole pixels")
     return Camera(
         K=_numbers(entry, "K"),
-        size=(size[0], size[1]),
+        size=_size(entry),
         cam_from_world=_numbers(entry, "cam_from_world"),
         dist=_numbers({"dist": [], **entry}, "dist"),
     )
+
+
+def _size(content: Mapping[str, Any]) -> tuple[int, int]:
+    size = _list(content, "size")
+    if len(size) != 2 or any(isinstance(value, bool) or not isinstance(value, int) for value in size):
+        raise CaptureError(f"size is {size}, expected [width, height] in whole pixels")
+    return size[0], size[1]
 
 
 def _member(content: Mapping[str, Any], key: str) -> Any:
@@ -208,9 +233,9 @@ def _text(content: Mapping[str, Any], key: str) -> str:
     return value
 
 
-def _pair(content: Mapping[str, Any], key: str) -> tuple[str, str]:
+def _names(content: Mapping[str, Any], key: str, sides: Sequence[str]) -> tuple[str, ...]:
     value = _mapping(_member(content, key))
-    return _text(value, "left"), _text(value, "right")
+    return tuple(_text(value, side) for side in sides)
 
 
 def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:

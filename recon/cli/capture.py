@@ -13,7 +13,7 @@ from recon.cli.options import parse_bounds, parse_pairs, parse_position, parse_s
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
 
-app = typer.Typer(no_args_is_help=True, help="Make, import, calibrate, segment and check recordings.")
+app = typer.Typer(no_args_is_help=True, help="Make, import, export, calibrate, segment and check recordings.")
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
@@ -37,6 +37,9 @@ def capture_synth(
     ] = 0.02,
     calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
     distortion: Annotated[float, typer.Option(help="About the lenses' k1 in OpenCV's model; -0.1 is usual.")] = 0.0,
+    depth_maps: Annotated[
+        bool, typer.Option("--depth-maps", help="Record by single cameras with depth maps instead of by stereo pairs.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -56,6 +59,7 @@ def capture_synth(
         exposure_spread=exposure_spread,
         calibration_error_px=calibration_error,
         distortion=distortion,
+        depth_maps=depth_maps,
     )
     capture = synthesise(out, parameters, progress=progress)
     progress.close()
@@ -67,13 +71,16 @@ def capture_synth(
 
 @app.command("import")
 def capture_import(
-    kind: Annotated[str, typer.Argument(help="Format of the source: middlebury, opencv, colmap or json.")],
+    kind: Annotated[
+        str, typer.Argument(help="Format of the source: middlebury, opencv, colmap, nerfstudio, meshroom or json.")
+    ],
     source: Annotated[Path, typer.Argument(help="Folder of the recording, or its calibration or JSON file.")],
     out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
     pairs: Annotated[
         str | None,
         typer.Option(
-            help=f"LEFT-RIGHT view numbers of each sensor, comma-separated; default for middlebury: {TEMPLE_PAIRS}."
+            help="LEFT-RIGHT view numbers of each stereo sensor, comma-separated: IMAGE_IDs of colmap, viewIds of "
+            f"meshroom, places in nerfstudio's frames from 1. Default for middlebury: {TEMPLE_PAIRS}."
         ),
     ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Frames to take; default: all (middlebury: 3).")] = None,
@@ -83,7 +90,12 @@ def capture_import(
     units: Annotated[
         str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or a number of mm.")
     ] = None,
-    up: Annotated[str, typer.Option(help="Which axis of the source points upwards: x, -x, y, -y, z or -z.")] = "y",
+    up: Annotated[
+        str | None,
+        typer.Option(
+            help="Which axis of the source points upwards: x, -x, y, -y, z or -z. Default: as the source says, else y."
+        ),
+    ] = None,
     fps: Annotated[
         float | None, typer.Option(min=0.01, help="Frames a second; default: as the videos, else 25.")
     ] = None,
@@ -97,7 +109,9 @@ def capture_import(
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.colmap import import_colmap
     from recon.capture.importing.json_file import import_json
+    from recon.capture.importing.meshroom import import_meshroom
     from recon.capture.importing.middlebury import FPS, import_middlebury
+    from recon.capture.importing.nerfstudio import import_nerfstudio
     from recon.capture.importing.opencv import import_opencv
     from recon.capture.importing.sources import ImportOptions, parse_unit
 
@@ -108,16 +122,47 @@ def capture_import(
         import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
     elif kind == "opencv":
         import_opencv(source, out, options)
-    elif kind == "colmap":
-        import_colmap(source, out, parse_pairs(pairs) if pairs else None, options)
+    elif kind in ("colmap", "nerfstudio", "meshroom"):
+        importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
+        importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
     elif kind == "json":
         names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
         import_json(source, out, options, shots=names)
     else:
-        expected = "middlebury, opencv, colmap or json"
+        expected = "middlebury, opencv, colmap, nerfstudio, meshroom or json"
         raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
     report = check_capture(out)
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
+
+
+@app.command("export")
+def capture_export(
+    kind: Annotated[str, typer.Argument(help="Format to write: nerfstudio or colmap.")],
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
+    frame: Annotated[int, typer.Option(min=0, help="Number of the frame to export.")] = 0,
+    points: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="PLY cloud in mm for splats to start from, such as RUN/clouds/pm/S1/0000.ply; may be repeated."
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a frame of a capture for other programs: images, cameras in metres, masks, depth maps, points."""
+    from recon.capture.exporting.colmap import export_colmap
+    from recon.capture.exporting.nerfstudio import export_nerfstudio
+    from recon.capture.format import read_capture
+    from recon.cloud import merge_clouds
+    from recon.geometry.mesh import read_cloud
+
+    exporters = {"nerfstudio": export_nerfstudio, "colmap": export_colmap}
+    if kind not in exporters:
+        raise typer.BadParameter(f"{kind!r} is not a format that can be written; expected {' or '.join(exporters)}")
+    cloud = merge_clouds([read_cloud(path) for path in points]) if points else None
+    exporters[kind](read_capture(capture), out, frame=frame, points=cloud)
+    result = {"out": str(out), "kind": kind, "frame": frame}
+    print_result(result, f"Wrote frame {frame} of {capture} for {kind}: {out}", as_json=as_json)
 
 
 @app.command("calibrate")

@@ -86,8 +86,12 @@ def reconstruct(
         ),
     ],
     depth: Annotated[
-        str, typer.Option(help=f"Depth methods, comma-separated: id, dr, pm, sgm, {PLUGIN_NAMES}, those of --methods.")
-    ] = "id,dr,pm",
+        str | None,
+        typer.Option(
+            help="Depth methods, comma-separated: id, dr, pm, sgm, given (the capture's own depth maps), "
+            f"{PLUGIN_NAMES}, those of --methods. Default: id,dr,pm; given if the capture holds only depth maps.",
+        ),
+    ] = None,
     fusion: Annotated[
         str, typer.Option(help=f"Fusions, comma-separated: fa, fb, poisson, tsdf, {PLUGIN_NAMES}, those of --methods.")
     ] = "fa,fb",
@@ -116,7 +120,7 @@ def reconstruct(
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
-        depths=parse_names(depth),
+        depths=parse_names(depth or ""),
         fusions=parse_names(fusion),
         methods=find_methods(methods),
         frames=parse_frames(frames),

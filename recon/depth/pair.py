@@ -81,8 +81,15 @@ def rectified_pair(capture: Capture, rectification: Rectification, frame: int) -
     capture : the recording
     rectification : of one of its sensors
     frame : number, from 0
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no pair, or its pictures cannot be read.
     """
     sensor_id = rectification.sensor_id
+    if capture.stream(sensor_id).right is None:
+        raise ValueError(f"sensor {sensor_id}: has one camera with depth maps, expected a pair to match")
     masks = read_masks(capture, sensor_id, frame)
     left_mask, right_mask = rectify_masks(rectification, *masks) if masks else (None, None)
     if any(mask is not None and not mask.any() for mask in (left_mask, right_mask)):

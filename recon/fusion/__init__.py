@@ -10,7 +10,7 @@ from typing import Any
 from recon.fusion.orders import LeftOutWarning, fuse_after, fuse_before
 from recon.fusion.poisson import PoissonParameters, fuse_poisson
 from recon.fusion.tsdf import TsdfParameters, fuse_tsdf
-from recon.fusion.views import DepthView, depth_view
+from recon.fusion.views import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 
 __all__ = [
@@ -20,12 +20,12 @@ __all__ = [
     "LeftOutWarning",
     "PoissonParameters",
     "TsdfParameters",
-    "depth_view",
     "fuse_after",
     "fuse_before",
     "fuse_poisson",
     "fuse_tsdf",
     "fused",
+    "view_of_cloud",
 ]
 
 # of the sensors' clouds, and of the fusion's parameters; with a parameter `views`, of the sensors' depth views, too

@@ -29,7 +29,7 @@ class DepthView:
     camera: Camera
 
 
-def depth_view(cloud: Cloud, camera: Camera) -> DepthView:
+def view_of_cloud(cloud: Cloud, camera: Camera) -> DepthView:
     """Put the points of a cloud back into the pixels that they were made from.
 
     Every point came from the middle of a pixel, so nothing is resampled: the view has the cloud's points, no more and

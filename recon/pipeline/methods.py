@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.recording import GIVEN
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
 from recon.depth.pair import within_pair
 from recon.depth.program import DepthProgram, match_by_program
@@ -63,12 +64,17 @@ class Installed:
         return function, self.table.changed(parameters)
 
 
-DepthMethod = OurDepth | DepthProgram | Installed
+@dataclass(frozen=True)
+class GivenDepth:
+    """The depth maps of the capture, as they are."""
+
+
+DepthMethod = OurDepth | DepthProgram | Installed | GivenDepth
 FusionMethod = OurFusion | FusionProgram | Installed
 
 
 def _our_depths() -> dict[str, DepthMethod]:
-    return {name: OurDepth(name, DEFAULTS[name]) for name in MATCHERS}
+    return {**{name: OurDepth(name, DEFAULTS[name]) for name in MATCHERS}, GIVEN: GivenDepth()}
 
 
 def _our_fusions() -> dict[str, FusionMethod]:
@@ -117,7 +123,14 @@ def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[
     -------
     disparity : float32 (H, W), pixels, NaN where unmatched or masked out
     warnings : sentences
+
+    Raises
+    ------
+    ValueError
+        If the method does not match pairs, or a program fails.
     """
+    if isinstance(method, GivenDepth):
+        raise ValueError(f"{GIVEN} takes the depth maps of a capture and matches no pairs; choose another method")
     if isinstance(method, DepthProgram):
         return match_by_program(pair, method, folder), []
     if isinstance(method, Installed):
@@ -218,7 +231,7 @@ def read_methods(path: Path | None) -> Methods:
 def _depth_method(table: Table, known: Mapping[str, DepthMethod]) -> DepthMethod:
     if table.is_program():
         return table.program(DepthProgram)
-    method = known[table.method(known)]
+    method = known[table.method([name for name in known if name != GIVEN])]
     if isinstance(method, OurDepth):
         return OurDepth(method.method, table.changed(method.parameters))
     assert isinstance(method, Installed)

@@ -106,14 +106,15 @@ def _sheet(run: Run, frame: int) -> NDArray[np.uint8]:
     pictures, labels = [], []
     for approach in run.approaches:
         method = parse_approach(approach).depth
-        clouds = read_clouds(run.artefacts, [View(method, stream.id, frame).cloud for stream in run.capture.sensors])
+        sensors = run.capture.sensors_for(method)
+        clouds = read_clouds(run.artefacts, [View(method, stream.id, frame).cloud for stream in sensors])
         pictures += [
             _fitted(_depth(run, method, frame)),
             draw_cloud(merge_clouds(clouds), camera),
             _model(run, approach, frame, "plain"),
             _model(run, approach, frame, "studio"),
         ]
-        labels += [f"{approach}: {part}" for part in (f"depth of {_middle(run)}", "cloud", "mesh", "video")]
+        labels += [f"{approach}: {part}" for part in (f"depth of {_middle(run, method)}", "cloud", "mesh", "video")]
     return contact_sheet(pictures, labels, columns=4, width=SIZE[0])
 
 
@@ -122,7 +123,7 @@ def _recorded(run: Run, sensor_id: str, frame: int) -> NDArray[np.uint8]:
 
 
 def _depth(run: Run, method: str, frame: int) -> NDArray[np.uint8]:
-    return colour_preview(read_disparity(run.artefacts.path(View(method, _middle(run), frame).depth)))
+    return colour_preview(read_disparity(run.artefacts.path(View(method, _middle(run, method), frame).depth)))
 
 
 def _model(run: Run, approach: str, frame: int, background: str) -> NDArray[np.uint8]:
@@ -136,9 +137,9 @@ def _cameras(run: Run) -> tuple[Camera, ...]:
     return camera_path(run.capture.rig, run.capture.bounds, PATH_FRAMES, SIZE)
 
 
-def _middle(run: Run) -> str:
-    """Return the middle sensor's name."""
-    sensors = run.capture.sensors
+def _middle(run: Run, method: str) -> str:
+    """Return the name of the middle one of the sensors that a depth method uses."""
+    sensors = run.capture.sensors_for(method)
     return sensors[len(sensors) // 2].id
 
 

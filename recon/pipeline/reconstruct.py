@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
@@ -42,7 +43,9 @@ from recon.pipeline.sources import Source, read_sources
 from recon.pipeline.stages import (
     Job,
     ReconstructOptions,
+    check_sensors,
     compare_colours,
+    default_depths,
     filter_sequence,
     frames_without_points,
     make_cloud,
@@ -148,7 +151,9 @@ def reconstruct(
         whole files.
     """
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
+    options = replace(options, depths=options.depths or default_depths(capture))
     options.methods.check(options.depths, options.fusions)
+    check_sensors(capture, options.depths)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
     job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
@@ -280,15 +285,15 @@ def depth_resolution(capture: Capture) -> float:
     """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
 
     A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
-    and not less than the width of a pixel; the coarsest of the sensors decides.
+    and not less than the width of a pixel; for depth maps without a pair, the width of a pixel. The coarsest decides.
     """
     centre = capture.bounds.mean(axis=0)
     sizes: list[float] = []
     for stream in capture.sensors:
-        camera = stream.left.camera
+        camera = stream.left.camera if stream.right else depth_view(stream, capture.bounds).left
         distance = float(np.linalg.norm(camera.centre - centre))
         pixel = distance / float(camera.K[0, 0])
-        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3))
+        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3) if stream.right else pixel)
     return round(max(sizes), 3)
 
 

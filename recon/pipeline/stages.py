@@ -16,13 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, Approach, approaches
-from recon.capture.format import Capture, image_path, read_frame
-from recon.capture.rectify import Rectification, rectify, rectify_images
+from recon.capture.depth_maps import depth_maps_of, depth_view, given_disparity, read_depth_map
+from recon.capture.format import (
+    CameraStream,
+    Capture,
+    CaptureError,
+    SensorStream,
+    depth_path,
+    image_path,
+    read_frame,
+    read_masks,
+)
+from recon.capture.recording import GIVEN
+from recon.capture.rectify import (
+    Rectification,
+    rectify,
+    rectify_left,
+    rectify_left_mask,
+)
 from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
-from recon.fusion import DepthView, depth_view
+from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, no_cloud_digest, write_cloud, write_mesh, write_no_cloud
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
@@ -42,7 +58,7 @@ class ReconstructOptions:
 
     Parameters
     ----------
-    depths, fusions : names of methods; every combination is an approach
+    depths, fusions : names of methods; every combination is an approach. Without depths, `default_depths`
     methods : what these names stand for
     frames : which frames; None for all
     temporal : of the filter over a sensor's frames; None for none
@@ -52,7 +68,7 @@ class ReconstructOptions:
     cluster : address of a Dask scheduler whose workers do the work instead; None for none
     """
 
-    depths: tuple[str, ...] = DEPTH_METHODS
+    depths: tuple[str, ...] = ()
     fusions: tuple[str, ...] = FUSION_METHODS
     methods: Methods = field(default_factory=Methods)
     frames: range | None = None
@@ -87,7 +103,7 @@ class Job:
         return [
             [View(method, stream.id, frame) for frame in self.frames]
             for method in self.options.depths
-            for stream in self.capture.sensors
+            for stream in self.capture.sensors_for(method)
         ]
 
     @property
@@ -101,12 +117,58 @@ class Job:
         return self.options.methods.temporal_of(method, self.options.temporal)
 
     def clouds(self, method: str, frame: int) -> list[str]:
-        """Name the clouds of all sensors."""
-        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors]
+        """Name the clouds of all sensors that the depth method uses."""
+        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors_for(method)]
+
+
+def default_depths(capture: Capture) -> tuple[str, ...]:
+    """Return the paper's depth methods, or the given depth of a capture that holds only depth maps."""
+    return DEPTH_METHODS if any(stream.right is not None for stream in capture.sensors) else (GIVEN,)
+
+
+def check_sensors(capture: Capture, depths: Sequence[str]) -> None:
+    """Raise a CaptureError if a depth method cannot be used for a sensor: matchers need pairs, given depth depth maps.
+
+    Parameters
+    ----------
+    capture : the recording
+    depths : names of methods
+    """
+    single = [stream.id for stream in capture.sensors if stream.right is None]
+    for method in depths:
+        if method == GIVEN and not capture.sensors_for(GIVEN):
+            ids = ", ".join(stream.id for stream in capture.sensors)
+            raise CaptureError(f"{capture.folder}: depth method {GIVEN} needs depth maps, and sensors {ids} have none")
+        if method != GIVEN and single:
+            raise CaptureError(
+                f"{capture.folder}: depth method {method} needs stereo pairs, and sensor {single[0]} has one camera "
+                f"with depth maps; use --depth {GIVEN}"
+            )
+
+
+def take_frame(job: Job, view: View) -> list[str]:
+    """Take the given depth map of a view where its mask shows foreground, as disparities."""
+    stream = job.capture.stream(view.sensor_id)
+    key = {
+        "pictures": _picture_key(job.capture, view),
+        "code": code_version("capture/depth_maps.py", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> None:
+        rectification = _rectification(job.capture, view)
+        disparity = given_disparity(read_depth_map(job.capture.folder, stream, view.frame), stream, rectification)
+        masks = read_masks(job.capture, view.sensor_id, view.frame)
+        if masks:
+            disparity[~rectify_left_mask(rectification, masks[0])] = np.nan
+        write_disparity(path, disparity)
+
+    return job.artefacts.make(view.matched, key, write)
 
 
 def match_frame(job: Job, view: View) -> list[str]:
     """Match the two pictures of a view by themselves."""
+    if view.method == GIVEN:
+        return take_frame(job, view)
     method = job.options.methods.depth[view.method]
     key = {
         "pictures": _picture_key(job.capture, view),
@@ -136,9 +198,10 @@ def match_frame(job: Job, view: View) -> list[str]:
 def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
     """Filter the disparity maps of one sensor in time; without parameters for it, leave them as they were matched.
 
-    A frame is filtered with all frames before it, so its key depends on theirs.
+    Given depth is left as it is: its errors may be filtered already, and pictures say nothing about them. A frame is
+    filtered with all frames before it, so its key depends on theirs.
     """
-    parameters = job.temporal(views[0].method)
+    parameters = _temporal(job, views)
     keys: dict[View, dict[str, Any]] = {}
     before: str | None = None
     for view in views:
@@ -170,7 +233,7 @@ def make_cloud(job: Job, view: View) -> list[str]:
 
     def write(path: Path) -> list[str]:
         rectification = _rectification(capture, view)
-        left, _ = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
+        left = rectify_left(rectification, read_frame(capture, sensor_id, frame)[0])
         disparity = read_disparity(job.artefacts.path(view.depth))
         try:
             write_cloud(
@@ -178,8 +241,7 @@ def make_cloud(job: Job, view: View) -> list[str]:
             )
         except NothingSeenError as error:
             write_no_cloud(path)
-            is_masked = rectified_pair(capture, rectification, frame) is None
-            reason = "its mask is empty" if is_masked else error
+            reason = "its mask is empty" if _is_masked(capture, rectification, view) else error
             return [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
         return []
 
@@ -233,7 +295,7 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
         sensors = read_clouds(job.artefacts, clouds)
         if balanced:
             sensors = balance_colours(sensors, _colours(job.artefacts))
-        views = _depth_views(job.capture, sensors) if needs_views(fusion) else None
+        views = _depth_views(job.capture, sensors, approach.depth, frame) if needs_views(fusion) else None
         folder = fusion_folder(str(approach), frame)
         try:
             mesh, left_out = fuse(
@@ -257,15 +319,16 @@ def _store_log(job: Job, folder: str) -> None:
         stored(log)
 
 
-def _depth_views(capture: Capture, clouds: Sequence[Cloud]) -> list[DepthView]:
-    """Return the clouds of all sensors as depth maps of their rectified left pictures."""
-    cameras = [rectify(stream.sensor, capture.bounds).left for stream in capture.sensors]
-    return [depth_view(cloud, camera) for cloud, camera in zip(clouds, cameras, strict=True)]
+def _depth_views(capture: Capture, clouds: Sequence[Cloud], method: str, frame: int) -> list[DepthView]:
+    """Return the clouds of all sensors that a depth method uses as depth maps of their rectified left pictures."""
+    views = [View(method, stream.id, frame) for stream in capture.sensors_for(method)]
+    return [view_of_cloud(cloud, _rectification(capture, view).left) for cloud, view in zip(clouds, views, strict=True)]
 
 
 def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[np.float32]]]:
     """Yield the filtered disparity maps; the filter forgets everything where the sensor sees nothing."""
-    rectification, parameters = _rectification(job.capture, views[0]), job.temporal(views[0].method)
+    rectification = _rectification(job.capture, views[0])
+    parameters = _temporal(job, views)
 
     def matched(view: View) -> NDArray[np.float32]:
         return read_disparity(job.artefacts.path(view.matched))
@@ -292,21 +355,47 @@ def _colours(artefacts: Artefacts) -> SensorColours:
     return SensorColours(np.array(content["gain"]), np.array(content["offset"]))
 
 
+def _temporal(job: Job, views: Sequence[View]) -> TemporalParameters | None:
+    return None if views[0].method == GIVEN else job.temporal(views[0].method)
+
+
 def _rectification(capture: Capture, view: View) -> Rectification:
-    return rectify(capture.stream(view.sensor_id).sensor, capture.bounds)
+    stream = capture.stream(view.sensor_id)
+    return depth_view(stream, capture.bounds) if view.method == GIVEN else rectify(stream.sensor, capture.bounds)
+
+
+def _is_masked(capture: Capture, rectification: Rectification, view: View) -> bool:
+    """Tell whether a mask of a view, as far as the method uses it, shows no foreground."""
+    if view.method != GIVEN:
+        return rectified_pair(capture, rectification, view.frame) is None
+    masks = read_masks(capture, view.sensor_id, view.frame)
+    return masks is not None and not rectify_left_mask(rectification, masks[0]).any()
 
 
 def _picture_key(capture: Capture, view: View) -> dict[str, Any]:
     """Describe the pictures of a view for a key: their files, cameras and bounds."""
     stream = capture.stream(view.sensor_id)
-    patterns = (stream.left.image, stream.right.image, *(stream.mask or ()))
-    cameras = (stream.left.camera, stream.right.camera)
+    if view.method == GIVEN:
+        return _files_key(capture, view, (stream.left,), (stream.mask or ())[:1]) | _depth_key(
+            capture, stream, view.frame
+        )
+    return _files_key(capture, view, stream.cameras, stream.mask or ())
+
+
+def _files_key(capture: Capture, view: View, cameras: Sequence[CameraStream], masks: Sequence[str]) -> dict[str, Any]:
+    patterns = (*(camera.image for camera in cameras), *masks)
     return {
         "files": [_digest_once(fetched(image_path(capture.folder, pattern, view.frame))) for pattern in patterns],
         "frame": view.frame,
-        "cameras": [camera_key(camera) for camera in cameras],
+        "cameras": [camera_key(stream.camera) for stream in cameras],
         "bounds": capture.bounds.tolist(),
     }
+
+
+def _depth_key(capture: Capture, stream: SensorStream, frame: int) -> dict[str, Any]:
+    depth = depth_maps_of(stream)
+    meaning = {"scale_mm": depth.scale_mm, "kind": depth.kind, "size": depth.size}
+    return {"depth": _digest_once(fetched(depth_path(capture.folder, depth, frame))), "meaning": meaning}
 
 
 def camera_key(camera: Camera) -> list[Any]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.format import CameraStream, Capture, HeldOut, SensorStream, write_capture
+from recon.capture.format import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.importing.folder import new_folder
+from recon.capture.recording import SIDES
 from recon.geometry.mesh import write_mesh
 from recon.rig import Camera, Rig, Sensor
 from recon.storage.files import write_json
@@ -37,7 +38,7 @@ STRONGEST_DISTORTION = 0.3  # beyond, lenses are fisheyes, and the polynomial fo
 WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from that of the field on each axis
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
-SIDES = ("left", "right")
+DEPTH_MAPS = "{sensor}/depth/{{frame:04d}}.png"
 # Noise repeats nothing: without a search for repetitions, a picture of 1280 x 720 takes 24 ms and 1.24 MB instead of
 # 27 ms and 1.32 MB.
 NOISY_PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
@@ -60,6 +61,7 @@ class SynthParameters:
     exposure_spread : standard deviation of the cameras' exposures, share
     calibration_error_px : standard deviation of the written calibration from the true one, pixels
     distortion : k1 of the sensors' lenses (OpenCV's), about; below zero are barrels, 0 is none
+    depth_maps : record by cameras with depth maps instead of by pairs: the left ones, with their true depth
 
     Raises
     ------
@@ -78,6 +80,7 @@ class SynthParameters:
     exposure_spread: float = 0.02
     calibration_error_px: float = 0.0
     distortion: float = 0.0
+    depth_maps: bool = False
 
     def __post_init__(self) -> None:
         if self.scene not in SCENES:
@@ -156,7 +159,8 @@ class _Recording:
 
     def _cameras(self) -> dict[str, Camera]:
         """Return every camera by the name of its folder: the sensors, then one half way between each two neighbours."""
-        cameras = {f"{sensor.id}/{side}": getattr(sensor, side) for sensor in self._rig.sensors for side in SIDES}
+        sides = SIDES[:1] if self._parameters.depth_maps else SIDES
+        cameras = {f"{sensor.id}/{side}": getattr(sensor, side) for sensor in self._rig.sensors for side in sides}
         return cameras | {
             f"held_out/{first.id}_{second.id}": between(first, second, self._scene.shown)
             for first, second in zip(self._rig.sensors, self._rig.sensors[1:], strict=False)
@@ -181,6 +185,9 @@ class _Recording:
             actors = self._shade(view, seen, staged)
             self._expose(view, actors, (seen.column, seen.row), floor, self._key(index, frame + 1), f"{frame:04d}")
             truth.write_view(self._folder, view.name, frame, view.camera.size, seen)
+            if self._parameters.depth_maps and not view.name.startswith("held_out"):
+                path = image_path(self._folder, DEPTH_MAPS.format(sensor=PurePosixPath(view.name).parent), frame)
+                truth.write_depth_map(path, view.camera.size, seen)
         write_mesh(self._folder / truth.MESH.format(frame=frame), self._stage.mesh(staged))
         return np.stack([staged.vertices.min(axis=0), staged.vertices.max(axis=0)])
 
@@ -230,7 +237,7 @@ class _Recording:
             rig = disturbed(rig, parameters.calibration_error_px, self._rng(5))
         capture = Capture(
             self._folder, scene.name, scene.kind, parameters.fps, parameters.n_frames, bounds, scene.object,
-            tuple(map(_stream, rig.sensors)),
+            tuple(map(_depth_stream if parameters.depth_maps else _stream, rig.sensors)),
             tuple(
                 HeldOut(view.camera, f"{view.name}/{HELD_OUT_FRAME:04d}.png", HELD_OUT_FRAME)
                 for view in self._views
@@ -244,6 +251,12 @@ class _Recording:
 def _stream(sensor: Sensor) -> SensorStream:
     left, right = (CameraStream(getattr(sensor, side), f"{sensor.id}/{side}/{{frame:04d}}.png") for side in SIDES)
     return SensorStream(sensor.id, left, right, plate=(f"{sensor.id}/left/plate.png", f"{sensor.id}/right/plate.png"))
+
+
+def _depth_stream(sensor: Sensor) -> SensorStream:
+    camera = CameraStream(sensor.left, f"{sensor.id}/left/{{frame:04d}}.png")
+    depth = DepthMaps(DEPTH_MAPS.format(sensor=sensor.id), truth.DEPTH_MAP_STEP_MM)
+    return SensorStream(sensor.id, camera, None, plate=(f"{sensor.id}/left/plate.png",), depth=depth)
 
 
 def _cell(rig: Rig) -> float:

@@ -23,6 +23,7 @@ MESH = "truth/mesh/{frame:04d}.ply"
 FACTS = "truth/truth.json"
 DEPTH_FROM_MM = 1000.0
 DEPTH_STEP_MM = 0.05
+DEPTH_MAP_STEP_MM = 0.1  # up to 6.5 m
 PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
        cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)  # fmt: skip
 
@@ -46,6 +47,23 @@ def write_view(folder: Path, view: str, frame: int, size: tuple[int, int], seen:
         path = folder / pattern.format(view=view, frame=frame)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
+
+
+def write_depth_map(path: Path, size: tuple[int, int], seen: Visibility) -> None:
+    """Write the depth z of what one camera sees as a depth map of a capture, in steps of `DEPTH_MAP_STEP_MM`.
+
+    Parameters
+    ----------
+    path : a PNG
+    size : (width, height) of the camera's image, pixels
+    seen : what the camera sees
+    """
+    depth = np.zeros(size[::-1], np.uint16)
+    h, w = seen.nearness.shape[:2]
+    window = depth[seen.row : seen.row + h, seen.column : seen.column + w]
+    _quantise(seen.nearness, window, np.zeros((h, w), np.uint8), 0.0, DEPTH_MAP_STEP_MM)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(cv2.imencode(".png", depth, PNG)[1].tobytes())
 
 
 @numba.njit(cache=True, nogil=True)

@@ -13,10 +13,18 @@ from app.store.attached_reports import report_records
 from app.store.audit import audit_records
 from app.store.measurements import measurement_records
 from app.web.admin.layout import study_page
-from app.web.admin.objective_view import attachment_notes, beside_scores, measure_lines, report_view
+from app.web.admin.objective_view import (
+    attachment_notes,
+    beside_scores,
+    comparison_lines,
+    measure_lines,
+    report_view,
+)
 from app.web.analyst.results import FIGURE_TYPES, figures_of, results_of
 from app.web.gates import AStudy, Person, Store, settings
 from app.web.media import FOREVER
+
+MOST_FIGURES = 9  # on the page: the ranking, and the best measures; links lead to the others
 
 router = APIRouter(prefix="/admin/studies/{slug}/objective", include_in_schema=False)
 
@@ -43,12 +51,16 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
         measures = measurement_records(connection, study.id)
     results = results_of(database, study.id)
     analysis = results.analysis
+    figures = [(name, caption) for name, caption in figures_of(results) if name.startswith("measure")]
     context = {
         "digest": results.digest,
         "has_votes": analysis is not None,
-        "lines": measure_lines(analysis["measures"], measures) if analysis else [],
+        "lines": measure_lines(analysis["measures"]) if analysis else [],
+        "comparisons": comparison_lines(analysis["measure_comparisons"]) if analysis else [],
+        "warnings": [text for text in analysis["warnings"] if text.startswith("measures, ")] if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
-        "figures": [(name, caption) for name, caption in figures_of(results) if name.startswith("measure_")],
+        "figures": figures[:MOST_FIGURES],
+        "more_figures": figures[MOST_FIGURES:],
     }
     return study_page(request, "against_scores", person, study, context)
 

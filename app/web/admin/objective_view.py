@@ -10,8 +10,13 @@ from typing import Any
 
 from app.intake.reports import EVERY_DATASET
 from app.operations.attach import listed
-from app.web.admin.results_view import NOTHING, decimal, scores_by_comparison, unique, with_interval
+from app.web.admin.results_view import NOTHING, decimal, p_value, scores_by_comparison, unique, with_interval
 
+SHOWN = (  # of a measure, with intervals
+    *("pearson_logistic", "pearson", "spearman", "kendall"),
+    *("pairs_correct", "auc_better_worse", "auc_different_similar"),
+)
+MOST_COMPARED = 10  # pairs of measures on the page
 MOST_ROWS = 100  # of a table on the page; the file holds all
 TITLES = {
     "sphere": "Sphere",
@@ -54,31 +59,48 @@ def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
     return [*ignored, *detail.get("notes", ())]
 
 
-def measure_lines(rows: Iterable[Mapping[str, Any]], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return a line per measure, over all datasets or for the only one: how well it predicts the scores, and whether
-    people prefer what it calls worse.
+def measure_lines(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return a line per measure, the best first, over all datasets or for the only one: how well it predicts the
+    scores, and whether people prefer what it calls worse.
     """
+    from app.analysis.objective.prediction import measures_by_rank
+
     last = {row["measure"]: row for row in rows}
-    directions = {row["measure"]: row["direction"] for row in measurements}
     return [
         {
             "name": name,
-            "contradiction": _contradiction(row, directions.get(name)),
-            "points": row["n"],
-            **{key: with_interval(row, key, key) for key in ("spearman", "pearson", "pairs_correct")},
+            "contradiction": _contradiction(last[name]),
+            "better": last[name]["better"] or NOTHING,
+            "points": last[name]["n"],
+            "p_value": p_value(last[name]["spearman_p"]),
+            "rmse": decimal(last[name]["rmse"]),
+            **{key: with_interval(last[name], key, key) for key in SHOWN},
         }
-        for name, row in last.items()
+        for name in measures_by_rank(rows)
     ]
 
 
-def _contradiction(row: Mapping[str, Any], direction: str | None) -> str:
+def _contradiction(row: Mapping[str, Any]) -> str:
     """Say whether the interval of the rank correlation contradicts the measure's direction."""
-    low, high = row.get("spearman_low"), row.get("spearman_high")
-    if direction == "more is better" and high is not None and high < 0:
+    low, high = row["spearman_low"], row["spearman_high"]
+    if row["better"] == "higher" and high is not None and high < 0:
         return "more should be better, but people prefer less"
-    if direction == "less is better" and low is not None and low > 0:
+    if row["better"] == "lower" and low is not None and low > 0:
         return "less should be better, but people prefer more"
     return ""
+
+
+def comparison_lines(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the pairs of measures whose difference is clearest, with p-values corrected for all pairs."""
+    tested = sorted((row for row in rows if row["p_value"] is not None), key=lambda row: float(row["p_value"]))
+    return [
+        {
+            "names": (row["measure_a"], row["measure_b"]),
+            "correlations": (decimal(row["pearson_a"]), decimal(row["pearson_b"])),
+            **{key: p_value(row[key]) for key in ("p_value", "p_holm", "auc_p", "auc_p_holm")},
+        }
+        for row in tested[:MOST_COMPARED]
+    ]
 
 
 def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

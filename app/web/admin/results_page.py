@@ -41,7 +41,7 @@ def results_page(
     context = {
         "everybody": everybody,
         "digest": results.digest,
-        "figures": [(name, caption) for name, caption in figures_of(results) if not name.startswith("measure_")],
+        "figures": [(name, caption) for name, caption in figures_of(results) if not name.startswith("measure")],
         "analysis": analysis,
         **(results_view(analysis) if analysis else {}),
     }

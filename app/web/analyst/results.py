@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from app.intake.reports import by_measure
+from app.intake.reports import better_by_measure, by_measure
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
@@ -101,9 +101,11 @@ def prepare_results(
     votes = participants_votes(connection, study_id)
     if with_excluded:
         votes = [row | {"reason": None} for row in votes]
+    measured = measurement_records(connection, study_id)
     inputs: dict[str, Any] = {
         "factors": items_factors(conditions_of(connection, study_id)),
-        "measures": by_measure(measurement_records(connection, study_id)),
+        "measures": by_measure(measured),
+        "better": better_by_measure(measured),
         "groups": groups or {},
     }
     digest = hashlib.sha256(json.dumps([votes, inputs], sort_keys=True, default=str).encode()).hexdigest()
@@ -179,6 +181,8 @@ def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str
         return list(analysis["triads"])
     if kind == "response":
         return list(analysis["observers"])
+    if name == "measures":
+        return list(analysis["measures"])
     return [row for row in analysis["measures" if kind == "measure" else "groups"] if _is_of(row, which)]
 
 

@@ -29,7 +29,18 @@ from app.web.analyst.openapi_examples import ANALYSIS, STUDY
 from app.web.analyst.results import analysis_of
 from app.web.gates import AStudy, Store, may_read
 
-EMPTY_TABLES = ("scores", "models", "triads", "triads_pooled", "agreement", "observers", "checks", "pairs", "measures")
+EMPTY_TABLES = (
+    "scores",
+    "models",
+    "triads",
+    "triads_pooled",
+    "agreement",
+    "observers",
+    "checks",
+    "pairs",
+    "measures",
+    "measure_comparisons",
+)
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
     **{name: [] for name in EMPTY_TABLES},

@@ -86,7 +86,8 @@ def check_capture(capture_folder: Path) -> CheckReport:
 
 
 def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:
-    for (first, its), (second, others) in pairwise(zip(draft.sensors, checks, strict=True)):
+    pairs = [(stream, check) for stream, check in zip(draft.sensors, checks, strict=True) if stream.right is not None]
+    for (first, its), (second, others) in pairwise(pairs):
         shared = [
             shared_points(its.matches[frame], others.matches[frame], _matched_between(folder, first, second, frame))
             for frame in measured_frames(draft.n_frames or 0)
@@ -111,7 +112,7 @@ def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:
         picture.path: side.image
         for frame in range(draft.n_frames or 0)
         for stream in draft.sensors
-        for side, picture in zip((stream.left, stream.right), frame_pictures(folder, stream, frame), strict=True)
+        for side, picture in zip(stream.cameras, frame_pictures(folder, stream, frame), strict=True)
     }
     broken: set[Path] = set()
     problems: list[str] = []

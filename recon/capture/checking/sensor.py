@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.checking.depth import bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
-from recon.rig import Camera, Sensor, bounds_corners
+from recon.rig import Sensor
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
 MEASURED_FRAMES = 3  # first, middle, last
@@ -65,7 +66,7 @@ class SensorCheck:
 
 
 def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
-    """Measure one sensor.
+    """Measure one sensor: its pair, its depth maps, or both.
 
     Parameters
     ----------
@@ -74,12 +75,21 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     n_frames : of the capture
     bounds : float64 (2, 3), mm, of the capture; None if they are unknown
     """
-    report = SensorReport(stream.id, stream.sensor.baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
-    problems = []
+    baseline = None if stream.right is None else stream.sensor.baseline
+    report = SensorReport(stream.id, baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
+    problems: list[str] = []
     if report.mask_coverage is not None and min(report.mask_coverage) == 0:
         problems.append(f"sensor {stream.id}: the masks of a camera are empty in all frames")
     if bounds is None:
         return SensorCheck(report, tuple(problems))
+    depth_warnings: tuple[str, ...] = ()
+    if stream.depth is not None:
+        checked = check_depth_maps(folder, stream, n_frames, bounds)
+        report = replace(report, depth_coverage=checked.coverage, depth_mm=checked.median_mm)
+        problems += checked.problems
+        depth_warnings = checked.warnings
+    if stream.right is None:
+        return SensorCheck(report, tuple(problems), depth_warnings)
     try:
         rectification = rectify(stream.sensor, bounds)
     except ValueError as error:
@@ -105,7 +115,7 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
         textured=float(np.mean([look.textured for look in looks])) if looks else None,
         rows=rows,
     )
-    warnings = (*_exposure_warnings(stream.id, looks), *_texture_warnings(report))
+    warnings = (*depth_warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report))
     return SensorCheck(report, tuple(problems), warnings, {frame: look.matches for frame, look in by_frame.items()})
 
 
@@ -118,15 +128,14 @@ def noise_level(grey: NDArray[np.floating]) -> float:
     return float(np.median(np.abs(residue))) / NORMAL_MEDIAN
 
 
-def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[float, float] | None:
+def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[float, ...] | None:
     shares = []
     for frame in range(n_frames):
         with suppress(CaptureError):  # listed already
             shares.append([float(read_mask(picture).mean()) for picture in mask_pictures(folder, stream, frame)])
     if stream.mask is None or not shares:
         return None
-    left, right = np.mean(shares, axis=0)
-    return float(left), float(right)
+    return tuple(float(share) for share in np.mean(shares, axis=0))
 
 
 def measured_frames(n_frames: int) -> list[int]:
@@ -143,7 +152,7 @@ def _look(
     if masks:
         areas = rectify_masks(rectification, *masks)
     else:
-        areas = (_bounds_area(rectification.left, bounds), _bounds_area(rectification.right, bounds))
+        areas = (bounds_area(rectification.left, bounds), bounds_area(rectification.right, bounds))
     rectified = match_pictures(*pair, areas)
     matches = match_pictures(left, right)
     return _Look(
@@ -152,13 +161,6 @@ def _look(
         _ratios(left, right, matches),
         _textured(pair[0], areas[0]),
     )
-
-
-def _bounds_area(camera: Camera, bounds: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark where a point of the bounds can lie in a picture, bool (H, W)."""
-    outline = cv2.convexHull(np.round(camera.project(bounds_corners(bounds))).astype(np.int32))
-    area = np.zeros((camera.size[1], camera.size[0]), dtype=np.uint8)
-    return np.asarray(cv2.fillConvexPoly(area, outline, 1) > 0)
 
 
 def _ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:

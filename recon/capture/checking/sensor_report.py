@@ -35,18 +35,22 @@ class SensorReport:
     depth_per_disparity_mm : mm of depth per pixel of disparity at the centre of the bounds
     expected_error_mm : standard deviation of depth to expect there
     textured : share of what the bounds (or masks) show that has enough texture to be matched
-    mask_coverage : share of foreground pixels, mean over all frames, (left, right)
+    mask_coverage : share of foreground pixels, mean over all frames, (left, right), or (left,) of one camera
+    depth_coverage : share of what the bounds (or masks) show that has a given depth, None without depth maps
+    depth_mm : median of the given depths
     """
 
     id: str
-    baseline_mm: float
+    baseline_mm: float | None
     rectified_size: tuple[int, int] | None = None
     n_disparities: int | None = None
     depth_per_disparity_mm: float | None = None
     expected_error_mm: float | None = None
     textured: float | None = None
     rows: Rows | None = None
-    mask_coverage: tuple[float, float] | None = None
+    mask_coverage: tuple[float, ...] | None = None
+    depth_coverage: float | None = None
+    depth_mm: float | None = None
 
     @property
     def texture(self) -> str:
@@ -57,6 +61,10 @@ class SensorReport:
 
     def verdict(self) -> str:
         """Accuracy to expect, in plain words."""
+        if self.baseline_mm is None:
+            if self.depth_coverage is None:
+                return f"{self.id}: nothing can be expected before the problems are solved"
+            return f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
@@ -67,7 +75,9 @@ class SensorReport:
 
     def as_line(self) -> str:
         """Say the figures in one line."""
-        parts = [f"{self.id}: baseline {self.baseline_mm:.2f} mm"]
+        parts = [
+            f"{self.id}: one camera" if self.baseline_mm is None else f"{self.id}: baseline {self.baseline_mm:.2f} mm"
+        ]
         if self.rectified_size is not None:
             width, height = self.rectified_size
             parts.append(f"rectified {width}x{height}, {self.n_disparities} disparities")
@@ -77,5 +87,7 @@ class SensorReport:
                 f"median vertical error {self.rows.vertical_error_px:.3f} px on {self.rows.n_matches} matched points"
             )
         if self.mask_coverage is not None:
-            parts.append("masks cover {:.1%} and {:.1%}".format(*self.mask_coverage))
+            parts.append("masks cover " + " and ".join(f"{share:.1%}" for share in self.mask_coverage))
+        if self.depth_coverage is not None:
+            parts.append(f"given depth {self.depth_mm:.0f} mm (median), {self.depth_coverage:.1%} covered")
         return ", ".join(parts)

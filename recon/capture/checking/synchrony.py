@@ -24,14 +24,14 @@ def synchrony_problems(sensors: Sequence[SensorStream], glances: Glances) -> Ite
     """Say one sentence for every sensor whose cameras, and every two neighbours that, recorded different instants."""
     motion = {pattern: motion_signal(by_frame) for pattern, by_frame in glances.items()}
     for stream in sensors:
-        late = lag([(motion.get(stream.left.image), motion.get(stream.right.image))])
+        late = lag([(motion.get(stream.left.image), motion.get(stream.right.image))]) if stream.right else 0
         if late:
             yield (
                 f"sensor {stream.id}: its cameras are not synchronised, the right pictures are {_frames(late)} "
                 "the left ones; start both by one trigger"
             )
     for first, second in pairwise(sensors):
-        sides = [(a, b) for a in (first.left, first.right) for b in (second.left, second.right)]
+        sides = [(a, b) for a in first.cameras for b in second.cameras]
         late = lag([(motion.get(a.image), motion.get(b.image)) for a, b in sides])
         if late:
             yield (

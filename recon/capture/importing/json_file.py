@@ -2,7 +2,8 @@
 
 The full form lists `sensors`, each with `id`, `left` and `right`; a camera has `K` (3x3), `dist` (OpenCV's, optional),
 `image` (a pattern with {frame}, a list of files, a folder or a video, relative to the JSON), `plate` (optional) and
-one pose out of POSES, a 4x4 transform or {"R": 3x3, "t": [x, y, z]}. The short form is for one sensor: `K_left`,
+one pose out of POSES, a 4x4 transform or {"R": 3x3, "t": [x, y, z]}. Instead of `right` or beside it, a sensor may have
+`depth` as in `capture.json`, its `image` a pattern or a list. The short form is for one sensor: `K_left`,
 `K_right`, `dist_left`, `dist_right`, a pose as `R_left_from_right` with `t_left_from_right` (or `_right_from_left`),
 and `left_file`, `right_file`: lists of files, or objects from the shot's name to its file. Both may have `units`,
 `name`, `kind`, `fps`, `bounds`, `radius`, `size` and `up`; keys of lengths may end in _mm or _m instead of following
@@ -27,6 +28,7 @@ from recon.capture.images import CaptureError, is_video
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import (
     UNITS_MM,
+    DepthSource,
     ImportOptions,
     Recording,
     SensorSource,
@@ -34,7 +36,7 @@ from recon.capture.importing.sources import (
     write_recording,
 )
 from recon.capture.pictures import Pictures, find_pictures
-from recon.capture.recording import FRAME_FIELD
+from recon.capture.recording import FRAME_FIELD, SIDES
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
 
@@ -78,8 +80,6 @@ def import_json(
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
-    if options.up == "y":
-        options = replace(options, up=str(content.get("up", "y")))
     try:
         sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
         recording = Recording(
@@ -89,6 +89,7 @@ def import_json(
             object=_object(described),
             fps=content.get("fps"),
             bounds=described.length("bounds"),
+            up=str(content.get("up", "y")),
         )
     except ValueError as error:
         raise CaptureError(f"{source}: {error}") from error
@@ -128,18 +129,27 @@ def _sensors(described: _Description) -> tuple[SensorSource, ...]:
 def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
     name = str(entry.get("id", f"S{number + 1}"))
     try:
-        pictures = tuple(_pictures(described.path.parent, entry[side]) for side in ("left", "right"))
+        sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
+        pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
-        poses = (left_pose, _pose(described, entry["right"], left_pose))
-        left, right = (
+        poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]
+        left, *right = (
             Camera(_numbers(entry[side], "K"), picture.size, pose, _dist(entry[side], "dist"))
-            for side, picture, pose in zip(("left", "right"), pictures, poses, strict=True)
+            for side, picture, pose in zip(sides, pictures, poses, strict=True)
         )
+        depth = _depth(described.path.parent, entry["depth"]) if "depth" in entry else None
     except KeyError as error:
         raise CaptureError(f"sensor {name}: {error.args[0]} is missing") from error
     except ValueError as error:
         raise CaptureError(f"sensor {name}: {error}") from error
-    return SensorSource(name, left, right, (pictures[0], pictures[1]))
+    return SensorSource(name, left, right[0] if right else None, pictures, depth)
+
+
+def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:
+    image = entry["image"]
+    files = _matching(folder, image) if isinstance(image, str) else tuple(folder / name for name in image)
+    size = tuple(entry["size"]) if "size" in entry else None
+    return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size)
 
 
 def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.float64] | None) -> NDArray[np.float64]:

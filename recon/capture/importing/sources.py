@@ -14,11 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.capture.format import CameraStream, Capture, CaptureError, HeldOut, SensorStream, image_path, write_capture
+from recon.capture.format import (
+    CameraStream,
+    Capture,
+    CaptureError,
+    DepthMaps,
+    HeldOut,
+    SensorStream,
+    depth_path,
+    image_path,
+    write_capture,
+)
 from recon.capture.images import video_times
 from recon.capture.importing.folder import new_folder
 from recon.capture.pictures import DEFAULT_FPS, Pictures, copy_file, steady_rate
-from recon.capture.recording import check_bounds
+from recon.capture.recording import SIDES, check_bounds
 from recon.rig import Camera, rigid
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -43,7 +53,7 @@ class ImportOptions:
     bounds : float64 (2, 3), in the capture's world and mm
     unit_mm : length of the source's unit, mm, None for the importer's default
     fps : frames per second
-    up : axis of the source's world that points upwards, a key of UPWARDS
+    up : axis of the source's world that points upwards, a key of UPWARDS; None for the importer's default
     """
 
     name: str | None = None
@@ -51,23 +61,38 @@ class ImportOptions:
     bounds: ArrayLike | None = None
     unit_mm: float | None = None
     fps: float | None = None
-    up: str = "y"
+    up: str | None = None
 
     def __post_init__(self) -> None:
-        if self.up not in UPWARDS:
-            raise CaptureError(f"up is {self.up!r}, expected one of {', '.join(UPWARDS)}")
+        _check_up(self.up or "y")
         if self.n_frames is not None and self.n_frames < 1:
             raise CaptureError(f"n_frames is {self.n_frames}, expected at least 1")
 
 
+@dataclass(frozen=True)
+class DepthSource:
+    """Depth maps of the source in the order of time, and what they mean; see `DepthMaps`."""
+
+    files: tuple[Path, ...]
+    scale_mm: float
+    kind: str = "z"
+    size: tuple[int, int] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class SensorSource:
-    """A stereo sensor of the source; its cameras' poses are in mm, in the source's world."""
+    """A sensor of the source, a stereo pair or a camera with depth maps; poses are in mm, in the source's world."""
 
     id: str
     left: Camera
-    right: Camera
-    pictures: tuple[Pictures, Pictures]
+    right: Camera | None
+    pictures: tuple[Pictures, ...]
+    depth: DepthSource | None = None
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras: (left, right), or (left,)."""
+        return (self.left,) if self.right is None else (self.left, self.right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +103,7 @@ class Recording:
     ----------
     bounds : float64 (2, 3), mm, in the source's world
     held_out : cameras with their photographs of frame 0
+    up : axis of the source's world that points upwards, a key of UPWARDS
     """
 
     name: str
@@ -87,6 +113,10 @@ class Recording:
     fps: float | None = None
     bounds: NDArray[np.float64] | None = None
     held_out: tuple[tuple[Camera, Path], ...] = ()
+    up: str = "y"
+
+    def __post_init__(self) -> None:
+        _check_up(self.up)
 
 
 def parse_unit(text: str) -> float:
@@ -115,7 +145,7 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
         If pictures are missing, counts differ, a video's frame rate is variable or not the others', or nothing tells
         the bounds. Nothing is left behind.
     """
-    turn = rigid(UPWARDS[options.up], np.zeros(3))
+    turn = rigid(UPWARDS[options.up or recording.up], np.zeros(3))
     fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     held_out = tuple(
@@ -141,17 +171,31 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     return replace(capture, folder=out)
 
 
+def _check_up(up: str) -> None:
+    if up not in UPWARDS:
+        raise CaptureError(f"up is {up!r}, expected one of {', '.join(UPWARDS)}")
+
+
 def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
-    left, right = (
+    sides = SIDES[: len(source.cameras)]
+    left, *right = (
         CameraStream(_turned(camera, turn), _pattern(source.id, side, pictures))
-        for side, camera, pictures in zip(("left", "right"), (source.left, source.right), source.pictures, strict=True)
+        for side, camera, pictures in zip(sides, source.cameras, source.pictures, strict=True)
     )
     plates = [pictures.plate for pictures in source.pictures]
     if any(plates) and not all(plates):
         raise CaptureError(f"sensor {source.id}: only one of its cameras has a clean plate")
-    sides = zip(("left", "right"), plates, strict=True)
-    names = [f"{source.id}/{side}/plate{plate.suffix}" for side, plate in sides if plate]
-    return SensorStream(source.id, left, right, (names[0], names[1]) if names else None)
+    names = [f"{source.id}/{side}/plate{plate.suffix}" for side, plate in zip(sides, plates, strict=True) if plate]
+    return SensorStream(
+        source.id, left, right[0] if right else None, tuple(names) or None, depth=_depth_maps(source.id, source.depth)
+    )
+
+
+def _depth_maps(sensor_id: str, source: DepthSource | None) -> DepthMaps | None:
+    if source is None:
+        return None
+    pattern = f"{sensor_id}/depth/{{frame:04d}}{source.files[0].suffix.lower()}"
+    return DepthMaps(pattern, source.scale_mm, source.kind, source.size)
 
 
 def _pattern(sensor_id: str, side: str, pictures: Pictures) -> str:
@@ -167,7 +211,7 @@ def _all_pictures(recording: Recording) -> list[tuple[str, Pictures]]:
     return [
         (f"sensor {source.id}, {side}", pictures)
         for source in recording.sensors
-        for side, pictures in zip(("left", "right"), source.pictures, strict=True)
+        for side, pictures in zip(SIDES, source.pictures, strict=False)
     ]
 
 
@@ -176,6 +220,7 @@ def _n_frames(recording: Recording, wanted: int | None) -> int:
         place: len(video_times(pictures.files[0])) if pictures.is_video else len(pictures.files)
         for place, pictures in _all_pictures(recording)
     }
+    counts |= {f"sensor {source.id}, depth": len(source.depth.files) for source in recording.sensors if source.depth}
     short = {place: count for place, count in counts.items() if count < (wanted or max(counts.values()))}
     if short:
         place, count = next(iter(short.items()))
@@ -218,7 +263,10 @@ def _bounds(
 
 
 def _copy_sensor(capture: Capture, source: SensorSource, stream: SensorStream) -> None:
-    for side, pictures in zip((stream.left, stream.right), source.pictures, strict=True):
+    if source.depth is not None and stream.depth is not None:
+        for frame, path in enumerate(source.depth.files[: capture.n_frames]):
+            copy_file(path, depth_path(capture.folder, stream.depth, frame))
+    for side, pictures in zip(stream.cameras, source.pictures, strict=True):
         for frame, path in enumerate(pictures.files[: capture.n_frames]):
             copy_file(path, image_path(capture.folder, side.image, frame))
     for name, pictures in zip(stream.plate or (), source.pictures, strict=bool(stream.plate)):

@@ -23,7 +23,6 @@ from recon.storage.files import read_json
 COLOURS = {"foreground": (0, 255, 0), "background": (255, 0, 0)}
 LABELS = {"foreground": cv2.GC_FGD, "background": cv2.GC_BGD}
 NOTHING = 255
-SIDES = ("left", "right")
 KEY_ROUNDS = 5
 STEP_ROUNDS = 2
 BAND_PX = 14  # how far flow may be wrong from a frame to the next, at 1000 pixels of picture height
@@ -47,7 +46,7 @@ def read_scribbles(path: Path, capture: Capture) -> Strokes:
     """
     strokes = _from_json(path, capture) if path.is_file() else _from_folder(path, capture)
     for stream in capture.sensors:
-        for side in SIDES:
+        for side in stream.sides:
             if not strokes.get((stream.id, side)):
                 raise CaptureError(
                     f"{path}: no strokes for {stream.id}/{side}; every camera needs at least one key frame"
@@ -158,11 +157,11 @@ def _within(mask: NDArray[np.bool_], band: int) -> NDArray[np.bool_]:
 def _from_folder(folder: Path, capture: Capture) -> Strokes:
     strokes: dict[tuple[str, str], dict[int, NDArray[np.uint8]]] = {}
     for stream in capture.sensors:
-        for side in SIDES:
+        for side, camera in zip(stream.sides, stream.cameras, strict=True):
             for path in sorted((folder / stream.id / side).glob("*.png")):
                 frame = _frame(path.stem, capture, str(path))
                 picture = read_image(path)
-                _check_size(path, picture, getattr(stream, side).camera.size)
+                _check_size(path, picture, camera.camera.size)
                 labels = np.full(picture.shape[:2], NOTHING, dtype=np.uint8)
                 for name, colour in COLOURS.items():
                     labels[(picture == colour).all(axis=2)] = LABELS[name]
@@ -175,7 +174,8 @@ def _from_json(path: Path, capture: Capture) -> Strokes:
     for number, entry in enumerate(read_json(path).get("strokes", []), start=1):
         place = f"{path}, stroke {number}"
         try:
-            camera = getattr(capture.stream(entry["sensor"]), _known(entry["side"], SIDES)).camera
+            stream = capture.stream(entry["sensor"])
+            camera = stream.cameras[stream.sides.index(_known(entry["side"], stream.sides))].camera
             label = LABELS[_known(entry["label"], LABELS)]
             points = np.array(entry["points"], dtype=np.float64).reshape(-1, 1, 2)
             frame, width = _frame(str(entry["frame"]), capture, place), int(entry.get("width", DEFAULT_WIDTH))

@@ -29,7 +29,7 @@ from recon.capture.format import (
 )
 from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
 from recon.capture.masks.outline import grown, repatterned, tightened
-from recon.capture.masks.scribbles import SIDES, Strokes, propagated, read_scribbles
+from recon.capture.masks.scribbles import Strokes, propagated, read_scribbles
 from recon.workers import Progress, no_progress
 
 
@@ -87,15 +87,14 @@ def segment_capture(
         masks = _by_scribbles(capture, read_scribbles(scribbles, capture))
     else:
         masks = _by_evidence(capture, _method(capture, method), threshold)
-    n_pictures = len(SIDES) * len(capture.sensors) * capture.n_frames
+    n_pictures = sum(len(stream.sides) for stream in capture.sensors) * capture.n_frames
     with _staged(folder) as staging:
         for n_done, (stream, side, frame, mask) in enumerate(masks, start=1):
             name = image_path(Path(), _mask_patterns(stream)[side], frame)
             if not mask.any():
                 raise CaptureError(f"{folder / name}: no foreground is found")
             _write_mask(staging / name, mask)
-            if n_done % len(SIDES) == 0:
-                progress("masks", n_done // len(SIDES), n_pictures // len(SIDES))
+            progress("masks", n_done, n_pictures)
     segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
     write_capture(segmented)
     return segmented
@@ -134,7 +133,7 @@ def _refined(
 
 def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:
     for stream in capture.sensors:
-        for side, name in enumerate(SIDES):
+        for side, name in enumerate(stream.sides):
 
             def read(frame: int, stream: SensorStream = stream, side: int = side) -> NDArray[np.uint8]:
                 return read_picture(frame_pictures(capture.folder, stream, frame)[side])
@@ -181,8 +180,8 @@ def _without_small_parts(mask: NDArray[np.uint8], min_area: int, *, connectivity
     return np.asarray(kept[labels], dtype=np.uint8)
 
 
-def _mask_patterns(stream: SensorStream) -> tuple[str, str]:
-    return f"{stream.id}/mask/left/{{frame:04d}}.png", f"{stream.id}/mask/right/{{frame:04d}}.png"
+def _mask_patterns(stream: SensorStream) -> tuple[str, ...]:
+    return tuple(f"{stream.id}/mask/{side}/{{frame:04d}}.png" for side in stream.sides)
 
 
 def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.approaches import parse_approach
-from recon.capture.rectify import Rectification, rectify
+from recon.capture.depth_maps import depth_view, sensor_view
+from recon.capture.recording import GIVEN
+from recon.capture.rectify import Rectification
 from recon.depth.disparity_io import read_disparity
 from recon.pipeline.run import Run, View
 
@@ -23,11 +25,14 @@ JUMP_PX = 1.0  # of disparity between neighbours that lie on different surfaces
 
 
 def depth_step(run: Run) -> float:
-    """Compute the depth of a pixel of disparity in the middle of the bounds, mean of the sensors, mm."""
+    """Compute the depth of a pixel of disparity in the middle of the bounds, mean of the sensors, mm.
+
+    Depth maps count as disparities of their imagined pair.
+    """
     steps = []
     middle = run.capture.bounds.mean(axis=0)
-    for sensor in run.capture.rig.sensors:
-        view = rectify(sensor, run.capture.bounds)
+    for stream in run.capture.sensors:
+        view = sensor_view(stream, run.capture.bounds)
         z = float(view.left.points_in_camera(middle[None])[0, 2])
         steps.append(z * z / (view.focal * view.baseline))
     return float(np.mean(steps))
@@ -42,9 +47,10 @@ def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list
     frames : of the run
     threshold : mm, within which two depths agree
     """
-    views = {s.id: rectify(s, run.capture.bounds) for s in run.capture.rig.sensors}
     rows = []
     for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
+        view_of = depth_view if method == GIVEN else sensor_view
+        views = {s.id: view_of(s, run.capture.bounds) for s in run.capture.sensors_for(method)}
         for frame in frames:
             maps = {name: read_disparity(run.folder / View(method, name, frame).depth) for name in views}
             points = {name: depth_points(maps[name], views[name], run.capture.bounds) for name in views}

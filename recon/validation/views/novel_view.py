@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.depth_maps import sensor_view
 from recon.capture.format import Capture, CaptureError, Picture, read_frame, read_held_out, read_mask, read_masks
 from recon.capture.masks.evidence import SMOOTHING_PX, dark_background_threshold
 from recon.capture.masks.segment import METHODS, clean_mask
-from recon.capture.rectify import Rectification, rectify, rectify_images
+from recon.capture.rectify import Rectification, rectify_left
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
@@ -69,9 +70,9 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
     for frame in frames:
         for stream in capture.sensors:
             pictures, masks = read_frame(capture, stream.id, frame), read_masks(capture, stream.id, frame)
-            for index, (side, camera) in enumerate((("left", stream.left.camera), ("right", stream.right.camera))):
-                mask = masks[index] if masks else None
-                yield _undistorted(Photograph(f"{stream.id}/{side}", SENSOR, frame, camera, pictures[index], mask))
+            for index, (side, camera) in enumerate(zip(stream.sides, stream.cameras, strict=True)):
+                name, mask = f"{stream.id}/{side}", masks[index] if masks else None
+                yield _undistorted(Photograph(name, SENSOR, frame, camera.camera, pictures[index], mask))
 
 
 def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
@@ -145,8 +146,8 @@ def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters,
     """
     clouds = []
     for stream in capture.sensors:
-        view = rectify(stream.sensor, capture.bounds)
-        left, _ = rectify_images(view, *read_frame(capture, stream.id, frame))
+        view = sensor_view(stream, capture.bounds)
+        left = rectify_left(view, read_frame(capture, stream.id, frame)[0])
         disparity = true_disparity(read_depth(capture, stream.id, "left", frame), stream.left.camera, view)
         clouds.append(crop_cloud(cloud_from_disparity(disparity, left, view, cloud), capture.bounds))
     return FUSIONS[fusion](clouds, surface)

@@ -155,7 +155,7 @@ def no_baseline(content: Content) -> None:
         (lambda c: c.update(bounds=None), "bounds is"),
         (lambda c: c.update(object={"radius_mm": -5}), "radius_mm is -5"),
         (lambda c: c.update(object={"size_mm": [1, 2]}), "size_mm is [1, 2], expected three positive numbers"),
-        (lambda c: c.update(sensors=[]), "sensors is empty, expected at least one stereo sensor"),
+        (lambda c: c.update(sensors=[]), "sensors is empty, expected at least one sensor"),
         (lambda c: c.update(sensors="S1"), "sensors is 'S1', expected a list"),
         (lambda c: c["sensors"][1].update(id="S1"), "sensor ids must differ, found S1, S1"),
         (lambda c: c["sensors"][1].update(id="../S1"), "sensor id '../S1' is no file name"),

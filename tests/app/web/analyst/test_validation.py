@@ -15,7 +15,7 @@ import pytest
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.web.admin.objective_view import measure_lines
+from app.web.admin.objective_view import SHOWN, measure_lines
 from tests.app.web.admin.dashboard_client import signed_in
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
@@ -187,12 +187,17 @@ def test_measures_stand_beside_the_scores(
     analysis = analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json()
     overall = next(row for row in analysis["measures"] if row["dataset"] == "all")
     assert (overall["measure"], overall["n"]) == ("accuracy", 6)
-    assert overall["spearman"] < -0.8  # less is better
+    assert overall["spearman"] < -0.8
+    assert overall["better"] == "lower"
+    assert overall["pairs_correct"] in (None, 1.0)  # less is better
     path = manage.add_experimenter(settings, "measures")["path"]
     with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
         browser.get(path)
         page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
         assert "Objective measures" in page
+        assert "with 3 conditions the smallest p-value is 0.17" in page
+        ranking = browser.get(f"/admin/studies/{study['slug']}/figures/measures.csv").text
+        assert ranking.count("accuracy") == len(analysis["measures"])
         plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")
         assert plot.headers["content-type"] == "image/svg+xml"
         assert "Score against accuracy" in plot.text
@@ -200,22 +205,21 @@ def test_measures_stand_beside_the_scores(
 
 
 @pytest.mark.parametrize(
-    ("direction", "low", "high", "said"),
+    ("better", "low", "high", "said"),
     [
-        ("less is better", -0.9, -0.4, ""),
-        ("less is better", -0.2, 0.7, ""),
-        ("less is better", None, None, ""),
-        ("less is better", 0.3, 0.8, "less should be better, but people prefer more"),
-        ("more is better", -0.9, -0.4, "more should be better, but people prefer less"),
-        ("more is better", 0.3, 0.8, ""),
+        ("lower", -0.9, -0.4, ""),
+        ("lower", -0.2, 0.7, ""),
+        ("lower", None, None, ""),
+        ("lower", 0.3, 0.8, "less should be better, but people prefer more"),
+        ("higher", -0.9, -0.4, "more should be better, but people prefer less"),
+        ("higher", 0.3, 0.8, ""),
     ],
 )
 def test_a_measure_that_people_contradict_is_named(
-    direction: str, low: float | None, high: float | None, said: str
+    better: str, low: float | None, high: float | None, said: str
 ) -> None:
-    correlations = {"spearman": 0.0, "pearson": 0.0, "pairs_correct": 0.5}
-    row = {"measure": "weight", "n": 6, **correlations, "spearman_low": low, "spearman_high": high}
-    (line,) = measure_lines([row], [{"measure": "weight", "direction": direction}])
+    row = {"measure": "weight", "n": 6, "better": better, "rmse": None, "spearman_p": 0.5} | dict.fromkeys(SHOWN, 0.0)
+    (line,) = measure_lines([row | {"spearman_low": low, "spearman_high": high}])
     assert line["contradiction"] == said
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.checking.check import check_capture
-from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_plates
+from recon.capture.format import Capture, CaptureError, DepthMaps, read_capture, read_frame, read_plates
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
@@ -251,6 +251,24 @@ def test_images_are_taken_in_the_order_of_their_numbers_and_plates_are_kept(tmp_
     assert plates[1][0, 0, 0] == 7
 
 
+def test_a_json_may_describe_a_camera_with_depth_maps(tmp_path: Path) -> None:
+    record(tmp_path)
+    for frame in (1, 2):
+        np.save(tmp_path / f"depth{frame}.npy", np.full((SIZE[1], SIZE[0]), float(frame)))
+    path = described(tmp_path)
+    content = json.loads(path.read_text())
+    del content["sensors"][1]["right"]
+    content["sensors"][1]["depth"] = {"image": "depth{frame}.npy", "scale_mm": 1000.0, "kind": "distance"}
+    path.write_text(json.dumps(content))
+    capture = import_json(path, tmp_path / "out")
+    assert [stream.sides for stream in capture.sensors] == [("left", "right"), ("left",)]
+    assert capture.sensors[1].depth == DepthMaps("S2/depth/{frame:04d}.npy", 1000.0, "distance")
+    np.testing.assert_array_equal(np.load(tmp_path / "out/S2/depth/0001.npy"), 2.0)
+    (tmp_path / "depth2.npy").unlink()
+    with pytest.raises(CaptureError, match="sensor S2, depth has 1 frames, expected 2"):
+        import_json(path, tmp_path / "again")
+
+
 def test_unequal_counts_are_named_unless_fewer_frames_are_asked_for(tmp_path: Path) -> None:
     record(tmp_path)
     write_picture(tmp_path / "S2/left/99.png", 1)
@@ -311,7 +329,7 @@ def test_what_is_wrong_in_a_colmap_model_is_named(tmp_path: Path) -> None:
     source = colmap_model(tmp_path / "source")
     with pytest.raises(CaptureError, match="scale is arbitrary"):
         import_colmap(source, tmp_path / "out", [(11, 12)])
-    with pytest.raises(CaptureError, match=r"expected pairs of IMAGE_IDs out of: 11 S1_left\.png"):
+    with pytest.raises(CaptureError, match=r"expected LEFT-RIGHT of each pair out of: 11 S1_left\.png"):
         import_colmap(source, tmp_path / "out", None, ImportOptions(unit_mm=1.0))
     colmap_model(source, model="THIN_PRISM_FISHEYE")
     with pytest.raises(CaptureError, match=r"cameras.txt, line 2: camera model THIN_PRISM_FISHEYE"):

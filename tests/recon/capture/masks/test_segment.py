@@ -95,7 +95,7 @@ def test_masks_are_named_in_the_capture_and_nothing_else_changes(tmp_path: Path)
     assert [stream.mask for stream in made.sensors] == [
         (f"{name}/mask/left/{{frame:04d}}.png", f"{name}/mask/right/{{frame:04d}}.png") for name in ("S1", "S2")
     ]
-    assert seen == [("masks", n, 4) for n in (1, 2, 3, 4)]
+    assert seen == [("masks", n, 8) for n in range(1, 9)]
     assert not list(board.folder.glob(".*"))
     np.testing.assert_array_equal(read_capture(board.folder).bounds, BOARD_BOUNDS)
     again = segment_capture(board.folder, threshold=40)

@@ -1,0 +1,1 @@
+"""Compare objective measures with the scores: how well each predicts them, how sure that is, which predicts best."""

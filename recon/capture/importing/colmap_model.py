@@ -1,0 +1,246 @@
+"""COLMAP's models on disk: cameras, images and points, as text or binary.
+
+Convention: poses are world to camera, quaternions w, x, y, z; pixel centres are at halves, so that the principal point
+moves by half a pixel on the way to and from `recon.rig`.
+
+Source: COLMAP's description of its output format, and `scene/reconstruction_io_binary.cc` for the binary one.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from recon.capture.images import CaptureError
+from recon.rig import Camera, rigid
+
+HALF_PIXEL = 0.5
+FILES = ("cameras", "images", "points3D")
+FOLDERS = (".", "sparse/0", "sparse")  # of a model, below the folder that COLMAP worked in
+MODELS: dict[str, tuple[int, tuple[int, ...]]] = {
+    "SIMPLE_PINHOLE": (1, ()),
+    "PINHOLE": (2, ()),
+    "SIMPLE_RADIAL": (1, (0,)),
+    "RADIAL": (1, (0, 1)),
+    "OPENCV": (2, (0, 1, 2, 3)),
+    "FULL_OPENCV": (2, (0, 1, 2, 3, 4, 5, 6, 7)),
+}  # how many focal lengths come first, and where the numbers after the principal point stand in OpenCV's distortion
+MODEL_NAMES = (
+    "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
+    "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE",
+)  # fmt: skip  # by the number in the binary form
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapImage:
+    """An image of a model: its name, the number of its camera, and `cam_from_world` (4, 4) in the model's unit."""
+
+    name: str
+    camera: int
+    pose: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapModel:
+    """A model.
+
+    Parameters
+    ----------
+    cameras : by number, without pose
+    images : by number
+    points : float64 (N, 3), in the model's unit
+    """
+
+    cameras: dict[int, Camera]
+    images: dict[int, ColmapImage]
+    points: NDArray[np.float64]
+
+
+def find_model(source: Path) -> Path:
+    """Find the folder of a model below a folder, or raise a CaptureError if there is none."""
+    for folder in (source / name for name in FOLDERS):
+        if any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):
+            return folder
+    places = ", ".join(str(source / name) for name in FOLDERS)
+    raise CaptureError(f"{source}: holds no COLMAP model; looked for cameras.bin and cameras.txt in {places}")
+
+
+def read_model(folder: Path) -> ColmapModel:
+    """Read a model, binary if there is such a one, as COLMAP does, else text; the points may be missing.
+
+    A CaptureError names the file and the place that is wrong.
+    """
+    if (folder / "cameras.bin").is_file():
+        model = ColmapModel(
+            _read_cameras_bin(folder / "cameras.bin"),
+            _read_images_bin(folder / "images.bin"),
+            _read_points_bin(folder / "points3D.bin"),
+        )
+    else:
+        model = ColmapModel(
+            _read_cameras_txt(folder / "cameras.txt"),
+            _read_images_txt(folder / "images.txt"),
+            _read_points_txt(folder / "points3D.txt"),
+        )
+    for number, image in model.images.items():
+        if image.camera not in model.cameras:
+            raise CaptureError(f"{folder}: image {number} {image.name} has camera {image.camera}, which is not listed")
+    return model
+
+
+class _Reader:
+    """Reads numbers from a binary file, one after the other."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._at = path, 0
+        try:
+            self._bytes = path.read_bytes()
+        except OSError as error:
+            raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
+
+    def numbers(self, form: str) -> tuple[int | float, ...]:
+        """Return the little-endian numbers of a form of `struct`."""
+        try:
+            values = struct.unpack_from("<" + form, self._bytes, self._at)
+        except struct.error as error:
+            raise self.fault("the file ends too early") from error
+        self._at += struct.calcsize("<" + form)
+        return values
+
+    def whole(self, form: str) -> int:
+        """Return one whole number."""
+        return int(self.numbers(form)[0])
+
+    def text(self) -> str:
+        """Return a text that ends with a zero byte."""
+        end = self._bytes.find(b"\0", self._at)
+        if end < 0:
+            raise self.fault("a name has no end")
+        name, self._at = self._bytes[self._at : end], end + 1
+        return name.decode("utf-8", errors="replace")
+
+    def skip(self, n_bytes: int) -> None:
+        """Leave out some bytes."""
+        if self._at + n_bytes > len(self._bytes):
+            raise self.fault("the file ends too early")
+        self._at += n_bytes
+
+    def fault(self, reason: str) -> CaptureError:
+        """Return an error that says where it is."""
+        return CaptureError(f"{self._path}, byte {self._at}: {reason}; expected COLMAP's binary format")
+
+
+def _read_cameras_bin(path: Path) -> dict[int, Camera]:
+    reader = _Reader(path)
+    cameras = {}
+    for _ in range(reader.whole("Q")):
+        number, model, width, height = map(int, reader.numbers("IiQQ"))
+        if not 0 <= model < len(MODEL_NAMES):
+            raise reader.fault(f"camera {number} has the unknown model {model}")
+        try:
+            values = reader.numbers(f"{_n_numbers(MODEL_NAMES[model])}d")
+            cameras[number] = _camera(MODEL_NAMES[model], (width, height), np.array(values, np.float64))
+        except CaptureError:
+            raise
+        except ValueError as error:
+            raise CaptureError(f"{path}: camera {number}: {error}") from error
+    return cameras
+
+
+def _read_images_bin(path: Path) -> dict[int, ColmapImage]:
+    reader = _Reader(path)
+    images = {}
+    for _ in range(reader.whole("Q")):
+        number, *values, camera = reader.numbers("I7dI")
+        name = reader.text()
+        reader.skip(24 * reader.whole("Q"))  # two numbers of 8 bytes and the point's for each feature
+        try:
+            images[int(number)] = ColmapImage(name, int(camera), _pose(np.array(values)))
+        except ValueError as error:
+            raise CaptureError(f"{path}: image {number} {name}: {error}") from error
+    return images
+
+
+def _read_points_bin(path: Path) -> NDArray[np.float64]:
+    if not path.is_file():
+        return np.zeros((0, 3))
+    reader = _Reader(path)
+    points = []
+    for _ in range(reader.whole("Q")):
+        _, *point = reader.numbers("Q3d")
+        points.append(point)
+        reader.skip(3 + 8)  # colour and error
+        reader.skip(8 * reader.whole("Q"))  # its images
+    return np.array(points, np.float64).reshape(-1, 3)
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return line numbers and words of all lines but comments."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaptureError(f"{path}: cannot be read as a COLMAP text model: {error}") from error
+    return [(number, line.split()) for number, line in enumerate(lines, start=1) if not line.startswith("#")]
+
+
+def _read_cameras_txt(path: Path) -> dict[int, Camera]:
+    cameras = {}
+    for number, words in _rows(path):
+        if not words:
+            continue
+        try:
+            size = (int(words[2]), int(words[3]))
+            cameras[int(words[0])] = _camera(words[1], size, np.array(words[4:], dtype=np.float64))
+        except (ValueError, IndexError) as error:
+            raise CaptureError(f"{path}, line {number}: {error}") from error
+    return cameras
+
+
+def _read_images_txt(path: Path) -> dict[int, ColmapImage]:
+    images = {}
+    for number, words in _rows(path)[::2]:  # every second line lists the image's points
+        try:
+            if len(words) < 10:
+                raise ValueError(f"{len(words)} words, expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
+            pose = _pose(np.array(words[1:8], dtype=np.float64))
+            images[int(words[0])] = ColmapImage(" ".join(words[9:]), int(words[8]), pose)
+        except ValueError as error:
+            raise CaptureError(f"{path}, line {number}: {error}") from error
+    return images
+
+
+def _read_points_txt(path: Path) -> NDArray[np.float64]:
+    if not path.is_file():
+        return np.zeros((0, 3))
+    try:
+        return np.array([words[1:4] for _, words in _rows(path) if words], dtype=np.float64).reshape(-1, 3)
+    except ValueError as error:
+        raise CaptureError(f"{path}: {error}") from error
+
+
+def _pose(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the transform of a quaternion w, x, y, z and a translation."""
+    return rigid(Rotation.from_quat(np.roll(values[:4], -1)).as_matrix(), values[4:])
+
+
+def _n_numbers(model: str) -> int:
+    if model not in MODELS:
+        raise ValueError(f"camera model {model}, expected one of {', '.join(MODELS)}; undistort the images with COLMAP")
+    n_focal, places = MODELS[model]
+    return n_focal + 2 + len(places)
+
+
+def _camera(model: str, size: tuple[int, int], numbers: NDArray[np.float64]) -> Camera:
+    if len(numbers) != _n_numbers(model):
+        raise ValueError(f"{len(numbers)} numbers for {model}, expected {_n_numbers(model)}")
+    n_focal, places = MODELS[model]
+    focal, centre = numbers[:n_focal], numbers[n_focal : n_focal + 2] - HALF_PIXEL
+    dist = np.zeros(max(4, len(places)) if places else 0)
+    dist[list(places)] = numbers[n_focal + 2 :]
+    K = np.array([[focal[0], 0, centre[0]], [0, focal[-1], centre[1]], [0, 0, 1]])
+    return Camera(K, size, np.eye(4), dist)

@@ -1,0 +1,130 @@
+"""A run whose depth the capture brings along: alone, beside pairs, and where a method does not fit a sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.capture.format import Capture, CaptureError, DepthMaps, read_masks, write_capture
+from recon.cloud import CloudParameters
+from recon.export_models import write_models
+from recon.geometry.mesh import read_cloud, read_mesh
+from recon.pipeline.reconstruct import match_files, reconstruct
+from recon.pipeline.run import View, read_run
+from recon.pipeline.stages import ReconstructOptions
+from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import MESH, read_depth
+from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.validation.views.evaluation import ViewSettings, measure_views
+
+GIVEN_FB = ReconstructOptions(("given",), ("fb",))
+
+
+def recorded(folder: Path, *, depth_maps: bool) -> Capture:
+    return synthesise(folder, SynthParameters("sphere", 2, 2, (160, 90), depth_maps=depth_maps))
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    return recorded(tmp_path_factory.mktemp("depth") / "capture", depth_maps=True)
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    """A pair with depth maps, and a pair without."""
+    made = recorded(tmp_path_factory.mktemp("mixed") / "capture", depth_maps=False)
+    first, second = made.sensors
+    for frame in range(2):
+        np.save(made.folder / f"{frame}.npy", read_depth(made, "S1", "left", frame))
+    made = replace(made, sensors=(replace(first, depth=DepthMaps("{frame}.npy")), second))
+    write_capture(made)
+    return made
+
+
+def test_a_capture_of_depth_maps_alone_becomes_true_models(capture: Capture, tmp_path: Path) -> None:
+    content = reconstruct(capture.folder, tmp_path / "run", ReconstructOptions())
+    assert content["approaches"] == ["given_fa", "given_fb"]
+    truth = read_shape(capture.folder / MESH.format(frame=1))
+    for stream in capture.sensors:
+        cloud = read_cloud(tmp_path / "run" / View("given", stream.id, 1).cloud)
+        assert np.abs(signed_distances_to(truth, cloud.points)).max() < 0.5  # mm
+        assert cloud.sigma is not None
+        assert cloud.sigma.min() > 0
+    errors = np.abs(signed_distances_to(truth, read_mesh(tmp_path / "run/meshes/given_fb/0001.ply").vertices))
+    assert np.median(errors) < 1.0
+    assert len(write_models([tmp_path / "run"], tmp_path / "models", None, lambda *_: None)) == 4
+    report, _ = measure_views(tmp_path / "run", ViewSettings(frames=range(1)))
+    assert {row["view"] for row in report["views"] if row["kind"] == "sensor"} == {"S1/left", "S2/left"}
+    assert report["agreement"][0]["agree"] > 0.95
+
+
+def test_a_changed_depth_map_is_taken_again_and_the_rest_is_kept(capture: Capture, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    reconstruct(capture.folder, folder, GIVEN_FB)
+    path = capture.folder / "S1/depth/0001.png"
+    before = path.read_bytes()
+    try:
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) + np.uint16(10))
+        made: list[str] = []
+        times = {name: (folder / name).stat().st_mtime_ns for name in names(capture)}
+        reconstruct(capture.folder, folder, GIVEN_FB)
+        made = [name for name, time in times.items() if (folder / name).stat().st_mtime_ns != time]
+        assert made == [View("given", "S1", 1).matched]
+    finally:
+        path.write_bytes(before)
+
+
+def names(capture: Capture) -> list[str]:
+    return [View("given", stream.id, frame).matched for stream in capture.sensors for frame in (0, 1)]
+
+
+def test_given_depth_uses_the_sensors_that_have_it_beside_methods_for_all_pairs(mixed: Capture, tmp_path: Path) -> None:
+    options = ReconstructOptions(("id", "given"), ("fb",), frames=range(1), temporal=None)
+    reconstruct(mixed.folder, tmp_path / "run", options)
+    run = read_run(tmp_path / "run")
+    assert not (run.folder / "clouds/given/S2").exists()
+    assert (run.folder / "clouds/id/S2").is_dir()
+    truth = read_shape(mixed.folder / MESH.format(frame=0))
+    cloud = read_cloud(run.folder / View("given", "S1", 0).cloud)
+    assert np.abs(signed_distances_to(truth, cloud.points)).max() < 0.5
+    report, _ = measure_views(run.folder, ViewSettings())
+    assert [row["depth"] for row in report["agreement"]] == ["id"]
+
+
+def test_a_method_that_a_sensor_cannot_serve_is_named_with_the_sensor(capture: Capture, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="depth method id needs stereo pairs, and sensor S1 has one camera"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(("given", "id")))
+    pairs = recorded(tmp_path / "pairs", depth_maps=False)
+    with pytest.raises(CaptureError, match="given needs depth maps, and sensors S1, S2 have none"):
+        reconstruct(pairs.folder, tmp_path / "run", GIVEN_FB)
+    image = pairs.folder / "S1/left/0000.png"
+    with pytest.raises(ValueError, match="given takes the depth maps of a capture"):
+        match_files(image, image, tmp_path / "out.npy", method="given", n_disparities=8)
+    assert not (tmp_path / "run").exists()
+
+
+def test_masks_cut_given_depth_and_erode_cuts_further(capture: Capture, tmp_path: Path) -> None:
+    made = replace(capture, sensors=tuple(replace(s, mask=(f"{s.id}.png",)) for s in capture.sensors), n_frames=1)
+    try:
+        for stream in made.sensors:
+            half = np.zeros((90, 160), np.uint8)
+            half[:, :80] = 255
+            cv2.imwrite(str(capture.folder / f"{stream.id}.png"), half)
+        write_capture(made)
+        masks = read_masks(made, "S1", 0)
+        assert masks is not None
+        counts = []
+        for erode in (0, 3):
+            folder = tmp_path / str(erode)
+            reconstruct(made.folder, folder, replace(GIVEN_FB, cloud=CloudParameters(erode_px=erode)))
+            cloud = read_cloud(folder / View("given", "S1", 0).cloud)
+            columns = made.sensors[0].left.camera.project(cloud.points)[:, 0]
+            assert columns.max() < 80 - erode
+            counts.append(len(cloud))
+        assert counts[1] < counts[0]
+    finally:
+        write_capture(capture)
