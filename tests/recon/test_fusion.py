@@ -7,8 +7,9 @@ import pytest
 
 from recon.approaches import FUSION_METHODS
 from recon.cloud import merge_clouds
-from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before
+from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before, view_of_cloud
 from recon.geometry.mesh import Cloud, merge_meshes
+from recon.rig import Camera
 from recon.surface import NoSurfaceError, SurfaceParameters, default_voxel, surface_from_cloud
 
 PARAMETERS = SurfaceParameters(voxel_mm=3.0)
@@ -103,3 +104,15 @@ def test_points_in_a_plane_become_that_plane(method: str) -> None:
     mesh = ORDERS[method]([flat], SurfaceParameters())
     assert np.abs(mesh.vertices[:, 2] - 7).max() < 1e-3
     assert np.ptp(mesh.vertices[:, :2], axis=0).min() > 35
+
+
+def test_a_view_of_a_cloud_holds_its_points_in_their_pixels() -> None:
+    camera = Camera(np.array([[300.0, 0, 9.5], [0, 300, 7.5], [0, 0, 1]]), (20, 16), np.eye(4))
+    rows, columns = np.array([0, 3, 15]), np.array([0, 19, 4])
+    z = np.array([900.0, 1100, 1000])
+    points = np.column_stack([(columns - 9.5) * z / 300, (rows - 7.5) * z / 300, z])
+    colours = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.uint8)
+    view = view_of_cloud(Cloud(points, np.tile([0.0, 0, -1], (3, 1)), colours), camera)
+    assert np.isfinite(view.depth).sum() == 3
+    assert np.allclose(view.depth[rows, columns], z)
+    assert np.array_equal(view.colours[rows, columns], colours)

@@ -62,6 +62,13 @@ def test_a_capture_of_depth_maps_alone_becomes_true_models(capture: Capture, tmp
     assert report["agreement"][0]["agree"] > 0.95
 
 
+def test_a_tsdf_of_given_depth_is_near_the_truth(capture: Capture, tmp_path: Path) -> None:
+    content = reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(fusions=("tsdf",), frames=range(1)))
+    truth = read_shape(capture.folder / MESH.format(frame=0))
+    errors = np.abs(signed_distances_to(truth, read_mesh(tmp_path / "run/meshes/given_tsdf/0000.ply").vertices))
+    assert errors.mean() < content["options"]["surface"]["voxel_mm"] / 2
+
+
 def test_a_changed_depth_map_is_taken_again_and_the_rest_is_kept(capture: Capture, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     reconstruct(capture.folder, folder, GIVEN_FB)

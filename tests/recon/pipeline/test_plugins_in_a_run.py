@@ -217,7 +217,7 @@ def test_a_package_that_pip_installed_goes_from_the_help_to_the_analysis(capture
         return done.stdout
 
     for command in ("match", "reconstruct"):
-        assert "sgm, box," in " ".join(told(command, "--help").replace("│", " ").split())
+        assert " box, " in " ".join(told(command, "--help").replace("│", " ").split())
     path, run = tmp_path / "methods.toml", tmp_path / "run"
     path.write_text('[depth.box3]\nmethod = "box"\nside = 3\n')
     reconstruct = ("reconstruct", capture.folder, "-o", run, "--methods", path, "--depth", "box,box3,sgm")
