@@ -22,7 +22,7 @@ class Stimulus:
     Parameters
     ----------
     dataset, approach, levels : the scene, and the approach with its level of each factor
-    video, master : paths from the manifest
+    video, master, mask : paths from the manifest
     width, height, fps, n_frames, codec, renderer : of the video
     model_frames, loop : how many models it shows, and how they fill its length
     quality : how near the encoded frames are to the rendered ones
@@ -33,6 +33,7 @@ class Stimulus:
     levels: dict[str, str]
     video: str
     master: str | None
+    mask: str
     width: int
     height: int
     fps: float
