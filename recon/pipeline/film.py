@@ -243,7 +243,6 @@ def make_film(film: Film, out: Path) -> Stimulus:
         levels=dict(film.sequence.levels),
         video=video,
         master=master[0] if master else None,
-        mask=mask,
         width=facts.width,
         height=facts.height,
         fps=facts.fps,
@@ -253,6 +252,7 @@ def make_film(film: Film, out: Path) -> Stimulus:
         model_frames=film.n_models,
         loop=film.loop,
         quality=read_json(artefacts.path(quality)),
+        mask=mask,
     )
 
 

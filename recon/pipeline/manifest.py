@@ -22,10 +22,11 @@ class Stimulus:
     Parameters
     ----------
     dataset, approach, levels : the scene, and the approach with its level of each factor
-    video, master, mask : paths from the manifest
+    video, master : paths from the manifest
     width, height, fps, n_frames, codec, renderer : of the video
     model_frames, loop : how many models it shows, and how they fill its length
     quality : how near the encoded frames are to the rendered ones
+    mask : path from the manifest of a video of the model's silhouette, white on black
     """
 
     dataset: str
@@ -33,7 +34,6 @@ class Stimulus:
     levels: dict[str, str]
     video: str
     master: str | None
-    mask: str
     width: int
     height: int
     fps: float
@@ -43,6 +43,7 @@ class Stimulus:
     model_frames: int
     loop: str
     quality: dict[str, Any]
+    mask: str | None = None
 
 
 def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:

@@ -142,9 +142,11 @@ def _check_alike(film: Film, facts: VideoFacts, anchor: Film, expected: VideoFac
 
 
 def _check_mask(film: Film, mask: Path, facts: VideoFacts) -> None:
-    found = probe_video(mask)
-    if (found.width, found.height, found.n_frames) != (facts.width, facts.height, facts.n_frames):
-        raise ValueError(f"the mask {mask} is {_described(found)}, but its film {film.video} is {_described(facts)}")
+    mask_facts = probe_video(mask)
+    if (mask_facts.width, mask_facts.height, mask_facts.n_frames) != (facts.width, facts.height, facts.n_frames):
+        raise ValueError(
+            f"the mask {mask} is {_described(mask_facts)}, but its film {film.video} is {_described(facts)}"
+        )
 
 
 def _described(facts: VideoFacts) -> str:
