@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -72,14 +73,19 @@ def _dataset_section(report: Mapping[str, Any], films: Sequence[MeasuredFilm], o
         "“Actor” is what the film or its reference shows of the model, “frame” the whole picture. Flicker is "
         f"{'the actor' if has_masks else 'the frame'}'s."
     )
-    svg = write_figure(out / f"{dataset}_frames", frames_chart(films))
+    svg = write_figure(out / _stem(dataset, "frames"), frames_chart(films))
     figures: list[tuple[str, str | bytes]] = [("Each frame of each film, over time.", svg)]
     for film in films:
         picture = png(film.worst.picture)
-        write_bytes(out / f"{dataset}_{film.pair.film.approach}_worst.png", picture)
+        write_bytes(out / f"{_stem(dataset, film.pair.film.approach, 'worst')}.png", picture)
         caption = f"{film.pair.film.approach}: its worst frame, {film.worst.number}, by SSIM ({film.worst.ssim:.3f})"
         figures.append((f"{caption}{'; in orange the outline of the actor' if has_masks else ''}.", picture))
     return Section(dataset, text, _wide(rows), figures)
+
+
+def _stem(*names: str) -> str:
+    """Name a file after a scene and an approach, whatever letters they have."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", "_".join(names))
 
 
 def _wide(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
