@@ -66,7 +66,7 @@ HOMES = {
     "pyrender": ("recon/",),
     "cv2": ("recon/",),
     "numba": ("recon/",),
-    "imageio_ffmpeg": ("recon/render/video.py", "app/ffmpeg.py"),
+    "imageio_ffmpeg": ("recon/render/video.py", "recon/validation/films/vmaf.py", "app/ffmpeg.py"),
 }
 PURE = {"numpy", "scipy", "app"}
 PURE_EXCEPTIONS = {

@@ -23,6 +23,7 @@ from app.intake.stimuli import MANIFEST, read_manifest
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".webm", ".mov", ".avi")
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
+MASK = ".mask"  # ends the name of the video of a model's silhouette
 QUALITY = ".quality.json"
 
 Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
@@ -30,12 +31,13 @@ Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
 
 @dataclass(frozen=True)
 class SourceVideo:
-    """A video in the folder that is imported, and its master if there is one."""
+    """A video in the folder that is imported, with its master and its mask if there are some."""
 
     dataset: str
     condition: str
     path: Path
     master: Path | None = None
+    mask: Path | None = None
 
     @property
     def name(self) -> str:
@@ -48,8 +50,8 @@ def import_stimuli(folder: Path, out: Path, *, practice: str | None = None, prog
     Parameters
     ----------
     folder : holds a folder per dataset with a video per condition, named by the condition; beside them `conditions.csv`
-        (condition, <factor>, …) where conditions have factors. `NAME.master.mp4` beside `NAME.mp4` is its master. With
-        a stimulus set's manifest, the folder is copied with all that the manifest says
+        (condition, <factor>, …) where conditions have factors. `NAME.master.mp4` beside `NAME.mp4` is its master,
+        `NAME.mask.mp4` its mask. With a stimulus set's manifest, the folder is copied with all that the manifest says
     out : the stimulus set's folder, missing or empty
     practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
     progress : called after each video
@@ -93,7 +95,7 @@ def _copy_set(folder: Path, out: Path, practice: str | None, progress: Progress)
         )
     made = read_manifest(folder)
     stimuli = (*made.stimuli, *made.practice)
-    listed = {(folder / file).resolve() for s in stimuli for file in (s.video, s.master) if file is not None}
+    listed = {(folder / file).resolve() for s in stimuli for file in (s.video, s.master, s.mask) if file}
     if added := [path for path in _videos(folder) if path.resolve() not in listed]:
         raise StimuliError(
             f"{added[0]}: the folder's {MANIFEST} does not name it; put it into DATASET/CONDITION.mp4 of a folder of "
@@ -119,18 +121,28 @@ def _find(folder: Path) -> tuple[list[SourceVideo], list[str]]:
         kinds = ", ".join(VIDEO_SUFFIXES)
         raise StimuliError(f"{folder}: holds no video; expected a folder for each dataset with CONDITION.mp4 ({kinds})")
     by_stem = _by_stem(paths)
-    films = {stem: path for stem, path in by_stem.items() if not stem.name.endswith(MASTER)}
-    masters = {
-        stem.with_name(stem.name.removesuffix(MASTER)): path for stem, path in by_stem.items() if stem not in films
-    }
+    masters, masks = (_beside(by_stem, ending) for ending in (MASTER, MASK))
+    films = {stem: path for stem, path in by_stem.items() if not stem.name.endswith((MASTER, MASK))}
     if lone := [master for film, master in masters.items() if film not in films]:
         stem = lone[0].stem.removesuffix(MASTER)
         raise StimuliError(
             f"{lone[0]}: is the master of a film {stem}{lone[0].suffix} that is not there; put the film beside it, or "
             f"rename it to {stem}{lone[0].suffix} to show it itself"
         )
-    videos = [SourceVideo(path.parent.name, path.stem, path, masters.get(stem)) for stem, path in films.items()]
+    videos = [
+        SourceVideo(path.parent.name, path.stem, path, masters.get(stem), masks.get(stem))
+        for stem, path in films.items()
+    ]
     return videos, _unknown(folder, paths)
+
+
+def _beside(by_stem: Mapping[Path, Path], ending: str) -> dict[Path, Path]:
+    """Return the videos whose stem has an ending, by the stem of the film that they belong to."""
+    return {
+        stem.with_name(stem.name.removesuffix(ending)): path
+        for stem, path in by_stem.items()
+        if stem.name.endswith(ending)
+    }
 
 
 def _by_stem(paths: Sequence[Path]) -> dict[Path, Path]:
@@ -205,12 +217,14 @@ def _copy(videos: Sequence[SourceVideo], out: Path, levels: Levels, progress: Pr
 
 
 def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, Any]:
-    """Copy a video and its master; return its entry in the manifest."""
+    """Copy a video, its master and its mask; return its entry in the manifest."""
     facts = decode(video.path)
-    if video.master is not None and (master := decode(video.master)) != facts:
-        raise StimuliError(f"{video.master}: is {master}, its film {video.path.name} is {facts}; expected the same")
+    for other in filter(None, (video.master, video.mask)):
+        if (other_facts := decode(other)) != facts:
+            raise StimuliError(f"{other}: is {other_facts}, its film {video.path.name} is {facts}; expected the same")
     (out / video.dataset).mkdir(exist_ok=True)
-    sources = {"video": video.path} | ({} if video.master is None else {"master": video.master})
+    candidates = {"video": video.path, "master": video.master, "mask": video.mask}
+    sources = {key: path for key, path in candidates.items() if path is not None}
     files = {key: f"{video.dataset}/{path.stem}{path.suffix.lower()}" for key, path in sources.items()}
     for key, path in sources.items():
         shutil.copyfile(path, out / files[key])

@@ -76,7 +76,7 @@ class _Source:
 
 
 def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_progress) -> NewSet:
-    """Copy the videos, masters and camera paths of several stimulus sets into one, after checking all of them.
+    """Copy the videos, masters, masks and camera paths of several stimulus sets into one, after checking all of them.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class _Copies:
 
     def entry(self, source: _Source, stimulus: Stimulus, entry: Mapping[str, Any]) -> dict[str, Any]:
         """Plan the copies of a stimulus's files, and return its entry in the new manifest."""
-        files = {"video": stimulus.video, "master": stimulus.master}
+        files = {"video": stimulus.video, "master": stimulus.master, "mask": stimulus.mask}
         places = {key: self._place(source.folder, file) for key, file in files.items() if file is not None}
         return {**entry, **places}
 

@@ -34,6 +34,7 @@ class Stimulus(BaseModel):
     levels: dict[str, str] = {}
     video: Name
     master: Name | None = None
+    mask: Name | None = None
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     width: Annotated[int, Field(ge=2, le=16384)]
     height: Annotated[int, Field(ge=2, le=16384)]
@@ -240,7 +241,7 @@ def _shape(stimulus: Stimulus) -> str:
 
 
 def _check_files(folder: Path, stimulus: Stimulus) -> None:
-    for file in filter(None, (stimulus.video, stimulus.master)):
+    for file in filter(None, (stimulus.video, stimulus.master, stimulus.mask)):
         path = folder / file
         if not path.resolve().is_relative_to(folder.resolve()):
             raise StimuliError(f"{path}: {stimulus.name} lies outside the stimulus set's folder")

@@ -61,7 +61,7 @@ class DepthMaps:
             raise CaptureError(f"depth: scale_mm is {self.scale_mm!r}, expected the length of the value 1 in mm")
         if self.kind not in DEPTH_KINDS:
             raise CaptureError(f"depth: kind is {self.kind!r}, expected one of {', '.join(DEPTH_KINDS)}")
-        if self.size is not None and (len(self.size) != 2 or min(self.size) < 1):
+        if self.size is not None and min(self.size) < 1:
             raise CaptureError(f"depth: size is {list(self.size)}, expected [width, height] in pixels")
 
 

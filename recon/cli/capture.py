@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import parse_bounds, parse_pairs, parse_position, parse_size
+from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size
 
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
@@ -67,6 +67,24 @@ def capture_synth(
     print_result(
         result, f"Recorded {capture.n_frames} frames by {len(capture.sensors)} sensors: {out}", as_json=as_json
     )
+
+
+@app.command("truth")
+def capture_truth(
+    capture: Annotated[Path, typer.Argument(help="Folder of a synthetic capture.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of models to make; must be empty or absent.")],
+    frames: Annotated[
+        str | None, typer.Option(help="A:B for the frames A to B-1, as the runs have them; default: all.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Lay out the true meshes as the approach `truth`, which `render` films like any other."""
+    from recon.capture.format import read_capture
+    from recon.studio.truth import TRUTH, write_truth_models
+
+    written = write_truth_models(read_capture(capture), out, parse_frames(frames))
+    result = {"models": str(out), "approach": TRUTH, "frames": written}
+    print_result(result, f"Wrote {len(written)} frames of the approach {TRUTH}: {out}", as_json=as_json)
 
 
 @app.command("import")

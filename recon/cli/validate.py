@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import parse_frames, parse_names, parse_position
+from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position
 
 EVERY_DATASET = "all"
 SHOWN_OF_CLOUDS = ("d1_psnr_db", "d2_psnr_db", "chamfer", "f_score", "y_psnr_db", "pointssim_colour")
@@ -28,7 +28,7 @@ UnitOption = Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or 
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Measure reconstructions: known objects, true meshes, clouds, sensors against each other, held-out views.",
+    help="Measure reconstructions: known objects, true meshes, clouds, sensors against each other, views, films.",
 )
 
 
@@ -296,6 +296,31 @@ def validate_cloud(
     print_result({"report": str(page), **comparison.report}, _cloud_sentences(comparison.report, page), as_json=as_json)
 
 
+@app.command("films")
+def validate_films(
+    stimulus_set: Annotated[Path, typer.Argument(metavar="SET", help="Folder of the stimulus set, or its manifest.")],
+    reference: Annotated[
+        str, typer.Option(help="Condition that every other film of its scene is compared with, such as truth.")
+    ],
+    out: ReportOption,
+    masters: Annotated[
+        bool, typer.Option("--masters", help="Measure the near-lossless masters, not the videos participants see.")
+    ] = False,
+    every: Annotated[int, typer.Option(min=1, help="Measure each such frame only, from the first on.")] = 1,
+    workers: WorkersOption = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF and flicker."""
+    from recon.validation.films.evaluation import FilmSettings, measure_films
+    from recon.validation.films.report import write_films_report
+
+    progress = ProgressLine()
+    report, films = measure_films(stimulus_set, FilmSettings(reference, masters, every, workers), progress)
+    progress.close()
+    page = write_films_report(report, films, out)
+    print_result({"report": str(page), **report}, _film_sentences(report, page), as_json=as_json)
+
+
 def parse_thresholds(text: str) -> tuple[float, ...]:
     """Read the thresholds of "FROM:TO", in steps of 2.5 mm, or of "FROM:TO:STEP"."""
     try:
@@ -371,6 +396,15 @@ def _view_sentences(report: dict[str, Any], page: Path) -> str:
         if row["agree"] is not None
     ]
     return "\n".join([*lines, f"Report: {page}"])
+
+
+def _film_sentences(report: dict[str, Any], page: Path) -> str:
+    lines: dict[str, list[str]] = {}
+    for row in report["films"]:
+        value = "infinite" if row["mean"] is None else f"{row['mean']:.4g}"
+        lines.setdefault(f"{row['dataset']}/{row['approach']}", []).append(f"{row['measure']} {value}")
+    remarks = [f"remark: {remark}" for remark in report["remarks"]]
+    return "\n".join([*(f"{film}: {', '.join(values)}" for film, values in lines.items()), *remarks, f"Report: {page}"])
 
 
 def _cuboid_sentences(report: dict[str, Any], page: Path) -> str:

@@ -14,7 +14,7 @@ NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
 LONGEST_NAME = 100
 FORMATS = ", ".join(READERS)
-RESERVED = (".master", ".quality")  # endings of files that stand beside a video
+RESERVED = (".mask", ".master", ".quality")  # endings of files that stand beside a video
 
 
 def check_safe_name(name: str) -> str:

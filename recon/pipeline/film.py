@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import chain
@@ -17,11 +17,11 @@ from recon.pipeline.manifest import Stimulus
 from recon.pipeline.sources import ModelSequence, Setting
 from recon.pipeline.stages import camera_key
 from recon.render.checked import holds_checked_frames, write_checked_video
-from recon.render.frames import describe_renderer, render_frames
+from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
 from recon.render.quality import VideoCheck
 from recon.render.scene import scene_around
-from recon.render.video import VideoError, join_videos, probe_video
+from recon.render.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
@@ -152,11 +152,12 @@ class Film:
         return self.setting.cameras(self.options.path, self.options.n_frames, self.options.size)
 
     def names(self, part: range | None = None) -> list[str]:
-        """Name video, quality and master in the stimulus set, or those of a part that is not yet joined."""
+        """Name video, quality, mask and master in the stimulus set, or those of a part that is not yet joined."""
         stem = f"{self.dataset}/{self.sequence.approach}"
         if part is not None:
             stem = f"{PARTS}/{stem}/{part.start:04d}"
-        return [f"{stem}.mp4", f"{stem}.quality.json", *([f"{stem}.master.mp4"] if self.options.master else [])]
+        masters = [f"{stem}.master.mp4"] if self.options.master else []
+        return [f"{stem}.mp4", f"{stem}.quality.json", f"{stem}.mask.mp4", *masters]
 
     def key(self) -> dict[str, Any]:
         """Describe what the video is made from."""
@@ -214,12 +215,16 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
         scene = scene_around(film.bounds, cameras, film.options.background)
         shown = film.shown
         models = (film.sequence.read(shown[frame]) for frame in part)
-        frames = render_frames(
+        frames = render_masked_frames(
             models, cameras[part.start : part.stop], scene, renderer=film.options.renderer, threads=threads
         )
-        master = paths[2] if film.options.master else None
-        _, check = write_checked_video(paths[0], frames, size=film.options.size, fps=film.options.fps, master=master)
+        size, fps = film.options.size, film.options.fps
+        master = paths[3] if film.options.master else None
+        masks: list[NDArray[np.uint8]] = []  # 50 frames of full HD take 13 MB
+        pictures = _setting_masks_aside(frames, masks)
+        _, check = write_checked_video(paths[0], pictures, size=size, fps=fps, master=master)
         write_json(paths[1], asdict(check))
+        write_video(paths[2], map(partial(_mask_picture, size), masks), size=size, fps=fps, encoding=SILHOUETTE)
 
     Artefacts(out).make_together(film.names(part), {**film.key(), "part": [part.start, part.stop]}, write)
     return len(part)
@@ -230,7 +235,7 @@ def make_film(film: Film, out: Path) -> Stimulus:
     artefacts = Artefacts(out)
     artefacts.make_together(film.names(), film.key(), partial(_join_parts, film, artefacts))
     artefacts.remove(name for part in film.parts for name in film.names(part))
-    video, quality, *master = film.names()
+    video, quality, mask, *master = film.names()
     facts = probe_video(artefacts.path(video))
     return Stimulus(
         dataset=film.dataset,
@@ -247,13 +252,15 @@ def make_film(film: Film, out: Path) -> Stimulus:
         model_frames=film.n_models,
         loop=film.loop,
         quality=read_json(artefacts.path(quality)),
+        mask=mask,
     )
 
 
 def _join_parts(film: Film, artefacts: Artefacts, paths: list[Path]) -> None:
     names = [film.names(part) for part in film.parts]
-    for number in range(0, len(paths), 2):  # the video and its master, not the quality between them
-        join_videos(paths[number], [artefacts.path(part[number]) for part in names])
+    for number, path in enumerate(paths):
+        if path.suffix == ".mp4":
+            join_videos(path, [artefacts.path(part[number]) for part in names])
     checks = [read_json(artefacts.path(part[1])) for part in names]
     check = VideoCheck(
         *(tuple(chain.from_iterable(part[name] for part in checks)) for name in ("psnr_db", "ssim", "crc32"))
@@ -272,3 +279,19 @@ def _quality(check: VideoCheck) -> dict[str, Any]:
         "ssim_y_mean": round(fmean(check.ssim), 5),
         "faults": list(check.faults),
     }
+
+
+def _setting_masks_aside(
+    frames: Iterable[tuple[NDArray[np.uint8], NDArray[np.bool_]]], masks: list[NDArray[np.uint8]]
+) -> Iterator[NDArray[np.uint8]]:
+    """Pass the pictures on, and collect their masks, eight pixels a byte."""
+    for picture, mask in frames:
+        masks.append(np.packbits(mask))
+        yield picture
+
+
+def _mask_picture(size: tuple[int, int], packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Draw a mask white on black."""
+    width, height = size
+    grey = 255 * np.unpackbits(packed, count=height * width).reshape(height, width, 1)
+    return np.repeat(grey, 3, axis=2)

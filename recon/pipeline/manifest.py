@@ -26,6 +26,7 @@ class Stimulus:
     width, height, fps, n_frames, codec, renderer : of the video
     model_frames, loop : how many models it shows, and how they fill its length
     quality : how near the encoded frames are to the rendered ones
+    mask : path from the manifest of a video of the model's silhouette, white on black
     """
 
     dataset: str
@@ -42,6 +43,7 @@ class Stimulus:
     model_frames: int
     loop: str
     quality: dict[str, Any]
+    mask: str | None = None
 
 
 def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
@@ -84,6 +85,30 @@ def render_frames(
     return draw(_shots(meshes, cameras, scene, threads))
 
 
+def render_masked_frames(
+    meshes: Iterable[Model] | Callable[[int], Model],
+    cameras: Sequence[Camera],
+    scene: Scene,
+    *,
+    renderer: str = "auto",
+    threads: int = 1,
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
+    """Draw as `render_frames` does, and mark where the model is.
+
+    Parameters
+    ----------
+    meshes, cameras, scene, renderer, threads : as for `render_frames`
+
+    Yields
+    ------
+    uint8 (H, W, 3), sRGB, and bool (H, W): the pixels that the model changed; its shadow is part of the scene
+    """
+    draw = RENDERERS[choose_renderer(renderer)]
+    empty: deque[NDArray[np.uint8]] = deque()
+    for picture in draw(_remembered(_shots(meshes, cameras, scene, threads), empty)):
+        yield picture, (picture != empty.popleft()).any(axis=2)
+
+
 def choose_renderer(wanted: str = "auto") -> str:
     """Choose the renderer on this machine for "auto": pyrender where OpenGL has a GPU, else the software renderer.
 
@@ -108,6 +133,13 @@ def choose_renderer(wanted: str = "auto") -> str:
 def describe_renderer(name: str) -> str:
     """Name a renderer with the platform and driver that it draws on, for a manifest."""
     return f"pyrender ({', '.join(working_platform())})" if name == "pyrender" else name
+
+
+def _remembered(shots: Iterable[Shot], empty: deque[NDArray[np.uint8]]) -> Iterator[Shot]:
+    """Copy the picture without the model of each shot before a renderer draws over it."""
+    for shot in shots:
+        empty.append(shot.picture.copy())
+        yield shot
 
 
 def _shots(

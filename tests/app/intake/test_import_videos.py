@@ -61,8 +61,9 @@ def test_a_condition_may_have_no_level_of_a_factor(videos: Path, tmp_path: Path)
     assert made.notes == ("no level of codec: high; compared with all others, and left out where factors are compared",)
 
 
-def test_a_film_keeps_its_master_its_quality_and_its_camera_path(videos: Path, tmp_path: Path) -> None:
-    shutil.copy(videos / "street" / "low.mp4", videos / "street" / "low.master.mp4")
+def test_a_film_keeps_its_master_its_mask_its_quality_and_its_camera_path(videos: Path, tmp_path: Path) -> None:
+    for ending in ("master", "mask"):
+        shutil.copy(videos / "street" / "low.mp4", videos / "street" / f"low.{ending}.mp4")
     (videos / "street" / "low.quality.json").write_text('{"psnr_y_mean_db": 50.5}', encoding="utf-8")
     (videos / "street" / "thumbs.db").write_text("what is this", encoding="utf-8")
     (videos / "paths").mkdir()
@@ -73,6 +74,7 @@ def test_a_film_keeps_its_master_its_quality_and_its_camera_path(videos: Path, t
     manifest = json.loads((tmp_path / "set" / "manifest.json").read_text(encoding="utf-8"))
     (low,) = (entry for entry in manifest["stimuli"] if (entry["dataset"], entry["approach"]) == ("street", "low"))
     assert (low["master"], low["quality"]) == ("street/low.master.mp4", {"psnr_y_mean_db": 50.5})
+    assert low["mask"] == "street/low.mask.mp4"
     path = manifest["provenance"]["paths"]["street"]
     assert file_digest(tmp_path / "set" / path["file"]) == path["sha256"]
     assert made.notes == (
@@ -86,8 +88,9 @@ def test_a_rendered_folder_keeps_all_that_its_manifest_says(tmp_path: Path) -> N
     tiny_stimuli.write_set(folder, ("ball",), ("id_fa", "pm_fb"))
     entries = [tiny_stimuli.stimulus(folder, "ball", name) for name in ("id_fa", "pm_fb")]
     for entry in entries:
-        entry["master"] = entry["video"].replace(".mp4", ".master.mp4")
-        shutil.copy(folder / entry["video"], folder / entry["master"])
+        for key in ("master", "mask"):
+            entry[key] = entry["video"].replace(".mp4", f".{key}.mp4")
+            shutil.copy(folder / entry["video"], folder / entry[key])
     tiny_stimuli.write_manifest(folder, entries, provenance={"runs": [{"dataset": "ball"}]})
     made = import_stimuli(folder, tmp_path / "set")
     assert made.notes[0].endswith("is a stimulus set: its factors, masters, camera paths and provenance are kept")

@@ -87,7 +87,7 @@ def test_a_name_may_be_of_any_letters(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", ".a", "a/b", "..", "a\\b", "a\nb", " a", "a ", "a:b", "x" * 101, "a.quality", "all"]
+    "name", ["", ".a", "a/b", "..", "a\\b", "a\nb", " a", "a ", "a:b", "x" * 101, "a.quality", "a.mask", "all"]
 )
 def test_a_name_that_files_cannot_have_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=r"is no name for files|choose another name"):

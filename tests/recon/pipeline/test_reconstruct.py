@@ -27,7 +27,7 @@ from recon.pipeline.sources import run_source
 from recon.pipeline.stages import ReconstructOptions
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
-from recon.render.video import probe_video
+from recon.render.video import probe_video, read_luma
 from recon.storage.artefacts import file_digest
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
@@ -192,6 +192,10 @@ def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(run: Path, tm
         assert (facts.width, facts.height, facts.n_frames, facts.fps) == (96, 64, 10, 25.0)
         assert entry["sha256"] == file_digest(tmp_path / "set" / entry["video"])
         assert probe_video(tmp_path / "set" / entry["master"]).n_frames == 10
+        assert probe_video(tmp_path / "set" / entry["mask"]).n_frames == 10
+        mask = next(read_luma(tmp_path / "set" / entry["mask"]))
+        assert set(np.unique(mask)) == {16, 235}
+        assert 0.02 < (mask == 235).mean() < 0.6
         assert entry["model_frames"] == 2
 
 

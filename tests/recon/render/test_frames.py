@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh
 from recon.render import offscreen
-from recon.render.backdrop import floor_shade
+from recon.render.backdrop import backdrop, floor_shade
 from recon.render.camera_path import camera_path
-from recon.render.frames import RENDERERS, choose_renderer, describe_renderer, render_frames, software_frames
+from recon.render.frames import (
+    RENDERERS,
+    choose_renderer,
+    describe_renderer,
+    render_frames,
+    render_masked_frames,
+    software_frames,
+)
 from recon.render.light import lit, lit_mesh
 from recon.render.offscreen import NoRendererError, working_platform
 from recon.render.scene import BACKGROUNDS, Scene, Shot, floor_grid, floor_reach, scene_around
@@ -83,6 +90,26 @@ def test_a_fully_ambient_render_returns_the_captured_colours(renderer: str, colo
     shown = picture(uniform(ball(), colour), "plain", renderer)
     assert np.abs(shown[64, 96].astype(int) - colour).max() <= 2
     assert shown[0, 0].tolist() == [128, 128, 128]
+
+
+@pytest.mark.slow
+def test_a_mask_marks_the_pixels_that_show_the_model(renderer: str) -> None:
+    path = cameras(3)
+    scene = scene_around(BOUNDS, path, "plain")
+    shown = list(render_masked_frames([uniform(ball(), (200, 120, 60))] * 3, path, scene, renderer=renderer))
+    for drawn, mask in shown:
+        assert (mask == (drawn != 128).any(axis=2)).all(), "the plain background is grey throughout"
+        assert 0.05 < mask.mean() < 0.9
+
+
+@pytest.mark.slow
+def test_a_shadow_is_not_in_the_mask() -> None:
+    path = cameras(1)
+    scene = scene_around(BOUNDS, path, "studio")
+    ((drawn, mask),) = render_masked_frames([ball()], path, scene, renderer="software")
+    unshaded = backdrop(scene, path[0], np.zeros((2, 2), np.float32))
+    shadow = (unshaded.astype(int) - drawn).min(axis=2) > 20
+    assert (shadow & ~mask).sum() > 50
 
 
 @pytest.mark.slow

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.matches import epipolar_errors, match_pictures
-from recon.capture.format import Capture, read_capture, read_frame, read_held_out, read_plates
+from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_held_out, read_plates
 from recon.geometry.mesh import read_mesh
 from recon.rig import Camera, Sensor, look_at
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.studio.rasterise import see
-from recon.studio.truth import MESH, read_depth
+from recon.studio.truth import MESH, read_depth, write_truth_models
+from tests.command_line import Command
 
 N_RAYS = 60
 
@@ -186,3 +187,29 @@ def test_matches_fit_the_calibration_only_with_its_distortion(bent: Capture) -> 
     assert report.rows is not None
     assert report.rows.vertical_error_px is not None
     assert report.rows.vertical_error_px < 0.25
+
+
+def test_the_true_meshes_become_the_models_of_an_approach(quiet: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "models"
+    assert write_truth_models(quiet, out) == [0, 1]
+    scene = read_json(out / "scene.json")
+    assert (scene["dataset"], scene["fps"], scene["units"], scene["up"]) == ("ball", quiet.fps, "mm", "y")
+    assert (out / scene["path"]["sensors_of"]).resolve() == quiet.folder.resolve()
+    for frame in range(2):
+        written = out / "truth" / f"{frame:04d}.ply"
+        assert written.read_bytes() == (quiet.folder / MESH.format(frame=frame)).read_bytes()
+
+
+def test_the_frames_of_the_truth_can_be_chosen(quiet: Capture, tmp_path: Path, command: Command) -> None:
+    told = command("capture", "truth", quiet.folder, "-o", tmp_path / "models", "--frames", "1:")
+    assert told.code == 0, told.err
+    assert [path.name for path in (tmp_path / "models/truth").iterdir()] == ["0001.ply"]
+    told = command("capture", "truth", quiet.folder, "-o", tmp_path / "none", "--frames", "2:5")
+    assert told.code == 1
+    assert "has frames 0 to 1, none of them in 2:5" in told.err
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_capture_without_a_truth_is_named(quiet: Capture, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"0000.ply: there is no such mesh; only synthetic captures"):
+        write_truth_models(replace(quiet, folder=tmp_path), tmp_path / "models")

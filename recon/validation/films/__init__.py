@@ -1,0 +1,1 @@
+"""Films of reconstructions against the reference's film on the same path."""

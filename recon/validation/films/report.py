@@ -1,0 +1,133 @@
+"""The report of a stimulus set's films against the reference's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.validation.films.film import ACTOR, MeasuredFilm
+from recon.validation.films.tables import measured_values
+from recon.validation.page import (
+    PALETTE,
+    Section,
+    write_bytes,
+    write_figure,
+    write_measures,
+    write_page,
+    write_report_json,
+    write_table,
+)
+from recon.validation.pictures import png
+
+TITLES = {
+    "psnr_y": "PSNR-Y, dB",
+    "ssim": "SSIM",
+    "ms_ssim": "MS-SSIM",
+    "vmaf": "VMAF",
+    "flicker": "flicker, grey levels",
+}
+WIDTH_PX, HEIGHT_PX = 560, 90
+
+
+def write_films_report(report: Mapping[str, Any], films: Sequence[MeasuredFilm], out: Path) -> Path:
+    """Write report.json, tables, figures and report.html; returns the HTML's path.
+
+    Parameters
+    ----------
+    report, films : as from `measure_films`
+    out : folder
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    write_report_json(out, report)
+    write_table(out / "films.csv", report["films"])
+    write_measures(out, measured_values(films))
+    datasets = list(dict.fromkeys(film.pair.film.dataset for film in films))
+    sections = [
+        Section("Films", _films_text(report)),
+        *(_dataset_section(report, [f for f in films if f.pair.film.dataset == name], out) for name in datasets),
+    ]
+    return write_page(out / "report.html", f"Films against {report['settings']['reference']}", sections)
+
+
+def _films_text(report: Mapping[str, Any]) -> str:
+    settings = report["settings"]
+    step = "every frame" if settings["every"] == 1 else f"every {settings['every']}th frame"
+    texts = [
+        f"Each film is compared with that of {settings['reference']} on the same path, {step} of the "
+        f"{settings['measured']}, in luma. Means over the frames; measures.csv holds the harmonic means, the "
+        f"percentile beyond which the worst {settings['worst_percent']} % of the frames lie, and every frame.",
+        *(f"{remark[0].upper()}{remark[1:]}." for remark in report["remarks"]),
+    ]
+    return " ".join(texts)
+
+
+def _dataset_section(report: Mapping[str, Any], films: Sequence[MeasuredFilm], out: Path) -> Section:
+    dataset = films[0].pair.film.dataset
+    rows = [row for row in report["films"] if row["dataset"] == dataset]
+    has_masks = films[0].pair.has_masks
+    text = (
+        "“Actor” is what the film or its reference shows of the model, “frame” the whole picture. Flicker is "
+        f"{'the actor' if has_masks else 'the frame'}'s."
+    )
+    svg = write_figure(out / _stem(dataset, "frames"), frames_chart(films))
+    figures: list[tuple[str, str | bytes]] = [("Each frame of each film, over time.", svg)]
+    for film in films:
+        picture = png(film.worst.picture)
+        write_bytes(out / f"{_stem(dataset, film.pair.film.approach, 'worst')}.png", picture)
+        caption = f"{film.pair.film.approach}: its worst frame, {film.worst.number}, by SSIM ({film.worst.ssim:.3f})"
+        figures.append((f"{caption}{'; in orange the outline of the actor' if has_masks else ''}.", picture))
+    return Section(dataset, text, _wide(rows), figures)
+
+
+def _stem(*names: str) -> str:
+    """Name a file after a scene and an approach, whatever letters they have."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", "_".join(names))
+
+
+def _wide(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Lay out means, a row for each approach and region."""
+    table: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in rows:
+        region = "actor" if row["region"] == "actor" else "frame"
+        name = row["measure"].removesuffix(ACTOR)
+        cells = table.setdefault((row["approach"], region), {"approach": row["approach"], "region": region})
+        cells[TITLES[name]] = "∞" if row["mean"] is None else row["mean"]
+    columns = [title for title in TITLES.values() if any(title in cells for cells in table.values())]
+    return [
+        {"approach": cells["approach"], "region": cells["region"]} | {title: cells.get(title) for title in columns}
+        for cells in table.values()
+    ]
+
+
+def frames_chart(films: Sequence[MeasuredFilm]) -> Any:
+    """Draw each measure over time, a line for each approach; of the actor where there are masks."""
+    import altair as alt
+
+    shown = [_shown(films[0], name) for name in TITLES]
+    approaches = [film.pair.film.approach for film in films]
+    colour = alt.Color("approach:N", title=None, sort=approaches, scale=alt.Scale(range=list(PALETTE)))
+    dash = alt.StrokeDash("approach:N", legend=None, sort=approaches)
+    charts = []
+    for measure in filter(None, shown):
+        name = measure.removesuffix(ACTOR)
+        title = TITLES[name] + (", actor" if films[0].is_of_actor(measure) else "")
+        values = [
+            {"s": frame / film.pair.facts.fps, "value": value, "approach": film.pair.film.approach}
+            for film in films
+            for frame, value in zip(film.frames, film.values[measure], strict=True)
+            if np.isfinite(value)
+        ]
+        y = alt.Y("value:Q", title=None, scale=alt.Scale(zero=False), axis=alt.Axis(tickCount=4))
+        line = alt.Chart(alt.Data(values=values)).mark_line(strokeWidth=1.5)
+        line = line.encode(x=alt.X("s:Q", title="time, s"), y=y, color=colour, strokeDash=dash)
+        charts.append(line.properties(width=WIDTH_PX, height=HEIGHT_PX, title=alt.Title(title, anchor="start")))
+    return alt.vconcat(*charts, spacing=8)
+
+
+def _shown(film: MeasuredFilm, name: str) -> str | None:
+    """Choose the actor's measure where there is one, else the whole frame's."""
+    return next((measure for measure in (name + ACTOR, name) if measure in film.values), None)

@@ -1,0 +1,68 @@
+"""VMAF of a film, by the filter libvmaf of ffmpeg with the model that is built into it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import imageio_ffmpeg
+
+from recon.render.video import VideoError
+from recon.storage.files import read_json
+
+MODEL = "vmaf_v0.6.1"  # Netflix's default: a screen of full HD at three times its height
+
+
+@cache
+def has_vmaf() -> bool:
+    """Return whether the ffmpeg that is used has the filter libvmaf."""
+    done = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-filters"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    return re.search(r"^\s*\S+\s+libvmaf\s", done.stdout, re.MULTILINE) is not None
+
+
+def vmaf_scores(film: Path, reference: Path, *, every: int = 1, threads: int = 1) -> list[float]:
+    """Compute VMAF of every `every`-th frame, from the first on, 0 to 100.
+
+    Parameters
+    ----------
+    film, reference : videos of the same size and number of frames
+    every : measure only each such frame; the change between frames is still taken from its neighbours
+    threads : of libvmaf; the scores do not depend on it
+
+    Raises
+    ------
+    VideoError
+        If ffmpeg cannot read a film, or has no libvmaf.
+
+    Source
+    ------
+    Li, Aaron, Katsavounidis, Moorthy, Manohara, "Toward a practical perceptual video quality metric" (2016); libvmaf,
+    model vmaf_v0.6.1.
+    """
+    in_step = "settb=1/1000,setpts=N,format=yuv420p"  # frame by frame, whatever the containers say of their times
+    options = f"model=version={MODEL}:n_threads={threads}:n_subsample={every}:log_fmt=json:log_path=vmaf.json"
+    graph = f"[0:v:0]{in_step}[film];[1:v:0]{in_step}[reference];[film][reference]libvmaf={options}"
+    inputs = [part for video in (film, reference) for part in ("-i", str(video.resolve()))]
+    exact = ("-xerror", "-err_detect", "explode")
+    with tempfile.TemporaryDirectory() as folder:  # the log's name is relative: a filter's options take no ":" or "\\"
+        done = subprocess.run(
+            [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *exact, *inputs, "-lavfi", graph, "-f", "null", "-"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            cwd=folder,
+        )
+        if done.returncode != 0:
+            words = done.stderr.strip().splitlines()
+            raise VideoError(f"{film}: VMAF failed: {words[-1] if words else 'ffmpeg gave no reason'}")
+        log = read_json(Path(folder) / "vmaf.json")
+    return [float(frame["metrics"]["vmaf"]) for frame in log["frames"] if frame["frameNum"] % every == 0]
