@@ -14,7 +14,7 @@ from recon.cloud import merge_clouds
 from recon.fusion.backend import open3d
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh
-from recon.geometry.normals import mesh_normals
+from recon.geometry.normals import surface_normals
 from recon.surface import MIN_POINTS, NoSurfaceError, default_voxel
 from recon.surface.components import drop_small_components
 
@@ -81,7 +81,7 @@ def fuse_poisson(clouds: Sequence[Cloud], parameters: PoissonParameters = Poisso
     if not len(faces):
         raise NoSurfaceError(f"nothing is left of the surface of {len(cloud)} points after trimming {parameters.trim}")
     colours = np.rint(np.clip(np.asarray(solved.vertex_colors), 0, 1) * 255).astype(np.uint8)
-    mesh = Mesh(vertices.astype(np.float32), faces, mesh_normals(vertices, faces), colours)
+    mesh = Mesh(vertices.astype(np.float32), faces, surface_normals(vertices, faces), colours)
     return drop_small_components(mesh, parameters.min_component)
 
 

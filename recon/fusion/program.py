@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from recon.cloud import merge_clouds
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, read_surface, write_cloud
-from recon.geometry.normals import mesh_normals
+from recon.geometry.normals import surface_normals
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
 from recon.programs import Program, ProgramError, Value, check_written, workplace
 
@@ -73,7 +73,7 @@ def _read_mesh(path: Path, cloud: Cloud) -> Mesh:
 
 def _normals(path: Path, ply: PlyData, vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float32]:
     if any(name not in ply["vertex"] for name in FLOAT_NORMAL):
-        return mesh_normals(vertices, faces)
+        return surface_normals(vertices, faces)
     return np.asarray(point_columns(path, ply, FLOAT_NORMAL), dtype=np.float32)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from recon.fusion.backend import open3d
 from recon.fusion.views import DepthView, check_clouds
 from recon.geometry.mesh import Cloud, Mesh
-from recon.geometry.normals import mesh_normals
+from recon.geometry.normals import surface_normals
 from recon.surface import NoSurfaceError, default_voxel
 from recon.surface.components import drop_small_components
 
@@ -81,7 +81,9 @@ def fuse_tsdf(
         surface.vertex.positions.numpy(), surface.vertex.colors.numpy(), surface.triangle.indices.numpy()
     )
     sRGB = np.rint(np.clip(colours, 0, 1) * 255).astype(np.uint8)
-    return drop_small_components(Mesh(vertices, faces, mesh_normals(vertices, faces), sRGB), parameters.min_component)
+    return drop_small_components(
+        Mesh(vertices, faces, surface_normals(vertices, faces), sRGB), parameters.min_component
+    )
 
 
 def _integrate(volume: Any, view: DepthView, truncation: float) -> None:

@@ -5,19 +5,44 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+UPWARDS = (0.0, 1.0, 0.0)  # where nothing tells a direction
 
-def mesh_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float32]:
-    """Compute area-weighted unit normals, float32 (N, 3), of vertices (N, 3) with triangles (M, 3).
 
-    Convention: triangles are counter-clockwise seen from outside. A vertex that no triangle with an area uses gets
-    (0, 0, 1).
+def surface_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Compute smooth normals: the mean of the faces around each place, weighted by their areas.
+
+    Vertices in the same place get the same normal, so that seams of a texture do not show in the light.
+
+    Parameters
+    ----------
+    vertices : floating (N, 3)
+    faces : integer (M, 3), counter-clockwise seen from outside
+
+    Returns
+    -------
+    float32 (N, 3), unit length; straight up where no face has an area
     """
+    place = _places(vertices)
     a, b, c = np.asarray(vertices, dtype=np.float64)[faces].transpose(1, 0, 2)
     areas = np.cross(b - a, c - a)  # (M, 3), twice the triangle's area long
-    corners = np.asarray(faces).ravel()
-    sums = [np.bincount(corners, np.repeat(areas[:, axis], 3), len(vertices)) for axis in range(3)]
-    normals = np.column_stack(sums)
-    lengths = np.linalg.norm(normals, axis=1)
-    normals[lengths == 0] = (0, 0, 1)
-    lengths[lengths == 0] = 1
-    return np.asarray(normals / lengths[:, None], dtype=np.float32)
+    at, n_places = place[faces].ravel(), int(place.max()) + 1
+    sums = np.empty((n_places, 3))
+    for axis in range(3):
+        sums[:, axis] = np.bincount(at, np.repeat(areas[:, axis], 3), n_places)
+    return unit_normals(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
+
+
+def unit_normals(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Scale vectors (N, 3) to unit length, float32 (N, 3); take `otherwise` (N, 3) where they have no direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(np.isfinite(length) & (length > 0), vectors / length, otherwise).astype(np.float32)
+
+
+def _places(vertices: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Number the different places of vertices (N, 3); returns each vertex's number (N,)."""
+    order = np.lexsort(vertices.T)
+    is_new = (np.diff(vertices[order], axis=0) != 0).any(axis=1)
+    place = np.empty(len(vertices), np.int64)
+    place[order] = np.concatenate([[0], np.cumsum(is_new)])
+    return place

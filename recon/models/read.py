@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Mesh, Model, Splats
+from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.models.atlas import one_texture
 from recon.models.gltf_model import read_gltf_model
 from recon.models.obj_model import read_obj_model
@@ -26,7 +27,6 @@ READERS: dict[str, Callable[[Path], Contents]] = {
 }
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 NEUTRAL = 170  # sRGB grey of a model without colours
-UPWARDS = (0.0, 1.0, 0.0)  # normal of a splat without one, so that all are lit alike
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -90,31 +90,6 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
     return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
 
 
-def surface_normals(vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float32]:
-    """Compute smooth normals: the mean of the faces around each place, weighted by their areas.
-
-    Vertices in the same place get the same normal, so that seams of a texture do not show in the light.
-
-    Parameters
-    ----------
-    vertices : float64 (N, 3)
-    faces : integer (M, 3)
-
-    Returns
-    -------
-    float32 (N, 3), unit length; straight up where no face has an area
-    """
-    place = _places(vertices)
-    corners = vertices[faces]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    at = place[faces]
-    sums = np.zeros((int(place.max()) + 1, 3))
-    for axis in range(3):
-        for corner in range(3):
-            sums[:, axis] += np.bincount(at[:, corner], areas[:, axis], len(sums))
-    return _unit(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
-
-
 def _mesh(parts: list[Part], contents: Contents) -> Mesh:
     if any(part.colours is None and part.picture is None for part in parts):
         contents.warn("has no colours and is shown in neutral grey")
@@ -126,7 +101,7 @@ def _mesh(parts: list[Part], contents: Contents) -> Mesh:
     texture = one_texture(parts)
     normals = surface_normals(vertices, faces)
     if all(part.normals is not None for part in parts):
-        normals = _unit(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
+        normals = unit_normals(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32), normals, colours, texture)
 
 
@@ -139,9 +114,9 @@ def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> S
         contents.warn("has no colours and is shown in neutral grey")
     parts = [_coloured(part) for part in parts]
     vertices = np.concatenate([part.vertices for part in parts])
-    normals = np.tile(np.array(UPWARDS, np.float32), (len(vertices), 1))
+    normals = np.tile(np.array(UPWARDS, np.float32), (len(vertices), 1))  # all are lit alike
     if all(part.normals is not None for part in parts):
-        normals = _unit(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
+        normals = unit_normals(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
     return Splats(Cloud(vertices.astype(np.float32), normals, np.concatenate([_shades(p) for p in parts])), radius_mm)
 
 
@@ -184,22 +159,6 @@ def _coloured(part: Part) -> Part:
 def _shades(part: Part) -> NDArray[np.uint8]:
     """Return the vertices' colours, uint8 (N, 3); grey under a texture, which is shown instead."""
     return np.full((len(part.vertices), 3), NEUTRAL, np.uint8) if part.colours is None else part.colours
-
-
-def _unit(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return vectors (N, 3) at unit length, and `otherwise` (N, 3) where they have no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(np.isfinite(length) & (length > 0), vectors / length, otherwise).astype(np.float32)
-
-
-def _places(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Number the different places of vertices (N, 3); returns each vertex's number (N,)."""
-    bits = np.ascontiguousarray(vertices + 0.0).view(np.uint64)  # + 0.0: no -0.0
-    for shift, odd in ((29, 0xBF58476D1CE4E5B9), (32, 0x94D049BB133111EB)):  # splitmix64's mixing
-        bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(odd)
-    keys = bits[:, 0] + bits[:, 1] * np.uint64(3) + bits[:, 2] * np.uint64(0x9E3779B97F4A7C15)
-    return np.unique(keys, return_inverse=True)[1]
 
 
 def _digest(files: list[Path]) -> str:

@@ -274,8 +274,9 @@ def _fuse_by_plugin(
         raise
     except Exception as error:  # a package of others may raise anything
         raise PluginError(f"{method.plugin} failed: {error!r}") from error
-    if not isinstance(mesh, Mesh) or not len(mesh.faces):
-        shown = "a Mesh without faces" if isinstance(mesh, Mesh) else f"a {type(mesh).__name__}"
+    returned: object = mesh
+    if not isinstance(returned, Mesh) or not len(returned.faces):
+        shown = "a Mesh without faces" if isinstance(returned, Mesh) else f"a {type(returned).__name__}"
         raise PluginError(f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces")
     return mesh, warnings
 

@@ -12,7 +12,7 @@ import pytest
 
 from recon.capture.format import CameraStream, Capture, SensorStream, write_capture
 from recon.geometry.mesh import Mesh, write_mesh
-from recon.models.read import surface_normals
+from recon.geometry.normals import surface_normals
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films
 from recon.pipeline.reconstruct import render
