@@ -108,7 +108,7 @@ def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed
     make_films(command, capture, tmp_path / "there", "--cluster", cluster.scheduler_address)
     assert killed
     here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
-    assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 3 + 1  # maps and clouds, meshes, videos, preview
+    assert len(here) == 4 * 2 * 3 + 4 * 2 + 2 * 4 + 1  # maps and clouds, meshes, videos with their masks, preview
     assert there == here
     assert not list(tmp_path.rglob(".*.part*"))
 
