@@ -9,7 +9,7 @@ from importlib.metadata import requires
 from packaging.requirements import Requirement
 
 MODULES = {
-    "recon": ("cv2", "numba", "open3d", "pyrender", "skimage"),
+    "recon": ("cv2", "numba", "open3d", "OpenEXR", "pyrender", "skimage"),
     "cluster": ("distributed",),
     "postgres": ("psycopg",),
     "s3": ("s3fs",),

@@ -80,7 +80,7 @@ def test_the_command_installs_what_the_extra_asks_for(extra: str) -> None:
 
 @pytest.mark.parametrize("extra", MODULES)
 def test_a_module_that_is_looked_for_is_of_a_package_of_its_extra(extra: str) -> None:
-    packages = packages_distributions()
+    packages = {"OpenEXR": ["OpenEXR"]} | packages_distributions()  # Python 3.11 lists no single compiled module
     brought = {canonicalize_name(name) for module in MODULES[extra] for name in packages[module]}
     assert brought == {canonicalize_name(requirement.name) for requirement in requirements_of(extra)}
 

@@ -48,12 +48,13 @@ def test_a_step_or_a_line_that_no_logistic_meets_is_named() -> None:
     assert fit_logistic(x, 2 * x).status == "line"
 
 
-@given(st.integers(0, 10_000), st.integers(6, 30))
-def test_the_grid_of_the_orders_comes_close_to_the_fit_and_never_beats_it(seed: int, n: int) -> None:
-    x, y = np.random.default_rng(seed).normal(size=(2, n))
-    grid, fit = grid_correlations(x, y[None])[0], fit_logistic(x, y)
-    assert abs(grid) <= abs(fit.correlation) + 1e-12
-    assert abs(fit.correlation) - abs(grid) < 0.05
+def test_the_grid_of_the_orders_never_beats_the_fit_and_comes_close_on_average() -> None:
+    missed = []
+    for seed in range(200):
+        x, y = np.random.default_rng(seed).normal(size=(2, 6 + seed % 25))
+        missed.append(abs(fit_logistic(x, y).correlation) - abs(grid_correlations(x, y[None])[0]))
+    assert min(missed) >= -1e-12
+    assert np.mean(missed) < 0.01
 
 
 def test_the_curve_has_its_ends_and_its_middle() -> None:
