@@ -48,6 +48,7 @@ class StudyOptions:
     both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
+    see_both : the vote waits until both of a pair were on screen; the page shows the pair again
     void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
         screen left, another window in front (blur), the window resized; what is not named here is recorded only
     reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
@@ -71,6 +72,7 @@ class StudyOptions:
     identical_pairs: int = 0
     adaptive_pairs: int = 0
     free_exposure: bool = False
+    see_both: bool = True
     void_on: tuple[Disturbance, ...] = VOID_ON
     reference: str = ""
     second_codec: str = ""
@@ -137,6 +139,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
         adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
         free_exposure=_flag(content, "free_exposure"),
+        see_both=_flag(content, "see_both", default=True),
         void_on=_disturbances(content.get("void_on", VOID_ON)),
         reference=_text(content, "reference"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
@@ -146,8 +149,8 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     )
 
 
-def _flag(content: Mapping[str, Any], name: str) -> bool:
-    value = content.get(name, False)
+def _flag(content: Mapping[str, Any], name: str, *, default: bool = False) -> bool:
+    value = content.get(name, default)
     if not isinstance(value, bool):
         raise ValueError(f"{name} is {value!r}, expected true or false")
     return value

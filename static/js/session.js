@@ -36,6 +36,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} total
  * @property {number} exposure_s
  * @property {boolean} free_exposure the participant ends it
+ * @property {boolean} see_both the vote waits until A and B were both on screen
  * @property {Reason[]} void_on what interrupts a look
  * @property {Letter} first_shown
  * @property {Media} media
@@ -45,7 +46,7 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {"stacked" | "webcodecs" | "two videos"} Technique how A and B are kept in step
  *
  * @typedef {"full screen" | "hidden" | "blur" | "resize" | "left the page"} Reason why an attempt was interrupted
- * @typedef {"hidden" | "visible" | "full screen left" | "full screen" | "blur" | "focus" | "resize"} Happening what happened to the page
+ * @typedef {"hidden" | "visible" | "full screen left" | "full screen" | "blur" | "focus" | "resize" | "shown again"} Happening what happened to the page
  *
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown

@@ -1,5 +1,6 @@
 /**
  * One trial: loading -> fixation -> exposure -> voting -> done; interrupted when the participant looks away; or failed.
+ * Where both are to be seen and only one was, the exposure is followed by `unseen`, which leads back to loading.
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
@@ -7,7 +8,8 @@ import { required } from "./elements.js";
 import { newId } from "./outbox.js";
 import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
-import { display, dwell, tenths } from "./viewing.js";
+import { settle } from "./settling.js";
+import { display, dwell, hasSeenBoth, tenths } from "./viewing.js";
 import { askForChoice } from "./vote-form.js";
 
 /**
@@ -18,7 +20,7 @@ import { askForChoice } from "./vote-form.js";
  * @typedef {import("./session.js").Reason} Reason
  * @typedef {import("./session.js").Happening} Happening
  * @typedef {import("./outbox.js").Interruption} Interruption
- * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "interrupted" | "failed"} State
+ * @typedef {"loading" | "fixation" | "exposure" | "unseen" | "voting" | "done" | "interrupted" | "failed"} State
  * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome a vote or an interruption
  */
 
@@ -41,7 +43,8 @@ window.addEventListener("pagehide", () => (pageIsLeft = true));
 const FOLLOWERS = {
   loading: ["fixation", "failed"],
   fixation: ["exposure", "failed"],
-  exposure: ["voting", "interrupted", "failed"],
+  exposure: ["voting", "unseen", "interrupted", "failed"],
+  unseen: ["loading"],
   voting: ["done"],
   done: [],
   interrupted: [],
@@ -63,7 +66,9 @@ export class Trial {
     /** @type {Vote["viewing"]} */
     this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [], happened: [] };
     this.askedAt = NaN; // performance.now() when the participant was ready for it
-    this.firstShownAt = NaN; // performance.now() of the first frame on screen
+    this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
+    /** @type {Record<string, number>} of frames and stalls in earlier exposures of this trial */
+    this.counts = {};
     this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
     this.state = "loading";
@@ -96,7 +101,8 @@ export class Trial {
   /** The record of the look that is under way, should it end now because the page is left; null while there is none. @returns {Interruption | null} */
   get look() {
     if (this.state === "exposure") return { reason: "left the page", viewing: { ...this.viewing, ...this.#seen() } };
-    return this.state === "voting" ? { reason: "left the page", viewing: this.viewing } : null;
+    const isUnderWay = !Number.isNaN(this.firstShownAt) && this.state !== "done";
+    return isUnderWay ? { reason: "left the page", viewing: this.viewing } : null;
   }
 
   /** @param {State} state @param {unknown} [result] the outcome, or why it failed */
@@ -115,6 +121,7 @@ export class Trial {
     if (state === "loading") this.#load(signal);
     else if (state === "fixation") this.#fixate(signal);
     else if (state === "exposure") this.#expose(signal);
+    else if (state === "unseen") this.#offerAgain(signal);
     else if (state === "voting") this.#ask(signal);
     else this.#end(state, result);
   }
@@ -129,26 +136,36 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #load(signal) {
-    const { media, first_shown } = this.description;
+    const { media } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, first_shown, signal)))
+      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, this.#shown, signal)))
       .then(() => signal.aborted || this.#go("fixation"), (error) => signal.aborted || this.#go("failed", error));
   }
 
   /** @param {AbortSignal} signal */
   #fixate(signal) {
-    this.viewing.wait_ms = tenths(performance.now() - this.askedAt);
+    this.viewing.wait_ms ??= tenths(performance.now() - this.askedAt);
     this.screen.focus({ preventScroll: true });
-    this.#show(this.description.first_shown);
+    this.#show(this.#shown);
     after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));
   }
 
   /** @param {number} now the animation frame that shows the film first */
   #begin(now) {
-    this.firstShownAt = now;
-    for (const event of this.viewing.happened) event.at_ms = tenths(event.at_ms - now);
+    const { happened, shown_ms } = this.viewing;
+    if (Number.isNaN(this.firstShownAt)) {
+      for (const event of happened) event.at_ms = tenths(event.at_ms - now);
+    } else {
+      happened.push({ what: "shown again", at_ms: shown_ms });
+    }
+    this.firstShownAt = now - shown_ms;
     this.#go("exposure");
+  }
+
+  /** What the record says is on screen. @returns {Shown} */
+  get #shown() {
+    return this.viewing.switches.at(-1)?.to ?? this.description.first_shown;
   }
 
   /** @param {AbortSignal} signal */
@@ -207,7 +224,7 @@ export class Trial {
     if (pageIsLeft) return;
     const { happened } = this.viewing;
     const last = happened.at(-1);
-    const at_ms = tenths(performance.now() - (this.firstShownAt || 0));
+    const at_ms = this.#isBetweenExposures ? this.viewing.shown_ms : tenths(performance.now() - (this.firstShownAt || 0));
     const isSameResizing = what === "resize" && last?.what === what && at_ms - last.at_ms < RESIZING_MS;
     if (!isSameResizing && happened.length < MOST_HAPPENINGS) happened.push({ what, at_ms });
     const reason = REASONS[what];
@@ -224,10 +241,37 @@ export class Trial {
     this.#go("interrupted", { interruption: { reason, viewing: this.viewing } });
   }
 
+  /** Whether the pair is about to be shown again: meanwhile the clock of the record stands. */
+  get #isBetweenExposures() {
+    return !Number.isNaN(this.firstShownAt) && ["unseen", "loading", "fixation"].includes(this.state);
+  }
+
   #endExposure() {
     this.#closeRecord();
-    this.#go("voting");
+    this.#go(this.description.see_both && !hasSeenBoth(this.viewing) ? "unseen" : "voting");
     this.player.pause();
+  }
+
+  /** Shows the pair again once the participant is ready: only one of the two was seen. @param {AbortSignal} signal */
+  #offerAgain(signal) {
+    this.counts = this.#quality;
+    const button = required(HTMLButtonElement, ".show-again", this.screen);
+    settle(); // a press meant to switch comes too late
+    button.focus({ preventScroll: true });
+    button.addEventListener("click", () => {
+      enterFullScreen();
+      this.#go("loading");
+    }, { signal });
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
+    }, { signal });
+  }
+
+  /** Counts of frames and stalls in all exposures so far. @returns {Record<string, number>} */
+  get #quality() {
+    const counts = { ...this.counts };
+    for (const [name, count] of Object.entries(this.player.quality)) counts[name] = (counts[name] ?? 0) + count;
+    return counts;
   }
 
   #closeRecord() {
@@ -238,7 +282,7 @@ export class Trial {
   #seen() {
     const shown_ms = this.#since(performance.now());
     const dwell_ms = dwell({ ...this.viewing, shown_ms }, this.description.media.reference);
-    return { shown_ms, dwell_ms, ...this.player.quality };
+    return { shown_ms, dwell_ms, ...this.#quality };
   }
 
   /**

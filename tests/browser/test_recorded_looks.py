@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Error, Page
+from playwright.sync_api import Error, Page, expect
 
 from app.study.options import StudyOptions
 from tests.browser.study_visitor import NewStudy, Study, Visitor
@@ -134,3 +134,24 @@ def test_a_study_chooses_what_voids_a_look(
     (void,) = voids(study)
     assert void["void_reason"] == "blur"
     assert [event["what"] for event in void["viewing"]["happened"]][-2:] == ["full screen left", "blur"]
+
+
+def test_who_saw_only_one_of_a_pair_sees_it_again_before_the_vote(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(short_films, 0.8, see_both=True)
+    visitor.begin(study)
+    visitor.is_in("unseen")
+    expect(page.locator("#unseen")).to_contain_text("only one of the two")
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    page.keyboard.press("Space")
+    visitor.votes("1")
+    (vote,) = study.votes(1)
+    (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
+    (again,) = [event["at_ms"] for event in viewing["happened"] if event["what"] == "shown again"]
+    (switch,) = viewing["switches"]
+    assert vote["both_seen"]
+    assert 0 < again < switch["at_ms"] < viewing["shown_ms"]  # the pause between the two showings does not count
+    assert viewing["shown_ms"] == pytest.approx(2 * again, rel=0.4)
+    assert sum(viewing["dwell_ms"].values()) == pytest.approx(viewing["shown_ms"], abs=0.2)

@@ -26,6 +26,7 @@ TRIAL: dict[str, Any] = {
     "total": 90,
     "exposure_s": 15.0,
     "free_exposure": False,
+    "see_both": True,
     "void_on": ["full screen", "hidden"],
     "first_shown": "b",
     "media": {

@@ -26,7 +26,7 @@ Label = Literal["a", "b"]
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
-Happening = Literal["hidden", "visible", "full screen left", "full screen", "blur", "focus", "resize"]
+Happening = Literal["hidden", "visible", "full screen left", "full screen", "blur", "focus", "resize", "shown again"]
 
 
 class SecondView(BaseModel):
@@ -61,6 +61,7 @@ class OneTrialView(BaseModel):
     total: int
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
+    see_both: bool = Field(description="the vote waits until both A and B were on screen")
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
     first_shown: Label
     media: MediaView
@@ -175,6 +176,7 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
+        see_both=session.options.see_both,
         void_on=list(session.options.void_on),
         media=_media_view(
             current,
@@ -196,6 +198,7 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         exposure_s=session.exposure_s,
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,
+        see_both=False,  # the page shows a pair of the practice again by itself
         void_on=list(session.options.void_on),
         media=_media_view(pair, "top" if session.id % 2 else "bottom", has_reference=False, singles_of=pair.media),
     )

@@ -22,6 +22,7 @@ options = st.builds(
     repeated_pairs=st.integers(0, 9),
     identical_pairs=st.integers(0, 9),
     free_exposure=st.booleans(),
+    see_both=st.booleans(),
     void_on=st.sampled_from([(), VOID_ON, ("hidden", "blur")]),
     reference=texts,
     break_every=st.integers(0, 99),
