@@ -94,6 +94,7 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
         "participant": participant,
         "flags": ["no more consistent than chance"] if _is_like_chance(triads) else [],
         "n_votes": n,
+        "one_side_unseen": _one_side_unseen(votes),
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
         "side_a_rate": side[0],
         "side_a_expected": side[1],
@@ -108,6 +109,12 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
         "circular": sum(triad.circular for triad in triads),
         "circular_p_value": pooled_p_value(triads),
     }
+
+
+def _one_side_unseen(votes: VotesTable) -> int | None:
+    """Count the votes on pairs of which only one was on screen; None where no record says what was."""
+    told = votes.both_seen >= 0
+    return int(votes.count[votes.both_seen == 0].sum()) if told.any() else None
 
 
 def _is_like_chance(triads: Sequence[Triads]) -> bool:
@@ -209,6 +216,8 @@ def _flag(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         if _is_known(row, "fastest_decile_ms") and row["fastest_decile_ms"] < FASTEST_MS:
             row["flags"].append("answers faster than looking")
+        if row["one_side_unseen"]:
+            row["flags"].append(f"only one side seen in {row['one_side_unseen']} of {row['n_votes']} votes")
     for name, flag in (("side_a_p_value", "prefers one side"), ("first_shown_p_value", "prefers by order of showing")):
         _flag_small(rows, name, flag)
     _flag_outside(rows, "loglik_per_vote_left_out", low="disagrees with the others", high=None)

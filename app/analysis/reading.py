@@ -18,7 +18,7 @@ from app.analysis.tabular import numbers, read_frame, refuse
 from app.analysis.votes_table import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
-OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role")
+OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role", "both_seen")
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,7 @@ def _votes_from_frame(
         item_b=item_b,
         choice=_choice(text["choice"], layout.choices),
         first_shown=_first_shown(text.get("first_shown"), text["item_a"], text["item_b"]),
+        both_seen=_both_seen(text.get("both_seen"), n),
         count=numbers(text["count"], "count", whole=True).astype(np.int64) if "count" in text else np.ones(n, np.int64),
         response_ms=numbers(text["response_ms"], "response_ms") if "response_ms" in text else np.full(n, np.nan),
         practice=_flags(text.get("practice"), "practice", n),
@@ -222,6 +223,13 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     flags = np.array([words.get(str(word).lower(), -1) for word in distinct])[codes]
     refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
     return flags.astype(bool)
+
+
+def _both_seen(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
+    """Return 1 for true, 0 for false, -1 for an empty cell or without the column."""
+    if values is None:
+        return np.full(n, -1, np.int8)
+    return np.where(values == "", -1, _flags(values, "both_seen", n)).astype(np.int8)
 
 
 def _role(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:

@@ -30,6 +30,7 @@ class VotesTable:
     participant, dataset, item_a, item_b : int32 (N,), index of the name
     choice : int8 (N,), 0 = `item_a` preferred, 1 = `item_b` preferred, 2 = no preference
     first_shown : int8 (N,), 0 = `item_a` was shown first, 1 = `item_b`, -1 = not recorded
+    both_seen : int8 (N,), 1 = both items were on screen, 0 = one was not, -1 = not recorded
     count : int64 (N,), number of votes that the row stands for
     response_ms : float64 (N,), NaN where not recorded
     practice, excluded : bool (N,), rows that the table keeps and the analysis leaves out
@@ -47,6 +48,7 @@ class VotesTable:
     item_b: NDArray[np.int32]
     choice: NDArray[np.int8]
     first_shown: NDArray[np.int8]
+    both_seen: NDArray[np.int8]
     count: NDArray[np.int64]
     response_ms: NDArray[np.float64]
     practice: NDArray[np.bool_]
@@ -118,6 +120,7 @@ def votes_from_indices(
         item_b=item_b.astype(np.int32, copy=False),
         choice=choice.astype(np.int8, copy=False),
         first_shown=np.full(n, -1, np.int8) if first_shown is None else first_shown.astype(np.int8, copy=False),
+        both_seen=np.full(n, -1, np.int8),
         count=np.broadcast_to(np.int64(1), n) if count is None else count.astype(np.int64, copy=False),
         response_ms=np.full(n, np.nan),
         practice=np.zeros(n, bool),

@@ -28,10 +28,11 @@ from app.store.tables import (
     vote,
 )
 from app.study.technique import is_frame_locked
-from app.study.trial import reveal
+from app.study.trial import LEFT_THE_PAGE, reveal
 from app.study.valid_vote import has_seen_both
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
+MOST_LOOKS = 100  # a trial whose page is left comes again each time
 ROWS_AT_ONCE = 2000  # so that tables of any length fit into memory
 IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
@@ -116,7 +117,7 @@ def void_trial(
     NotFoundError
         If the session has no such trial.
     ConflictError
-        If it has a vote, has not been given out, or is itself a repetition.
+        If it has a vote, has not been given out, or is itself a repetition whose page was not left.
     """
     with database.writing() as connection:
         connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
@@ -129,7 +130,7 @@ def void_trial(
             raise NotFoundError("This session has no such trial.")
         if row.voided_at is not None:
             return False
-        _check_voidable(row)
+        _check_voidable(row, reason)
         changes = {"voided_at": now, "void_reason": reason, "void_viewing": dict(viewing)}
         connection.execute(update(trial).where(trial.c.id == row.id).values(**changes))
         again = {"session_id": session_id, "assignment_id": row.assignment_id, "attempt": row.attempt + 1}
@@ -137,12 +138,12 @@ def void_trial(
     return True
 
 
-def _check_voidable(row: Row[Any]) -> None:
+def _check_voidable(row: Row[Any], reason: str) -> None:
     if row.has_vote:
         raise ConflictError("This trial has a vote already.")
     if row.served_at is None:
         raise ConflictError("This trial has not been given out yet.")
-    if row.attempt >= MOST_ATTEMPTS:
+    if row.attempt >= (MOST_LOOKS if reason == LEFT_THE_PAGE else MOST_ATTEMPTS):
         raise ConflictError("This trial was repeated already.")
 
 
@@ -239,6 +240,7 @@ def _described(row: Row[Any]) -> dict[str, Any]:
         "participant": row.participant,
         "number": row.position + 1,
         "attempt": row.attempt,
+        "looks_before": row.attempt - 1,
         "dataset": row.dataset,
         "item_a": items.item_a,
         "item_b": items.item_b,

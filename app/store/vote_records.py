@@ -191,4 +191,6 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "role": record["role"],
                 "technique": record["technique"],
                 "frame_locked": record["frame_locked"],
+                "both_seen": record["both_seen"],
+                "looks_before": record["looks_before"],
             }

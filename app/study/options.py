@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, get_args
 
 from app.study.design import Repetition
 from app.study.questionnaire import (
@@ -19,11 +19,13 @@ from app.study.questionnaire import (
 from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 from app.study.technique import TWO_VIDEOS, WEBCODECS
+from app.study.trial import Disturbance
 
 LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
+VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
 ABANDONED_AFTER_H = 24.0  # without an answer; a participant who returns the next day keeps the slot
@@ -46,6 +48,9 @@ class StudyOptions:
     both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
+    see_both : the vote waits until both of a pair were on screen; the page shows the pair again
+    void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
+        screen left, another window in front (blur), the window resized; what is not named here is recorded only
     reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
@@ -67,6 +72,8 @@ class StudyOptions:
     identical_pairs: int = 0
     adaptive_pairs: int = 0
     free_exposure: bool = False
+    see_both: bool = True
+    void_on: tuple[Disturbance, ...] = VOID_ON
     reference: str = ""
     second_codec: str = ""
     fallback: str = WEBCODECS
@@ -93,6 +100,7 @@ class StudyOptions:
         return {
             **content,
             "optional_stages": list(self.optional_stages),
+            "void_on": list(self.void_on),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
@@ -131,6 +139,8 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
         adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
         free_exposure=_flag(content, "free_exposure"),
+        see_both=_flag(content, "see_both", default=True),
+        void_on=_disturbances(content.get("void_on", VOID_ON)),
         reference=_text(content, "reference"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
@@ -139,11 +149,18 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     )
 
 
-def _flag(content: Mapping[str, Any], name: str) -> bool:
-    value = content.get(name, False)
+def _flag(content: Mapping[str, Any], name: str, *, default: bool = False) -> bool:
+    value = content.get(name, default)
     if not isinstance(value, bool):
         raise ValueError(f"{name} is {value!r}, expected true or false")
     return value
+
+
+def _disturbances(value: object) -> tuple[Disturbance, ...]:
+    known = get_args(Disturbance)
+    if not isinstance(value, list | tuple) or not set(map(str, value)) <= set(known):
+        raise ValueError(f"void_on is {value!r}, expected a list of {', '.join(known)}")
+    return tuple(name for name in known if name in value)
 
 
 def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str], default: str = "") -> str:

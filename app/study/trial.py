@@ -7,11 +7,14 @@ from typing import Literal
 
 Half = Literal["top", "bottom"]
 Label = Literal["a", "b"]
+Disturbance = Literal["full screen", "hidden", "blur", "resize"]  # full screen left; blur: another window in front
+Interruption = Disturbance | Literal["left the page"]  # reloaded, closed, back or forward
 Role = Literal["main", "repeat", "identical"]  # only main trials are scored; the others check the participant
 
 MAIN: Role = "main"
 REPEAT: Role = "repeat"
 IDENTICAL: Role = "identical"
+LEFT_THE_PAGE: Interruption = "left the page"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import { byId, required } from "./elements.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, stayOnSubmit } from "./page.js";
+import { OpenLook } from "./open-look.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
@@ -31,6 +32,8 @@ const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
 /** @type {Outbox} */
 let outbox; // of the session, as soon as it has begun
+/** @type {OpenLook} */
+let openLook; // of the session, too
 /** @type {object[]} rounds of practice */
 const practised = [];
 let wrongAnswers = 0;
@@ -62,6 +65,7 @@ byId("no-codec").hidden = technique !== null;
 byId("begin").hidden = technique === null;
 if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code).catch(() => {}); // it is for the log only
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
+window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
@@ -101,7 +105,10 @@ function begin() {
 async function resume() {
   const before = await patiently(readSession);
   await enterSession(before);
-  if (before.stage !== "withdrawn") await outbox.emptied();
+  if (before.stage !== "withdrawn") {
+    await openLook.settle(outbox);
+    await outbox.emptied();
+  }
   const session = await patiently(readSession); // counts the votes that were still in this browser
   tellSession(session);
   trials.lastBreak = session.progress.done;
@@ -249,7 +256,7 @@ function goOnWithTrials() {
 
 async function runTrials() {
   show("trial");
-  const end = await trials.run(outbox);
+  const end = await trials.run(outbox, openLook);
   if (end === "over") await goTo(await patiently(readSession));
   else show(end);
 }
@@ -269,6 +276,7 @@ function leaveForGood() {
     .then(() => outbox.clear())
     .then(() => {
       forgetDraft();
+      openLook.forget();
       showAtTheEnd("withdrawn");
     })
     .catch((error) => explain(error, showAtTheEnd));
@@ -329,6 +337,7 @@ async function enterSession(session) {
   inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
   stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
+  openLook = new OpenLook(session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;
   if (questionnaire) restoreDraft(questionnaire, session.session);

@@ -31,11 +31,13 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {object} TrialDescription
  * @property {string} trial
- * @property {number} attempt 2 when it is repeated because it was interrupted
+ * @property {number} attempt from 2 when it is repeated because it was interrupted
  * @property {number} number
  * @property {number} total
  * @property {number} exposure_s
  * @property {boolean} free_exposure the participant ends it
+ * @property {boolean} see_both the vote waits until A and B were both on screen
+ * @property {Reason[]} void_on what interrupts a look
  * @property {Letter} first_shown
  * @property {Media} media
  * @property {string | null} [next_media]
@@ -43,7 +45,8 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {"stacked" | "webcodecs" | "two videos"} Technique how A and B are kept in step
  *
- * @typedef {"full screen" | "hidden"} Reason why an attempt was interrupted
+ * @typedef {"full screen" | "hidden" | "blur" | "resize" | "left the page"} Reason why an attempt was interrupted
+ * @typedef {"hidden" | "visible" | "full screen left" | "full screen" | "blur" | "focus" | "resize" | "shown again"} Happening what happened to the page
  *
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown
@@ -58,6 +61,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} [n_dropped]
  * @property {number} [n_mismatches] refreshes of the display at which A and B were different frames
  * @property {number} [n_stalls]
+ * @property {{what: Happening, at_ms: number}[]} happened until Next; before the first frame the times are negative
  * @property {Reason} [interruption] of a repetition
  * @property {{window_width: number, window_height: number, device_pixel_ratio: number, full_screen: boolean}} [display]
  *

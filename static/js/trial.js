@@ -1,13 +1,15 @@
 /**
  * One trial: loading -> fixation -> exposure -> voting -> done; interrupted when the participant looks away; or failed.
+ * Where both are to be seen and only one was, the exposure is followed by `unseen`, which leads back to loading.
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
 import { required } from "./elements.js";
 import { newId } from "./outbox.js";
-import { SWITCH_KEYS, after, fill, isPlain } from "./page.js";
+import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
-import { display, dwell, tenths } from "./viewing.js";
+import { settle } from "./settling.js";
+import { display, dwell, hasSeenBoth, tenths } from "./viewing.js";
 import { askForChoice } from "./vote-form.js";
 
 /**
@@ -16,8 +18,9 @@ import { askForChoice } from "./vote-form.js";
  * @typedef {import("./session.js").Letter} Letter
  * @typedef {import("./session.js").Shown} Shown
  * @typedef {import("./session.js").Reason} Reason
+ * @typedef {import("./session.js").Happening} Happening
  * @typedef {import("./outbox.js").Interruption} Interruption
- * @typedef {"loading" | "fixation" | "exposure" | "voting" | "done" | "interrupted" | "failed"} State
+ * @typedef {"loading" | "fixation" | "exposure" | "unseen" | "voting" | "done" | "interrupted" | "failed"} State
  * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome a vote or an interruption
  */
 
@@ -27,15 +30,21 @@ const REFERENCE_KEY = "r";
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
 
-let pageIsLeft = false; // leaving the page hides it, too, but coming back shows the trial again
+const MOST_HAPPENINGS = 500; // in a record
+const RESIZING_MS = 500; // the same resizing, if its events are not farther apart
+
+/** What happens to the page -> the reason that it is to interrupt a look, if the study's `void_on` has it. @type {Partial<Record<Happening, Reason>>} */
+const REASONS = { hidden: "hidden", "full screen left": "full screen", blur: "blur", resize: "resize" };
+
+let pageIsLeft = false; // leaving the page hides it, too, and is a reason of its own
 window.addEventListener("pagehide", () => (pageIsLeft = true));
-window.addEventListener("pageshow", () => (pageIsLeft = false));
 
 /** @type {Record<State, State[]>} */
 const FOLLOWERS = {
   loading: ["fixation", "failed"],
   fixation: ["exposure", "failed"],
-  exposure: ["voting", "interrupted", "failed"],
+  exposure: ["voting", "unseen", "interrupted", "failed"],
+  unseen: ["loading"],
   voting: ["done"],
   done: [],
   interrupted: [],
@@ -55,13 +64,16 @@ export class Trial {
     this.film = film;
     this.player = newPlayer(technique, required(HTMLElement, ".film", screen));
     /** @type {Vote["viewing"]} */
-    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [] };
+    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [], happened: [] };
     this.askedAt = NaN; // performance.now() when the participant was ready for it
-    this.firstShownAt = NaN; // performance.now() of the first frame on screen
+    this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
+    /** @type {Record<string, number>} of frames and stalls in earlier exposures of this trial */
+    this.counts = {};
     this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
     this.state = "loading";
     this.leaving = new AbortController();
+    this.lasting = new AbortController(); // the trial as a whole
     this.resolve = (/** @type {Outcome} */ _outcome) => {};
     this.reject = (/** @type {unknown} */ _reason) => {};
   }
@@ -70,6 +82,7 @@ export class Trial {
   run(askedAt) {
     this.askedAt = askedAt;
     labelTrial(this.screen, this.description);
+    this.#watch(this.lasting.signal);
     const outcome = new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
@@ -81,7 +94,15 @@ export class Trial {
   /** Stops for good without an outcome: the study goes on in another tab, or its participant has withdrawn. */
   abandon() {
     this.leaving.abort();
+    this.lasting.abort();
     this.player.unload();
+  }
+
+  /** The record of the look that is under way, should it end now because the page is left; null while there is none. @returns {Interruption | null} */
+  get look() {
+    if (this.state === "exposure") return { reason: "left the page", viewing: { ...this.viewing, ...this.#seen() } };
+    const isUnderWay = !Number.isNaN(this.firstShownAt) && this.state !== "done";
+    return isUnderWay ? { reason: "left the page", viewing: this.viewing } : null;
   }
 
   /** @param {State} state @param {unknown} [result] the outcome, or why it failed */
@@ -100,12 +121,14 @@ export class Trial {
     if (state === "loading") this.#load(signal);
     else if (state === "fixation") this.#fixate(signal);
     else if (state === "exposure") this.#expose(signal);
+    else if (state === "unseen") this.#offerAgain(signal);
     else if (state === "voting") this.#ask(signal);
     else this.#end(state, result);
   }
 
   /** @param {State} state @param {unknown} result */
   #end(state, result) {
+    this.lasting.abort();
     this.player.unload();
     if (state === "failed") this.reject(result);
     else this.resolve(/** @type {Outcome} */ (result));
@@ -113,25 +136,36 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #load(signal) {
-    const { media, first_shown } = this.description;
+    const { media } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, first_shown, signal)))
+      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, this.#shown, signal)))
       .then(() => signal.aborted || this.#go("fixation"), (error) => signal.aborted || this.#go("failed", error));
   }
 
   /** @param {AbortSignal} signal */
   #fixate(signal) {
-    this.viewing.wait_ms = tenths(performance.now() - this.askedAt);
+    this.viewing.wait_ms ??= tenths(performance.now() - this.askedAt);
     this.screen.focus({ preventScroll: true });
-    this.#show(this.description.first_shown);
+    this.#show(this.#shown);
     after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));
   }
 
   /** @param {number} now the animation frame that shows the film first */
   #begin(now) {
-    this.firstShownAt = now;
+    const { happened, shown_ms } = this.viewing;
+    if (Number.isNaN(this.firstShownAt)) {
+      for (const event of happened) event.at_ms = tenths(event.at_ms - now);
+    } else {
+      happened.push({ what: "shown again", at_ms: shown_ms });
+    }
+    this.firstShownAt = now - shown_ms;
     this.#go("exposure");
+  }
+
+  /** What the record says is on screen. @returns {Shown} */
+  get #shown() {
+    return this.viewing.switches.at(-1)?.to ?? this.description.first_shown;
   }
 
   /** @param {AbortSignal} signal */
@@ -139,7 +173,8 @@ export class Trial {
     const { free_exposure, exposure_s } = this.description;
     this.#listen(signal);
     this.viewing.display = display();
-    this.#watch(signal);
+    if (document.visibilityState === "hidden") this.#note("hidden");
+    if (!document.hasFocus()) this.#note("blur");
     if (signal.aborted) return;
     this.player.play(free_exposure ? Infinity : exposure_s, signal).then(
       () => this.#endExposure(),
@@ -173,15 +208,27 @@ export class Trial {
     required(HTMLElement, ".end-exposure", this.screen).addEventListener("click", () => this.#endExposure(), { signal });
   }
 
-  /** Leaving the full screen or hiding the tab interrupts what is seen. @param {AbortSignal} signal */
+  /** Notes what happens to the page as long as the trial lasts. @param {AbortSignal} signal */
   #watch(signal) {
-    const look = () => {
-      if (document.visibilityState === "hidden" && !pageIsLeft) this.#interrupt("hidden");
-      else if (this.viewing.display?.full_screen && !document.fullscreenElement) this.#interrupt("full screen");
-    };
-    document.addEventListener("visibilitychange", look, { signal });
-    document.addEventListener("fullscreenchange", look, { signal });
-    look();
+    /** @param {EventTarget} target @param {string} type @param {() => Happening} happening */
+    const on = (target, type, happening) => target.addEventListener(type, () => this.#note(happening()), { signal });
+    on(document, "visibilitychange", () => (document.visibilityState === "hidden" ? "hidden" : "visible"));
+    on(document, "fullscreenchange", () => (document.fullscreenElement ? "full screen" : "full screen left"));
+    on(window, "blur", () => "blur");
+    on(window, "focus", () => "focus");
+    on(window, "resize", () => "resize");
+  }
+
+  /** Notes what happened to the page; it interrupts what is seen where the study says so. @param {Happening} what */
+  #note(what) {
+    if (pageIsLeft) return;
+    const { happened } = this.viewing;
+    const last = happened.at(-1);
+    const at_ms = this.#isBetweenExposures ? this.viewing.shown_ms : tenths(performance.now() - (this.firstShownAt || 0));
+    const isSameResizing = what === "resize" && last?.what === what && at_ms - last.at_ms < RESIZING_MS;
+    if (!isSameResizing && happened.length < MOST_HAPPENINGS) happened.push({ what, at_ms });
+    const reason = REASONS[what];
+    if (this.state === "exposure" && reason && this.description.void_on.includes(reason)) this.#interrupt(reason);
   }
 
   /** @param {Reason} reason */
@@ -194,16 +241,48 @@ export class Trial {
     this.#go("interrupted", { interruption: { reason, viewing: this.viewing } });
   }
 
+  /** Whether the pair is about to be shown again: meanwhile the clock of the record stands. */
+  get #isBetweenExposures() {
+    return !Number.isNaN(this.firstShownAt) && ["unseen", "loading", "fixation"].includes(this.state);
+  }
+
   #endExposure() {
     this.#closeRecord();
-    this.#go("voting");
+    this.#go(this.description.see_both && !hasSeenBoth(this.viewing) ? "unseen" : "voting");
     this.player.pause();
   }
 
+  /** Shows the pair again once the participant is ready: only one of the two was seen. @param {AbortSignal} signal */
+  #offerAgain(signal) {
+    this.counts = this.#quality;
+    const button = required(HTMLButtonElement, ".show-again", this.screen);
+    settle(); // a press meant to switch comes too late
+    button.focus({ preventScroll: true });
+    button.addEventListener("click", () => {
+      enterFullScreen();
+      this.#go("loading");
+    }, { signal });
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
+    }, { signal });
+  }
+
+  /** Counts of frames and stalls in all exposures so far. @returns {Record<string, number>} */
+  get #quality() {
+    const counts = { ...this.counts };
+    for (const [name, count] of Object.entries(this.player.quality)) counts[name] = (counts[name] ?? 0) + count;
+    return counts;
+  }
+
   #closeRecord() {
-    this.viewing.shown_ms = this.#since(performance.now());
-    this.viewing.dwell_ms = dwell(this.viewing, this.description.media.reference);
-    Object.assign(this.viewing, this.player.quality);
+    Object.assign(this.viewing, this.#seen());
+  }
+
+  /** What was seen until now. @returns {Partial<Vote["viewing"]>} */
+  #seen() {
+    const shown_ms = this.#since(performance.now());
+    const dwell_ms = dwell({ ...this.viewing, shown_ms }, this.description.media.reference);
+    return { shown_ms, dwell_ms, ...this.#quality };
   }
 
   /**
@@ -252,6 +331,7 @@ export class Trial {
   #vote(choice, response_ms, n_changes) {
     this.viewing.response_ms = tenths(response_ms);
     this.viewing.n_changes = n_changes;
+    if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
     this.#go("done", { vote: { id: newId(), choice, viewing: this.viewing } });
   }
 }

@@ -2,7 +2,7 @@
 
 import { patiently } from "./connection.js";
 import { Films } from "./films.js";
-import { readNextTrial, tellTrouble } from "./session.js";
+import { readNextTrial, sendVoid, tellTrouble } from "./session.js";
 import { filmsOf } from "./technique.js";
 import { Trial } from "./trial.js";
 import { tell } from "./views.js";
@@ -11,10 +11,12 @@ import { tell } from "./views.js";
  * @typedef {import("./session.js").TrialDescription} TrialDescription
  * @typedef {import("./session.js").Technique} Technique
  * @typedef {import("./outbox.js").Outbox} Outbox
+ * @typedef {import("./open-look.js").OpenLook} OpenLook
  */
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
+const NOTED_EVERY_MS = 500; // what a browser that crashes loses of a look
 /** @type {Promise<never>} for what was under way when the study was abandoned */
 const NEVER = new Promise(() => {});
 
@@ -33,11 +35,13 @@ export class Trials {
     this.isAbandoned = false;
   }
 
+  #stopNoting = () => {};
+
   /**
    * Asks for a trial when the server has every vote before it; while the server cannot be reached, shows the one fetched ahead.
-   * @param {Outbox} outbox @returns {Promise<"over" | "break" | "interrupted">} why it stopped
+   * @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<"over" | "break" | "interrupted">} why it stopped
    */
-  async run(outbox) {
+  async run(outbox, openLook) {
     for (;;) {
       const askedAt = performance.now();
       const description = await this.#next(outbox);
@@ -45,7 +49,7 @@ export class Trials {
       if (!description) return "over";
       if (this.#isTimeForBreak(description)) return "break";
       this.ahead = description.following ?? null;
-      if (!(await this.#take(description, askedAt, outbox))) return "interrupted";
+      if (!(await this.#take(description, askedAt, outbox, openLook))) return "interrupted";
     }
   }
 
@@ -66,6 +70,7 @@ export class Trials {
   /** Stops the present trial for good, and any whose description or film is still on its way. */
   abandon() {
     this.isAbandoned = true;
+    this.#stopNoting();
     this.current?.abandon();
   }
 
@@ -88,15 +93,43 @@ export class Trials {
     return following;
   }
 
-  /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @returns {Promise<boolean>} false when it was interrupted */
-  async #take(description, askedAt, outbox) {
+  /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<boolean>} false when it was interrupted */
+  async #take(description, askedAt, outbox, openLook) {
     const { following } = description;
     this.films.keepOnly([description, following].flatMap((trial) => (trial ? [this.#addresses(trial)] : [])));
     if (following) this.#film(description).whole.then(() => this.isAbandoned || this.#film(following)).catch(() => {});
-    const { vote, interruption } = await this.show(description, askedAt);
+    const outcome = await this.#showNoted(description, askedAt, openLook);
+    const { vote, interruption } = outcome;
+    openLook.note(description.trial, outcome); // until the outbox has it
     if (vote) await outbox.putVote(description.trial, vote);
     if (interruption) await outbox.putInterruption(description.trial, interruption);
+    openLook.forget();
     return !interruption;
+  }
+
+  /** Shows a trial; the look is noted meanwhile, and reported when the page is left. @param {TrialDescription} description @param {number} askedAt @param {OpenLook} openLook */
+  async #showNoted(description, askedAt, openLook) {
+    const { trial } = description;
+    const note = () => {
+      const interruption = this.current?.look;
+      if (interruption) openLook.note(trial, { interruption });
+      return interruption;
+    };
+    const leave = () => {
+      const interruption = note();
+      if (interruption) sendVoid(trial, interruption).catch(() => {}); // the next page sends it again
+    };
+    const timer = setInterval(note, NOTED_EVERY_MS);
+    window.addEventListener("pagehide", leave);
+    this.#stopNoting = () => {
+      clearInterval(timer);
+      window.removeEventListener("pagehide", leave);
+    };
+    try {
+      return await this.show(description, askedAt);
+    } finally {
+      this.#stopNoting();
+    }
   }
 
   /** @param {TrialDescription} description of the trial that comes */

@@ -27,6 +27,12 @@ export function dwell({ first_shown, shown_ms, switches }, hasReference) {
   return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };
 }
 
+/** @param {Viewing} viewing @returns {boolean} whether A and B were both on screen */
+export function hasSeenBoth({ first_shown, switches }) {
+  const seen = new Set([first_shown, ...switches.map(({ to }) => to)]);
+  return seen.has("a") && seen.has("b");
+}
+
 /** @param {number} milliseconds @returns {number} to a tenth, at most the server's limit */
 export function tenths(milliseconds) {
   return Math.round(10 * Math.min(milliseconds, LONGEST_MS)) / 10;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from threading import Condition
@@ -65,13 +66,16 @@ def short_films(films: MakeFilms) -> Path:
 
 @pytest.fixture(scope="session")
 def new_study(settings: Settings, server: str, votes_kept: Condition) -> NewStudy:
-    """Creates studies of three trials."""
+    """Creates studies of three trials; most visitors do not look at both sides."""
     numbers = count(1)
     token = add_token(settings, "browser tests")["token"]
 
-    def create(folder: Path, exposure_s: float, options: StudyOptions | None = None) -> Study:
+    def create(
+        folder: Path, exposure_s: float, options: StudyOptions | None = None, *, see_both: bool = False
+    ) -> Study:
         name = f"Study {next(numbers)}"
-        made = create_study(settings, folder, name, exposure_s=exposure_s, seed=1, options=options)
+        chosen = replace(options or StudyOptions(), see_both=see_both)
+        made = create_study(settings, folder, name, exposure_s=exposure_s, seed=1, options=chosen)
         return Study(server, made["slug"], made["invitation"], token, votes_kept)
 
     return create

@@ -7,6 +7,8 @@ Columns = dict[str, str]
 PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset (a scene)"
 TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
+BOTH_SEEN = "true if A and B were both on screen"
+LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
@@ -24,13 +26,16 @@ VOTES: Columns = {
     "role": "main, or what the trial checks about the participant",
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
+    "both_seen": BOTH_SEEN,
+    "looks_before": LOOKS_BEFORE,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
     "session": "id of the session",
     "participant": PARTICIPANT,
     "number": "place in the participant's order, from 1",
-    "attempt": "2 for the repetition of an interrupted trial",
+    "attempt": "from 2 for repetitions of an interrupted trial",
+    "looks_before": LOOKS_BEFORE,
     "dataset": DATASET,
     "item_a": "condition labelled A",
     "item_b": "condition labelled B",
@@ -38,13 +43,13 @@ TRIALS: Columns = {
     "role": "main, or what the trial checks about the participant",
     "served_at": "when it was sent to the participant",
     "voided_at": "when it was interrupted",
-    "void_reason": "reason of the interruption",
+    "void_reason": "full screen (was left), hidden, blur (another window in front), resize, or left the page",
     "voted_at": "when the vote arrived",
     "choice": "a, b or none",
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
-    "both_seen": "true if A and B were both on screen",
+    "both_seen": BOTH_SEEN,
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",

@@ -26,6 +26,8 @@ TRIAL: dict[str, Any] = {
     "total": 90,
     "exposure_s": 15.0,
     "free_exposure": False,
+    "see_both": True,
+    "void_on": ["full screen", "hidden"],
     "first_shown": "b",
     "media": {
         "url": "/media/4h8s2p6y0r3j",
@@ -54,6 +56,7 @@ VIEWING: dict[str, Any] = {
     "n_frames": 375,
     "n_dropped": 0,
     "n_stalls": 0,
+    "happened": [{"what": "blur", "at_ms": 15904.4}, {"what": "focus", "at_ms": 16310.0}],
     "display": {"window_width": 1920, "window_height": 1080, "device_pixel_ratio": 1.0, "full_screen": True},
 }
 VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
@@ -130,6 +133,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "frame_locked": True,
     "n_mismatches": 0,
     "both_seen": True,
+    "looks_before": 0,
     "viewing": VIEWING,
     "served_at": "2026-03-01T12:04:12+00:00",
     "voted_at": "2026-03-01T12:04:31+00:00",

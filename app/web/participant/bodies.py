@@ -11,12 +11,13 @@ from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
 from app.study.technique import Technique
-from app.study.trial import Half
+from app.study.trial import Disturbance, Half, Interruption
 from app.study.valid_vote import without_unknowns
 from app.web.participant.session import UUID, Strict
 
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: a trial that was left open overnight still counts
 MOST_SWITCHES = 2000
+MOST_HAPPENINGS = 500
 
 # H.264 is not among them, because the page knows its type. Levels as two films of full HD need them.
 FILM_TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
@@ -25,7 +26,7 @@ Label = Literal["a", "b"]
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
-Reason = Literal["full screen", "hidden"]
+Happening = Literal["hidden", "visible", "full screen left", "full screen", "blur", "focus", "resize", "shown again"]
 
 
 class SecondView(BaseModel):
@@ -55,11 +56,13 @@ class OneTrialView(BaseModel):
     """A trial for the participant's player, without names of what is compared."""
 
     trial: str
-    attempt: int = Field(description="2 when it is repeated because it was interrupted")
+    attempt: int = Field(description="from 2 when it is repeated because it was interrupted")
     number: int
     total: int
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
+    see_both: bool = Field(description="the vote waits until both A and B were on screen")
+    void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
     first_shown: Label
     media: MediaView
 
@@ -96,6 +99,15 @@ class DisplayBody(TypedDict):
 
 
 @with_config(Strict.model_config)
+class HappeningBody(TypedDict):
+    what: Happening
+    at_ms: Annotated[
+        float,
+        Field(ge=-LONGEST_MS, le=LONGEST_MS, allow_inf_nan=False, description="negative before the first frame shown"),
+    ]
+
+
+@with_config(Strict.model_config)
 class ViewingBody(TypedDict):
     """How a trial was looked at; a client leaves out what it does not know."""
 
@@ -115,8 +127,14 @@ class ViewingBody(TypedDict):
         Annotated[Count | None, Field(description="refreshes at which A and B were different frames")]
     ]
     n_stalls: NotRequired[Annotated[Count | None, Field(description="how often the film waited for data")]]
+    happened: NotRequired[
+        Annotated[
+            list[HappeningBody] | None,
+            Field(max_length=MOST_HAPPENINGS, description="to the page, from loading to Next"),
+        ]
+    ]
     interruption: NotRequired[
-        Annotated[Reason | None, Field(description="of a repetition, which is not repeated again")]
+        Annotated[Interruption | None, Field(description="of a repetition, which is not repeated again")]
     ]
     display: NotRequired[DisplayBody | None]
 
@@ -127,7 +145,7 @@ Viewing = Annotated[ViewingBody, AfterValidator(without_unknowns)]
 class VoidBody(Strict):
     """An interrupted attempt with its viewing record so far."""
 
-    reason: Reason
+    reason: Interruption
     viewing: Viewing
 
 
@@ -158,6 +176,8 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
+        see_both=session.options.see_both,
+        void_on=list(session.options.void_on),
         media=_media_view(
             current,
             "top" if current.a_half == "top" else "bottom",
@@ -178,6 +198,8 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         exposure_s=session.exposure_s,
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,
+        see_both=False,  # the page shows a pair of the practice again by itself
+        void_on=list(session.options.void_on),
         media=_media_view(pair, "top" if session.id % 2 else "bottom", has_reference=False, singles_of=pair.media),
     )
 

@@ -17,7 +17,7 @@ from app.analysis.counts import count_pairs
 from app.analysis.observers import observer_rows
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesError, VotesTable
 
 HONEST = 14
 
@@ -43,6 +43,18 @@ def test_honest_participants_are_rarely_flagged() -> None:
 def test_somebody_who_always_takes_the_same_side_is_flagged() -> None:
     found = flags(panel(choice=0))
     assert "prefers one side" in found[str(HONEST)]
+
+
+def test_votes_with_one_side_unseen_are_flagged_where_it_is_known() -> None:
+    row = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
+    seen = [row | {"both_seen": both} for both in (True, False, None)]
+    rows = observer_rows(votes_from_rows(seen), [], ties="rao-kupper")
+    assert rows[0]["one_side_unseen"] == 1
+    assert "only one side seen in 1 of 3 votes" in rows[0]["flags"]
+    (unknown,) = observer_rows(votes_from_rows([row, row]), [], ties="rao-kupper")
+    assert (unknown["one_side_unseen"], unknown["flags"]) == (None, [])
+    with pytest.raises(VotesError, match="both_seen is 'perhaps', expected true or false"):
+        votes_from_rows([row | {"both_seen": "perhaps"}])
 
 
 @pytest.mark.parametrize(("n_votes", "is_flagged"), [(4, False), (6, True)])

@@ -106,7 +106,7 @@ def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str]
             assert connection.execute(text("PRAGMA foreign_key_check")).all() == []
         kept = study_by_slug(connection, "study.slug")
     assert kept is not None
-    assert parse_options(kept.options) == StudyOptions()
+    assert parse_options(kept.options) == StudyOptions(see_both=False)
     database.dispose()
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.study.options import StudyOptions, parse_options
+from app.study.options import VOID_ON, StudyOptions, parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
 from app.study.screening import ScreeningOptions
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
@@ -22,6 +22,8 @@ options = st.builds(
     repeated_pairs=st.integers(0, 9),
     identical_pairs=st.integers(0, 9),
     free_exposure=st.booleans(),
+    see_both=st.booleans(),
+    void_on=st.sampled_from([(), VOID_ON, ("hidden", "blur")]),
     reference=texts,
     break_every=st.integers(0, 99),
     abandoned_after_h=st.floats(0.1, 1e6),
@@ -72,6 +74,8 @@ def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
         ("repeated_pairs", -1),
         ("identical_pairs", True),
         ("break_every", 2.5),
+        ("void_on", "blur"),
+        ("void_on", ["bored"]),
         ("abandoned_after_h", 0),
         ("abandoned_after_h", float("inf")),
         ("reference", ["id"]),

@@ -118,7 +118,18 @@ def test_what_comes_with_a_stage_is_bounded(client: httpx.Client, study: dict[st
 
 def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     trial = participant.get("/api/v1/session/trials/next").json()
-    one = {"trial", "attempt", "number", "total", "exposure_s", "free_exposure", "first_shown", "media"}
+    one = {
+        "trial",
+        "attempt",
+        "number",
+        "total",
+        "exposure_s",
+        "free_exposure",
+        "see_both",
+        "void_on",
+        "first_shown",
+        "media",
+    }
     assert trial.keys() == one | {"next_media", "following"}
     assert trial["following"].keys() == one
     assert trial["following"]["media"]["url"] == trial["next_media"]

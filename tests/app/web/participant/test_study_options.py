@@ -182,8 +182,8 @@ def test_a_vote_tells_analysts_how_the_pair_was_shown(
     found = [(vote["technique"], vote["frame_locked"]) for vote in analyst.get(f"{path}/votes").json()]
     assert found == [("stacked", True), ("webcodecs", True), ("two videos", False), (None, None)]
     table = analyst.get(f"{path}/votes?format=csv").text.splitlines()
-    assert table[0].endswith("technique,frame_locked")
-    assert table[3].endswith("two videos,false")
+    assert "technique,frame_locked" in table[0]
+    assert "two videos,false" in table[3]
     assert [trial["n_mismatches"] for trial in analyst.get(f"{path}/trials").json()][:4] == [3, 3, 3, None]
     with signed_in(server, settings, "Grace") as grace:
         page = grace.get(f"/admin/studies/{study['slug']}/votes").text
