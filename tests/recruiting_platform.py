@@ -1,4 +1,4 @@
-"""A recruiting platform as small as can be: it sends people in by a link with their id, and pays who comes back right."""
+"""A small recruiting platform: it sends people in by a link with their id, and pays who comes back right."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ Ending = Literal["complete", "screened_out", "no_consent", "full"]
 ENDINGS: tuple[Ending, ...] = ("complete", "screened_out", "no_consent", "full")
 RESUMES: tuple[Resume, ...] = ("anywhere", "same browser")
 PARAMETER = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,39}")  # the name of a URL's parameter
-TAKEN_NAMES = ("another", "language", "id", "code")  # parameters of our pages, and placeholders
-VALUE = re.compile(r"[A-Za-z0-9._~@:+=-]{1,100}")  # ids of all platforms; no braces, as in a placeholder left unfilled
+TAKEN_NAMES = ("another", "language", "code")  # parameters of our pages, and placeholders
+VALUE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._~@:+=-]{0,99}")  # no placeholder left unfilled, and no formula in a table
 CODE = re.compile(r"[A-Za-z0-9_-]{1,40}")
 ADDRESS = re.compile(r"https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?")
 PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
@@ -104,7 +104,9 @@ class OutsideOptions:
             raise ValueError(f"the link has no {self.id}, by which the platform says who comes")
         for name, value in given.items():
             if not VALUE.fullmatch(value):
-                raise ValueError(f"{name} is not 1 to 100 letters, digits or . _ ~ @ : + = -")
+                raise ValueError(
+                    f"{name} is not 1 to 100 letters, digits or . _ ~ @ : + = -, the first a letter, digit or _"
+                )
         return Arrival(given.pop(self.id), given)
 
 
@@ -191,7 +193,7 @@ def parse_limits(content: Any) -> LimitOptions:
 
 def _check_together(options: OutsideOptions) -> None:
     names = (options.id, *options.keep) if options.id else options.keep
-    if taken := [name for name in names if name in TAKEN_NAMES]:
+    if taken := [*(name for name in names if name in TAKEN_NAMES), *(name for name in options.keep if name == "id")]:
         raise ValueError(f"outside: {taken[0]!r} has a meaning here already, expected another parameter's name")
     if len(set(names)) < len(names):
         raise ValueError(f"outside: a parameter is named twice in {', '.join(names)}")

@@ -21,9 +21,7 @@ def upgrade() -> None:
         sa.Column("kept", sa.JSON(), nullable=False),
         sa.Column("completion_code", sa.String(length=40), nullable=False),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_recruit_study_id")),
-        sa.ForeignKeyConstraint(
-            ["participant_id"], ["participant.id"], name=op.f("fk_recruit_participant_id")
-        ),
+        sa.ForeignKeyConstraint(["participant_id"], ["participant.id"], name=op.f("fk_recruit_participant_id")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_recruit")),
         sa.UniqueConstraint("participant_id", name=op.f("uq_recruit_participant_id")),
         sa.UniqueConstraint("study_id", "outside_id", name=op.f("uq_recruit_study_id_outside_id")),

@@ -58,7 +58,7 @@ def participants_page(
     sought = SoughtPeople(search.strip(), standing)
     with database.reading() as connection:
         people = participant_records(connection, study.id, sought, limit=PEOPLE_ON_A_PAGE, offset=at)
-        outside_ids = outside_ids_of(connection, study.id, [one["participant"] for one in people])
+        outside_ids = outside_ids_of(connection, study.id, [row["participant"] for row in people])
         n_found = n_participants(connection, study.id, sought)
     context = {
         "people": people,

@@ -154,7 +154,7 @@ def test_a_study_may_let_an_id_go_on_only_where_it_began(
         assert enters(holder, study, "p-1").status_code == 200
 
 
-@pytest.mark.parametrize("person", ["", "{{%PERSON%}}", "a b", "x" * 101, "é"])
+@pytest.mark.parametrize("person", ["", "{{%PERSON%}}", "a b", "x" * 101, "é", "=1+1"])
 def test_a_link_that_does_not_say_who_comes_is_refused(client: httpx.Client, create: Create, person: str) -> None:
     study = create()
     assert client.get(study["path"], params={"PERSON": person}).status_code == 422
