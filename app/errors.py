@@ -37,7 +37,7 @@ class ForbiddenError(StudyError):
 class ClosedError(ForbiddenError):
     """A study that takes in nobody now; `standing` says whether it pauses or is closed."""
 
-    def __init__(self, detail: str, standing: Literal["paused", "closed"]) -> None:
+    def __init__(self, detail: str, standing: Literal["paused", "closed", "full"]) -> None:
         super().__init__(detail)
         self.standing = standing
 

@@ -16,13 +16,14 @@ import httpx
 import numpy as np
 
 from app.ffmpeg import Progress, no_progress
-from app.operations.manage import add_own_token, list_studies
+from app.operations.manage import add_own_token, export_study, list_studies
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
 from app.simulation.screening import take_screening
 from app.study.comprehension import RIGHT_ANSWER
 from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
+from app.study.study_file import parse_study_file
 
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8
@@ -89,6 +90,7 @@ def simulate(
     tie_rate: float = 0.1,
     seed: int = 0,
     *,
+    outside_id: str = "",
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Let artificial participants take a study, one after another; returns a summary.
@@ -102,6 +104,7 @@ def simulate(
     abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
     tie_rate : probability of no preference between equals
     seed : of all choices; the same seed and slots give the same choices
+    outside_id : name of the parameter by which the study knows people of a recruiting platform; each gets a random id
     progress : told after each vote
 
     Raises
@@ -127,7 +130,7 @@ def simulate(
                 raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
         for number, (person, preference) in enumerate(zip(people, preferences, strict=True)):
             rngs = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
-            session = begin(client, slug, invitation, person.observer, rngs[1])
+            session = begin(client, slug, invitation, person.observer, rngs[1], outside_id=outside_id)
             total = len(people) * session["progress"]["total"]
             for _ in _votes(client, slug, session, token, preference, rngs[0]):
                 n_votes += 1
@@ -187,8 +190,18 @@ def simulate_study(
     if slug not in invitations:
         raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
     token = add_own_token(settings, "simulate")
+    outside_id = parse_study_file(export_study(settings, slug)).options.outside.id
     return simulate(
-        base_url, slug, invitations[slug][0], token, participants, abilities, tie_rate, seed, progress=progress
+        base_url,
+        slug,
+        invitations[slug][0],
+        token,
+        participants,
+        abilities,
+        tie_rate,
+        seed,
+        outside_id=outside_id,
+        progress=progress,
     )
 
 
@@ -198,9 +211,16 @@ def begin(
     invitation: str,
     observer: Observer = Observer(),
     rng: np.random.Generator | None = None,
+    *,
+    outside_id: str = "",
 ) -> dict[str, Any]:
-    """Begin a session and pass the stages before the trials; `observer` takes the screening."""
-    admission = {"invitation": invitation, "key": str(uuid.uuid4())}
+    """Begin a session and pass the stages before the trials; `observer` takes the screening.
+
+    `outside_id` is as in `simulate`.
+    """
+    admission: dict[str, Any] = {"invitation": invitation, "key": str(uuid.uuid4())}
+    if outside_id:
+        admission["outside"] = {outside_id: f"simulated-{uuid.uuid4()}"}
     session: dict[str, Any] = _ask(client, None, "POST", f"/api/v1/studies/{slug}/sessions", admission).json()
     return pass_stages(client, session, observer, rng)
 

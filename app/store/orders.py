@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, Connection, and_, case, exists, func, or_, select, update
+from sqlalchemy import ColumnElement, Connection, and_, case, exists, false, func, or_, select, update
 
 from app.store.designs import planned_pairs, stimulus_names
 from app.store.exclusions import is_excluded, takes_part_in
@@ -13,7 +13,7 @@ from app.store.tables import assignment, participant, session, stage_record, tri
 from app.study.adaptive import adaptive_pairs
 from app.study.balance import StudyPlan, TakenOrder
 from app.study.options import parse_options
-from app.study.stages import FINISHED, INTERVIEW, WITHDRAWN
+from app.study.stages import ENDS, FINISHED, INTERVIEW, TIMED_OUT, WITHDRAWN
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
 ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has a vote
@@ -23,7 +23,8 @@ def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
     """Take the slot for a new participant: the first abandoned one, which its holder loses, or else the next new one.
 
     Abandoned are the slots of participants who have withdrawn, are excluded, or have votes missing and sent nothing for
-    as many hours as the study's options say. The caller has locked the study's row, so nobody else takes a slot.
+    as many hours as the study's options say, or whose time is over. The caller has locked the study's row, so nobody
+    else takes a slot.
     """
     given_up = connection.execute(
         select(participant.c.id, participant.c.order_slot)
@@ -37,6 +38,15 @@ def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
         return int(given_up.order_slot)
     highest = select(func.coalesce(func.max(participant.c.order_slot), -1)).where(participant.c.study_id == study.id)
     return int(connection.execute(highest).scalar_one()) + 1
+
+
+def n_taken_in(connection: Connection, study: Study, now: datetime) -> tuple[int, int]:
+    """Count who has finished, and who is under way and has not given up; excluded participants do not count."""
+    people = select(func.count()).select_from(participant.join(session)).where(takes_part_in(study.id), ~is_excluded())
+    is_going_on = session.c.stage.not_in(ENDS) & ~_is_given_up(study, now)
+    counts = people.where(session.c.stage == FINISHED), people.where(is_going_on)
+    n_finished, n_under_way = (int(connection.execute(query).scalar_one()) for query in counts)
+    return n_finished, n_under_way
 
 
 def study_plan(connection: Connection, study: Study) -> StudyPlan:
@@ -122,7 +132,9 @@ def taken_orders(connection: Connection, study: Study, now: datetime) -> list[Ta
 
 
 def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
-    long_ago = now - timedelta(hours=parse_options(study.options).abandoned_after_h)
+    options = parse_options(study.options)
+    long_ago = now - timedelta(hours=options.abandoned_after_h)
+    begun_before = options.limits.begun_before(now)
     heard_of = (
         exists().where(vote.c.session_id == session.c.id, vote.c.received_at >= long_ago),
         exists().where(stage_record.c.session_id == session.c.id, stage_record.c.completed_at >= long_ago),
@@ -130,4 +142,5 @@ def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
     is_abandoned = and_(
         session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
     )
-    return or_(session.c.stage == WITHDRAWN, is_abandoned, is_excluded())
+    is_late = and_(session.c.stage.not_in(ALL_VOTED), session.c.started_at < begun_before) if begun_before else false()
+    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT)), is_abandoned, is_late, is_excluded())

@@ -15,7 +15,7 @@ from app.store.exclusions import in_force, takes_part_in
 from app.store.keys import digest, new_secret
 from app.store.schema import metadata
 from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
-from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, WITHDRAWN
+from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 KEPT_AT_ERASURE = (
     "assignment",
@@ -74,6 +74,7 @@ STANDINGS: Mapping[str, ColumnElement[bool]] = {
     "going": session.c.stage.not_in(ENDS),
     "finished": session.c.stage == FINISHED,
     "screened_out": session.c.stage == SCREENED_OUT,
+    "timed_out": session.c.stage == TIMED_OUT,
     "withdrawn": session.c.withdrawn_at.is_not(None),
     "excluded": exclusion.c.id.is_not(None),
 }

@@ -5,32 +5,43 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal
 
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import Connection, Row, func, insert, select, update
 
 from app.errors import ClosedError, ConflictError, GoneError
 from app.store.engine import Database
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, resumed_token, token_of_key
-from app.store.orders import pairs_to_show, take_order_slot
+from app.store.orders import ALL_VOTED, n_taken_in, pairs_to_show, take_order_slot
 from app.store.participants import forget_preview_votes
+from app.store.recruits import insert_recruit, session_of_outside_id
 from app.store.screening import close_screening
 from app.store.studies import Study, lock_study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
 from app.study.design import participant_order
 from app.study.options import StudyOptions, parse_options
+from app.study.recruiting import Arrival
 from app.study.stages import (
     ENDS,
     FINISHED,
     INTRODUCTION,
     SCREENED_OUT,
     SCREENING,
+    TIMED_OUT,
     TRIAL,
     WITHDRAWN,
     after_completing,
     next_stage,
 )
+
+WhyClosed = Literal["paused", "closed", "full"]
+CLOSED: Mapping[WhyClosed, str] = {
+    "paused": "This study is paused. Please come back later.",
+    "closed": "This study is closed. Thank you for your interest.",
+    "full": "This study has all the participants it needs at the moment. Thank you for your interest.",
+}
+WENT_ON_ELSEWHERE = "This session goes on in another browser. Its resume code leads back to it."
 
 
 @dataclass(frozen=True)
@@ -59,7 +70,7 @@ class Session:
 
 @dataclass(frozen=True)
 class Admitted:
-    """An opened session; `is_new` unless the same request had come before."""
+    """An opened session; `is_new` unless it was there before."""
 
     token: str
     is_new: bool
@@ -87,12 +98,9 @@ def begin_session(database: Database, invitation: Invitation, now: datetime) -> 
     GoneError
         If all places of the invitation are taken.
     ClosedError
-        If the study is closed.
+        If the study takes in nobody now.
     """
-    token = new_secret()
-    with database.writing() as connection:
-        _admit(connection, lock_study(connection, invitation.study_id), invitation, token, None, now)
-    return token
+    return admit(database, invitation, Admission(), now).token
 
 
 def begin_session_once(database: Database, invitation: Invitation, key: str, now: datetime) -> Admitted:
@@ -109,32 +117,97 @@ def begin_session_once(database: Database, invitation: Invitation, key: str, now
     GoneError, ClosedError
         As `begin_session`.
     """
-    token = token_of_key(key)
+    return admit(database, invitation, Admission(key), now)
+
+
+@dataclass(frozen=True)
+class Admission:
+    """Who asks to begin.
+
+    Parameters
+    ----------
+    key : random, made by the client, as in `begin_session_once`; None: every request is another person
+    arrival : how the person came from a recruiting platform; the same outside id leads to the same session
+    token : of the session that the client's cookie opens, if any
+    """
+
+    key: str | None = None
+    arrival: Arrival | None = None
+    token: str | None = None
+
+
+def admit(database: Database, invitation: Invitation, admission: Admission, now: datetime) -> Admitted:
+    """Let somebody in, or go on with the session of their outside id, which gets a new token.
+
+    Raises
+    ------
+    ConflictError
+        As `begin_session_once`; or if the outside id has a session that goes on only where it began.
+    GoneError, ClosedError
+        As `begin_session`.
+    """
+    key, arrival = admission.key, admission.arrival
+    token = token_of_key(key) if key else new_secret()
     with database.writing() as connection:
         study_now = lock_study(connection, invitation.study_id)  # first, because the same request may be running
-        known = connection.execute(
-            select(session.c.token_hash, participant.c.invitation_id)
-            .select_from(session.join(participant))
-            .where(session.c.begin_hash == digest(key))
-        ).one_or_none()
-        if known is None:
-            _admit(connection, study_now, invitation, token, key, now)
-        elif known.invitation_id != invitation.id or known.token_hash != digest(token):
-            raise ConflictError("This session goes on in another browser. Its resume code leads back to it.")
-    return Admitted(token, is_new=known is None)
+        known = _session_of_key(connection, key) if key else None
+        returning = session_of_outside_id(connection, study_now.id, arrival.outside_id) if arrival else None
+        if known is not None and known.token_hash == digest(token) and returning in (known.id, None):
+            if returning is None and known.invitation_id != invitation.id:
+                raise ConflictError(WENT_ON_ELSEWHERE)
+            return Admitted(token, is_new=False)
+        if known is not None:
+            raise ConflictError(WENT_ON_ELSEWHERE)
+        if returning is not None:
+            _check_same_browser(connection, study_now, returning, admission.token)
+            secrets = {**_digests(token), "begin_hash": digest(key) if key else None}
+            connection.execute(update(session).where(session.c.id == returning).values(**secrets))
+            return Admitted(token, is_new=False)
+        _admit(connection, study_now, invitation, token, admission, now)
+    return Admitted(token, is_new=True)
+
+
+def _session_of_key(connection: Connection, key: str) -> Row[Any] | None:
+    row: Row[Any] | None = connection.execute(
+        select(session.c.id, session.c.token_hash, participant.c.invitation_id)
+        .select_from(session.join(participant))
+        .where(session.c.begin_hash == digest(key))
+    ).one_or_none()
+    return row
+
+
+def _check_same_browser(connection: Connection, study_now: Study, session_id: int, token: str | None) -> None:
+    """Refuse to go on in another browser where the study's option `outside.resume` does not allow it."""
+    held = session_by_token(connection, token) if token else None
+    is_there = held is not None and held.id == session_id
+    if not is_there and parse_options(study_now.options).outside.resume == "same browser":
+        raise ConflictError(WENT_ON_ELSEWHERE)
 
 
 def _admit(
-    connection: Connection, study_now: Study, invitation: Invitation, token: str, key: str | None, now: datetime
+    connection: Connection, study_now: Study, invitation: Invitation, token: str, admission: Admission, now: datetime
 ) -> None:
     current = invitation_by_code(connection, invitation.code)
-    if study_now.standing == "paused":
-        raise ClosedError("This study is paused. Please come back later.", "paused")
-    if study_now.standing != "open":
-        raise ClosedError("This study is closed. Thank you for your interest.", "closed")
+    if (why := why_closed(connection, study_now, now)) is not None:
+        raise ClosedError(CLOSED[why], why)
     if current is None or current.is_used:
         raise GoneError("This invitation has been used. Please ask for a new one.")
-    _insert_session(connection, study_now, invitation.id, token, key, now)
+    participant_id = _insert_session(connection, study_now, invitation.id, token, admission.key, now)
+    options = parse_options(study_now.options).outside
+    if options.is_on:
+        insert_recruit(connection, study_now.id, participant_id, admission.arrival, options)
+
+
+def why_closed(connection: Connection, study_now: Study, now: datetime) -> WhyClosed | None:
+    """Return why a study takes in nobody new now; None: it does."""
+    if study_now.standing != "open":
+        return "paused" if study_now.standing == "paused" else "closed"
+    limits = parse_options(study_now.options).limits
+    if limits.is_over(now):
+        return "closed"
+    if limits.finished or limits.under_way:
+        return "full" if limits.is_full(*n_taken_in(connection, study_now, now)) else None
+    return None
 
 
 def begin_preview(database: Database, this_study: Study, now: datetime) -> str:
@@ -243,7 +316,8 @@ def end_trials(connection: Connection, session_id: int, now: datetime) -> None:
     """Enter the stage that follows the trials."""
     current = _session(connection, session.c.id == session_id)
     assert current is not None
-    enter_stage(connection, session_id, next_stage(TRIAL, current.options.way), now)
+    if current.stage == TRIAL:
+        enter_stage(connection, session_id, next_stage(TRIAL, current.options.way), now)
 
 
 def withdraw(database: Database, leaving: Session, now: datetime) -> None:
@@ -254,6 +328,19 @@ def withdraw(database: Database, leaving: Session, now: datetime) -> None:
             .where(session.c.id == leaving.id, session.c.withdrawn_at.is_(None))
             .values(stage=WITHDRAWN, withdrawn_at=now)
         )
+
+
+def end_overdue(database: Database, late: Session, now: datetime) -> Session:
+    """End a session whose time is over, as the study limits it; returns the session as it is then."""
+    begun_before = late.options.limits.begun_before(now)
+    if begun_before is None or late.started_at >= begun_before or late.stage in (*ALL_VOTED, *ENDS):
+        return late
+    with database.writing() as connection:
+        going_on = (session.c.id == late.id, session.c.stage.not_in((*ALL_VOTED, *ENDS)))
+        connection.execute(update(session).where(*going_on).values(stage=TIMED_OUT))
+        ended = _session(connection, session.c.id == late.id)
+    assert ended is not None
+    return ended
 
 
 def enter_stage(connection: Connection, session_id: int, stage: str, now: datetime) -> None:
@@ -270,7 +357,8 @@ def _insert_session(
     now: datetime,
     *,
     is_preview: bool = False,
-) -> None:
+) -> int:
+    """Insert a participant with a session and its trials; returns the participant's id."""
     slot = _next_slot(connection, this_study.id, is_preview=is_preview)
     label = f"preview{-slot}" if is_preview else f"P{slot + 1:03d}"
     order_slot = slot if is_preview else take_order_slot(connection, this_study, now)
@@ -293,6 +381,7 @@ def _insert_session(
         .returning(session.c.id)
     ).scalar_one()
     _insert_trials(connection, this_study, order_slot, participant_id, session_id)
+    return int(participant_id)
 
 
 def _digests(token: str) -> dict[str, str]:

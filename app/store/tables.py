@@ -218,6 +218,19 @@ Index(
     postgresql_where=participant.c.released_at.is_(None),
 )
 
+recruit = Table(  # how a participant came from a recruiting platform; in no table of scores or votes
+    "recruit",
+    metadata,
+    key(),
+    reference("study", index=False),
+    reference("participant", index=False),
+    Column("outside_id", String(100)),  # NULL: the study takes people without an id
+    required("kept", JSON),
+    required("completion_code", String(40)),  # empty: the study's own, or none
+    UniqueConstraint("participant_id"),
+    UniqueConstraint("study_id", "outside_id"),
+)
+
 session = Table(
     "session",
     metadata,

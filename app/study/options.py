@@ -16,6 +16,7 @@ from app.study.questionnaire import (
     parse_questions,
     parse_spoken_questions,
 )
+from app.study.recruiting import LimitOptions, OutsideOptions, parse_limits, parse_outside
 from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 from app.study.technique import TWO_VIDEOS, WEBCODECS
@@ -57,6 +58,8 @@ class StudyOptions:
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
+    outside : how people come from a recruiting platform and go back
+    limits : how many are taken in, until when, and how long each may take
     """
 
     optional_stages: tuple[str, ...] = ()
@@ -79,6 +82,8 @@ class StudyOptions:
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
     abandoned_after_h: float = ABANDONED_AFTER_H
+    outside: OutsideOptions = field(default_factory=OutsideOptions)
+    limits: LimitOptions = field(default_factory=LimitOptions)
 
     @property
     def repetition(self) -> Repetition:
@@ -102,6 +107,7 @@ class StudyOptions:
             "optional_stages": list(self.optional_stages),
             "void_on": list(self.void_on),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
+            "outside": {**content["outside"], "keep": list(self.outside.keep)},
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
         }
@@ -146,6 +152,8 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
+        outside=parse_outside(content.get("outside", {})),
+        limits=parse_limits(content.get("limits", {})),
     )
 
 

@@ -12,7 +12,8 @@ INTERVIEW = "interview"
 FINISHED = "finished"
 WITHDRAWN = "withdrawn"  # not part of the way: an end, reached from any stage
 SCREENED_OUT = "screened_out"  # an end too: the study's rule for participants who fail the screening
-ENDS = (FINISHED, WITHDRAWN, SCREENED_OUT)
+TIMED_OUT = "timed_out"  # an end: the study limits the time, and it was over before the last vote
+ENDS = (FINISHED, WITHDRAWN, SCREENED_OUT, TIMED_OUT)
 ALL_STAGES = (INTRODUCTION, SCREENING, PRACTICE, TRIAL, INTERVIEW, FINISHED)
 OPTIONAL_STAGES = (SCREENING, PRACTICE, INTERVIEW)
 SHORTEST_WAY = (INTRODUCTION, TRIAL, FINISHED)
@@ -49,10 +50,12 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
     Raises
     ------
     IllegalMoveError
-        If the stage is still ahead, does not end by hand, or the participant has withdrawn.
+        If the stage is still ahead, does not end by hand, the participant has withdrawn, or the time is over.
     """
     if current == WITHDRAWN:
         raise IllegalMoveError("you have withdrawn from the study")
+    if current == TIMED_OUT:
+        raise IllegalMoveError("the time for this study is over")
     if current == SCREENED_OUT and stage in ALL_STAGES[: ALL_STAGES.index(SCREENING) + 1]:
         return current
     if current == SCREENED_OUT:
@@ -77,7 +80,7 @@ def is_past(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> bool
     current : the session's stage
     way : the study's stages in order
     """
-    return current not in (WITHDRAWN, SCREENED_OUT) and way.index(current) > way.index(stage)
+    return current not in (WITHDRAWN, SCREENED_OUT, TIMED_OUT) and way.index(current) > way.index(stage)
 
 
 def next_stage(stage: str, way: Sequence[str] = SHORTEST_WAY) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from secrets import compare_digest
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import Depends, Form, Header, Request
 from limits import RateLimitItemPerMinute
@@ -16,15 +16,13 @@ from limits import RateLimitItemPerMinute
 from app.errors import ForbiddenError, NoSessionError, NotFoundError, StudyError, UnauthorisedError
 from app.settings import Settings
 from app.store.audit import STRANGER, Actor, Entry, record_alone
-from app.store.designs import has_single_films
 from app.store.engine import Database
 from app.store.experimenters import Experimenter, Role, is_session_open, open_session
 from app.store.invitations import Invitation, invitation_by_code
-from app.store.sessions import Session, session_by_token
+from app.store.sessions import Session, end_overdue, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
-from app.study.options import StudyOptions, parse_options
 from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
 log = logging.getLogger(__name__)
@@ -46,21 +44,6 @@ SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
     "experimenter": (READ, PERSONAL, AUDIT),
     "owner": (READ, PERSONAL, AUDIT),
 }
-
-
-State = Literal["open", "mine", "used", "paused", "closed"]
-
-
-@dataclass(frozen=True)
-class Entrance:
-    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation."""
-
-    slug: str
-    title: str
-    state: State
-    is_shared: bool  # whether another participant may begin at this browser
-    options: StudyOptions
-    fallback: str  # the option, empty where the study lacks the films for it
 
 
 @dataclass(frozen=True)
@@ -118,6 +101,7 @@ def participant(request: Request, token: Annotated[str, Depends(participant_toke
     """Open the participant's session; refuse where the request names another one."""
     with database(request).reading() as connection:
         session = session_by_token(connection, token)
+    session = session and end_overdue(database(request), session, now(request))
     if session is None or meant_session(request) not in (None, session.public_id):
         raise NoSessionError
     return SignedIn(session, token)
@@ -280,35 +264,6 @@ def invitation_to(request: Request, slug: str, code: str) -> Invitation:
         throttle(request).count(WRONG_CODES, address(request))
         raise NotFoundError("There is no such invitation. Please check the code.")
     return invitation
-
-
-def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
-    """Look up what an invitation's address leads to, without using it; None if there is no such invitation.
-
-    Parameters
-    ----------
-    is_for_another : whether a new participant sits at this browser, who begins if a place is left
-    """
-    with database(request).reading() as connection:
-        invitation = invitation_by_code(connection, code)
-        study = study_by_id(connection, invitation.study_id) if invitation else None
-        token = request.cookies.get(PARTICIPANT_COOKIE)
-        session = session_by_token(connection, token) if token else None
-        has_singles = study is not None and has_single_films(connection, study.id)
-    if invitation is None or study is None:
-        return None
-    state = _state_for_anybody(study, invitation)
-    if session is not None and session.invitation_id == invitation.id and not (is_for_another and state == "open"):
-        state = "mine"
-    is_shared = study.standing == "open" and invitation.has_places(1 if state == "mine" else 2)
-    options = parse_options(study.options)
-    return Entrance(study.slug, study.name, state, is_shared, options, options.fallback if has_singles else "")
-
-
-def _state_for_anybody(study: Study, invitation: Invitation) -> State:
-    if study.standing != "open":
-        return "paused" if study.standing == "paused" else "closed"
-    return "used" if invitation.is_used else "open"
 
 
 def _bearer(request: Request) -> str | None:

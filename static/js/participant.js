@@ -4,6 +4,7 @@ import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
 import { byId, required } from "./elements.js";
+import { endingOnPage, showEnding } from "./ending.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, stayOnSubmit } from "./page.js";
@@ -21,23 +22,27 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
-const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"]]);
+const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
-const beginKey = `begin ${code}`;
+const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
+const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
 const shelf = await openShelf();
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
 /** @type {Outbox} */
-let outbox; // of the session, as soon as it has begun
+let outbox; // of the session; undefined before it has begun
 /** @type {OpenLook} */
 let openLook; // of the session, too
 /** @type {object[]} rounds of practice */
 const practised = [];
 let wrongAnswers = 0;
 let pageKey = ""; // under which the tab remembers the open page of the session's instructions
+let agreedText = ""; // digest of the consent's text that was agreed to before the session began
+/** @type {import("./session.js").Ending | null} */
+let ending = null; // of the session
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
 let isUnderWay = false; // see `guarded`
 
@@ -48,12 +53,10 @@ const STAGES = {
   practice: () => show("practice"),
   trial: runTrials,
   interview: () => show("interview"),
-  finished: thank,
+  finished: () => end("thanks"),
   withdrawn: () => show("withdrawn"),
-  screened_out: () => {
-    leaveFullScreen();
-    show("screened-out");
-  },
+  screened_out: () => end("screened-out"),
+  timed_out: () => end("timed-out"),
 };
 
 onTrouble((isInTrouble) => byId("notice").firstElementChild?.toggleAttribute("hidden", !isInTrouble));
@@ -70,6 +73,7 @@ for (const button of page.querySelectorAll("[data-reload]")) button.addEventList
 listenForTries();
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 document.getElementById("consent")?.addEventListener("submit", consent);
+document.getElementById("decline")?.addEventListener("click", decline);
 document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
 for (const id of ["practise", "practise-again"]) document.getElementById(id)?.addEventListener("click", goOnWithPractice);
 document.getElementById("end-practice")?.addEventListener("click", endPractice);
@@ -87,17 +91,24 @@ function welcome() {
   show("welcome");
 }
 
-/** Uses the invitation up; should the answer be lost, the key leads to the same session again. */
+/** Leads to the consent, or begins the session where the study asks for none: who does not agree takes no place. */
 function begin() {
   enterFullScreen();
+  if (document.getElementById("consent")) show("consent");
+  else beginNow();
+}
+
+/** Uses the invitation up; should the answer be lost, the key leads to the same session again. */
+function beginNow() {
   byId("begin").toggleAttribute("disabled", true);
   const key = inBrowser.get(beginKey) ?? newId();
   inBrowser.set(beginKey, key);
   guarded(async () => {
-    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key));
+    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside));
     history.replaceState(null, "", location.pathname); // the query may have asked for another participant, who has begun now
     await enterSession(session);
-    await goTo(session);
+    if (session.stage === "introduction") await goTo(session);
+    else await resume(); // who comes back by a recruiting platform's link
   });
 }
 
@@ -133,8 +144,23 @@ function introduce() {
 function consent(event) {
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!form.reportValidity()) return;
-  inTab.set(consentKey, form.dataset.sha256 ?? "");
+  agreedText = form.dataset.sha256 ?? "";
+  if (!outbox) {
+    beginNow();
+    return;
+  }
+  inTab.set(consentKey, agreedText);
   showInstructions(1);
+}
+
+/** Ends without consent: before the session by a word, and after it has begun by withdrawing. */
+function decline() {
+  if (outbox) {
+    openDialog("withdraw");
+    return;
+  }
+  end("no-consent");
+  showEnding(viewOf("no-consent"), endingOnPage(viewOf("no-consent")));
 }
 
 /** Whether the participant has agreed, in this tab, to the present text of the consent, or the study asks for none. */
@@ -261,9 +287,11 @@ async function runTrials() {
   else show(end);
 }
 
-function thank() {
+/** @param {string} view the last one */
+function end(view) {
   leaveFullScreen();
-  show("thanks");
+  show(view);
+  showEnding(viewOf(view), ending);
 }
 
 /** Withdraws from the study; what was not sent is dropped. */
@@ -308,7 +336,7 @@ function explain(error, showView) {
   console.error(error);
   const messages = JSON.parse(page.dataset.messages ?? "{}");
   const problem = JSON.parse(page.dataset.problem ?? "{}");
-  const isAtTheDoor = page.dataset.showing === "welcome";
+  const isAtTheDoor = !outbox;
   if (isAtTheDoor) inBrowser.forget(beginKey);
   const message = isAtTheDoor && error instanceof Refusal ? messages[messageFor(error)] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
@@ -340,6 +368,7 @@ async function enterSession(session) {
   openLook = new OpenLook(session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;
+  if (agreedText) inTab.set(consentKey, agreedText);
   if (questionnaire) restoreDraft(questionnaire, session.session);
   tellSession(session);
   if (await claim(session.session, yieldToOther)) return;
@@ -356,8 +385,9 @@ function yieldToOther() {
 }
 
 /** @param {Session} session */
-function tellSession({ study, stage, progress, resume_code, debriefing }) {
+function tellSession({ study, stage, progress, resume_code, debriefing, ...session }) {
   page.dataset.stage = stage;
+  ending = session.ending;
   const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
   tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
   byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));

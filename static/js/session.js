@@ -5,7 +5,7 @@ import { Unreachable, request } from "./connection.js";
 /**
  * @typedef {"a" | "b"} Letter
  * @typedef {Letter | "reference"} Shown
- * @typedef {"introduction" | "screening" | "practice" | "trial" | "interview" | "finished" | "withdrawn" | "screened_out"} Stage
+ * @typedef {"introduction" | "screening" | "practice" | "trial" | "interview" | "finished" | "withdrawn" | "screened_out" | "timed_out"} Stage
  * @typedef {object} Session
  * @property {string} session its id
  * @property {{slug: string, title: string, exposure_s: number}} study
@@ -14,7 +14,13 @@ import { Unreachable, request } from "./connection.js";
  * @property {{done: number, total: number}} progress
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
+ * @property {Ending | null} ending null before the end, or where the study says nothing of it
  * @property {string | null} debriefing null before the end; paragraphs apart by an empty line
+ *
+ * @typedef {object} Ending where a participant of a recruiting platform goes at the end
+ * @property {string | null} code completion code
+ * @property {string | null} url
+ * @property {number} after_s seconds after which the page goes there by itself; 0: never
  *
  * @typedef {object} Media one film that holds both stimuli, one above the other
  * @property {string} url
@@ -102,9 +108,9 @@ export function stayWith(id) {
   session = id;
 }
 
-/** @param {string} slug @param {string} invitation @param {string} key the same key leads to the same session @returns {Promise<Session>} */
-export function beginSession(slug, invitation, key) {
-  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key });
+/** @param {string} slug @param {string} invitation @param {string} key the same key leads to the same session @param {Record<string, string>} outside parameters of a recruiting platform's link @returns {Promise<Session>} */
+export function beginSession(slug, invitation, key, outside) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside });
 }
 
 /** @returns {Promise<Session>} */

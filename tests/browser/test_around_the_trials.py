@@ -117,8 +117,10 @@ def test_who_does_not_agree_leaves_without_a_trace_in_the_votes(
     page.keyboard.press("Enter")
     visitor.sees("consent")
     page.get_by_role("button", name="I do not agree").click()
-    page.get_by_role("button", name="Yes, withdraw").click()
-    visitor.sees("withdrawn")
+    visitor.sees("no-consent")
+    assert full_study.read("participants") == []  # no place was taken
+    page.get_by_role("button", name="I want to read it again").click()
+    visitor.sees("welcome")
 
 
 def test_a_german_browser_reads_german_and_may_choose_english(study: Study, page: Page) -> None:

@@ -17,13 +17,20 @@ from app.store.engine import Database
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.options import LONGEST_TEXT, parse_options
+from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
 from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store
 
-FREE = ("name", "debriefing", "abandoned_after_h")  # settings that may change after somebody has begun
+FREE = (
+    "name",
+    "debriefing",
+    "abandoned_after_h",
+    "outside",
+    "limits",
+)  # settings that may change after somebody has begun
 LONGEST_NAME = 200
 LONGEST_NOTE = 200  # characters of a value in the audit log
 
@@ -33,6 +40,9 @@ Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
 Text = Annotated[str, Form(max_length=LONGEST_TEXT)]
 Number = Annotated[float | None, Form(ge=-10, le=10_000, allow_inf_nan=False)]
 Word = Annotated[str, Form(max_length=20)]
+ShortText = Annotated[str, Form(max_length=50)]
+Address = Annotated[str, Form(max_length=LONGEST_ADDRESS)]
+Whole = Annotated[int, Form(ge=0, le=MOST_PEOPLE)]
 Words = Annotated[list[Word], Form(max_length=10)]
 
 
@@ -59,6 +69,45 @@ def screening_given(
     return {"screening": {key: value for key, value in given.items() if value is not None}} if screening else {}
 
 
+def recruiting_given(
+    recruiting: Annotated[bool, Form()] = False,
+    outside_id: ShortText = "",
+    keep: Annotated[str, Form(max_length=500)] = "",
+    resume: Word = "",
+    code: ShortText = "",
+    random_codes: Annotated[bool, Form()] = False,
+    complete_url: Address = "",
+    screened_out_url: Address = "",
+    no_consent_url: Address = "",
+    full_url: Address = "",
+    redirect_after_s: Whole = 0,
+    most_finished: Whole = 0,
+    most_under_way: Whole = 0,
+    open_until: ShortText = "",
+    minutes: Whole = 0,
+) -> dict[str, Any]:
+    """Return the options `outside` and `limits`; nothing where the form lacks them. `parse_options` checks them."""
+    outside = {
+        "id": outside_id.strip(),
+        "keep": keep.replace(",", " ").split(),
+        "resume": resume,
+        "code": code.strip(),
+        "random_codes": random_codes,
+        "complete_url": complete_url.strip(),
+        "screened_out_url": screened_out_url.strip(),
+        "no_consent_url": no_consent_url.strip(),
+        "full_url": full_url.strip(),
+        "redirect_after_s": redirect_after_s,
+    }
+    limits = {
+        "finished": most_finished,
+        "under_way": most_under_way,
+        "open_until": open_until.strip(),
+        "minutes": minutes,
+    }
+    return {"outside": outside, "limits": limits} if recruiting else {}
+
+
 @router.get("/edit")
 def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     current = study_file_of(study)
@@ -71,6 +120,7 @@ def edit_page(request: Request, person: Looking, study: AStudy, database: Store)
         "text": write_study_file(current),
         "longest_text": LONGEST_TEXT,
         "longest_file": LONGEST_FILE,
+        "resumes": RESUMES,
         "has_begun": has_begun,
     }
     return study_page(request, "edit", person, study, context)
@@ -84,6 +134,7 @@ def edit(
     revision: Revision,
     name: Annotated[str, Form(min_length=1, max_length=200)],
     screening: Annotated[dict[str, Any], Depends(screening_given)],
+    recruiting: Annotated[dict[str, Any], Depends(recruiting_given)],
     exposure_s: Annotated[float | None, Form(ge=0.1, le=3600, allow_inf_nan=False)] = None,
     stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
     consent: Text = "",
@@ -105,7 +156,7 @@ def edit(
         if progress_of(connection, study.id).n_started:  # the form lacks the other fields then
             given = {"debriefing": given["debriefing"]}
     try:
-        options = parse_options({**now.options.as_json(), **given})
+        options = parse_options({**now.options.as_json(), **given, **recruiting})
         wanted = replace(now, name=name.strip(), exposure_s=exposure_s or now.exposure_s, options=options)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error

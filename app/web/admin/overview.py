@@ -15,10 +15,12 @@ from starlette.concurrency import run_in_threadpool
 
 from app.store.invitations import invitations_of
 from app.store.monitor import votes_by_minute
+from app.store.orders import n_taken_in
 from app.store.participants import participant_records
+from app.store.sessions import why_closed
 from app.store.studies import Study, progress_of
 from app.study.options import parse_options
-from app.study.stages import FINISHED, WITHDRAWN
+from app.study.stages import ENDS, FINISHED
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page
 from app.web.gates import AStudy, Person, database, is_still_signed_in, now
@@ -100,15 +102,20 @@ def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[
     with database(request).reading() as connection:
         people = participant_records(connection, study.id)
         pace = votes_by_minute(connection, study.id, moment, PACE_MINUTES)
+        n_finished, n_under_way = n_taken_in(connection, study, moment)
+        why = why_closed(connection, study, moment)
     flags: Flags = request.app.state.flags
     flagged = flags.of(study.id, people, moment, patience_s)
     lines = [_line(row, flagged.get(row["participant"], ()), moment) for row in people]
-    stages = (*parse_options(study.options).way, WITHDRAWN)
+    options = parse_options(study.options)
+    stages = (*options.way, *(stage for stage in ENDS if stage != FINISHED))
     by_stage = [(stage, sum(line["stage"] == stage for line in lines)) for stage in stages]
     return {
-        "lines": sorted(lines, key=lambda line: (line["stage"] in (FINISHED, WITHDRAWN), -line["last_at"].timestamp())),
-        "by_stage": [(stage, n) for stage, n in by_stage if n or stage != WITHDRAWN],
+        "lines": sorted(lines, key=lambda line: (line["stage"] in ENDS, -line["last_at"].timestamp())),
+        "by_stage": [(stage, n) for stage, n in by_stage if n or stage in options.way],
         "pace": pace,
+        "limits": options.limits,
+        "taken_in": {"n_finished": n_finished, "n_under_way": n_under_way, "why_closed": why},
         "peak": max([*pace, 1]),
         "n_voided": sum(line["n_voided"] for line in lines),
     }
@@ -120,6 +127,6 @@ def _line(row: dict[str, Any], flags: tuple[str, ...], moment: datetime) -> dict
 
 
 def _connection(stage: str, silent: timedelta) -> str:
-    if stage in (FINISHED, WITHDRAWN):
+    if stage in ENDS:
         return "done"
     return "here" if silent <= HERE else "quiet" if silent <= AWAY else "away"

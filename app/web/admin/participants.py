@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Path, Query, Request
@@ -26,8 +28,10 @@ from app.store.participants import (
     undo_exclusion,
     withdraw_participant,
 )
+from app.store.recruits import outside_ids_of, recruit_of, recruit_records
 from app.store.sessions import new_resume_code
 from app.store.studies import Study
+from app.study.options import parse_options
 from app.study.stages import ENDS
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import see, study_page, turns
@@ -54,15 +58,33 @@ def participants_page(
     sought = SoughtPeople(search.strip(), standing)
     with database.reading() as connection:
         people = participant_records(connection, study.id, sought, limit=PEOPLE_ON_A_PAGE, offset=at)
+        outside_ids = outside_ids_of(connection, study.id, [row["participant"] for row in people])
         n_found = n_participants(connection, study.id, sought)
     context = {
         "people": people,
+        "outside_ids": outside_ids,
         "n_found": n_found,
         "chosen": {"search": search, "standing": standing},
+        "has_recruits": parse_options(study.options).outside.is_on,
         **_unusual(request, study),
         **turns(at, PEOPLE_ON_A_PAGE, has_more=n_found > at + PEOPLE_ON_A_PAGE),
     }
     return study_page(request, "participants", person, study, context)
+
+
+@router.get("/outside-ids.csv")
+def export_outside_ids(person: Looking, study: AStudy, database: Store, moment: Now) -> Response:
+    """Export everybody's outside id, state and completion code, to approve and pay them on the platform."""
+    options = parse_options(study.options).outside
+    with database.writing() as connection:
+        rows = recruit_records(connection, study.id, options.code)
+        record(connection, person.name, Entry("outside ids exported", study.id, study.slug), moment)
+    text = io.StringIO()
+    table = csv.DictWriter(text, ("participant", "outside_id", "state", "completion_code"), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    headers = {"Content-Disposition": f'attachment; filename="{study.slug}-outside-ids.csv"'}
+    return Response(text.getvalue(), media_type="text/csv; charset=utf-8", headers=headers)
 
 
 @router.get("/{label}")
@@ -126,10 +148,12 @@ def _participant_page(
         facts = participant_record(connection, participant)
         given = stage_records(connection, participant.id)
         history = exclusion_records(connection, participant.id)
+        recruit = recruit_of(connection, participant.id)
     context = {
         "facts": facts,
         "given": given,
         "history": history,
+        "recruit": recruit,
         **_unusual(request, study),
         "may_go_on": facts["stage"] not in ENDS,
         "resume_code": resume_code,

@@ -18,15 +18,25 @@ from app.files import packaged
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
 from app.web.form_token import entry_token, is_own_form, remember_entry
-from app.web.gates import Store, address, entrance, note_refusal, throttle
+from app.web.gates import Store, address, note_refusal, throttle
 from app.web.participant.bodies import FILM_TYPES
+from app.web.participant.entrance import entrance
 from app.web.participant.session import remember
 from app.web.throttle import WRONG_CODES
 
 TEXTS = "templates/participant/texts"
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
-STATUS_OF_MESSAGE = {"unknown": 404, "unknown_resume_code": 404, "used": 410, "paused": 403, "closed": 403}
+STATUS_OF_MESSAGE = {
+    "unknown": 404,
+    "unknown_resume_code": 404,
+    "used": 410,
+    "paused": 403,
+    "closed": 403,
+    "full": 403,
+    "bad_link": 422,
+    "begun_elsewhere": 409,
+}
 
 log = logging.getLogger(__name__)
 router = APIRouter(include_in_schema=False)
@@ -49,7 +59,8 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
     if study is None or state in STATUS_OF_MESSAGE:
         log.warning("an invitation's page was refused: %s", state)
         note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
-        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state)
+        leads_to = study.full_url if study is not None and state in ("closed", "full", "used") else ""
+        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state, leads_to=leads_to)
     return _page(
         request,
         "participant/study.html",
@@ -76,7 +87,7 @@ def resume_elsewhere(
         throttle(request).count(WRONG_CODES, address(request))
         message = "unknown_resume_code"
         log.warning("a resume code is not known")
-        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message)
+        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message, leads_to="")
     with database.reading() as connection:
         answer = RedirectResponse(f"/s/{invitation_of_session(connection, token)}", status_code=303)
     remember(request, answer, token)

@@ -12,12 +12,13 @@ from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
 from app.store.keys import resume_code
+from app.store.recruits import recruit_of_session
 from app.store.sessions import (
+    Admission,
     Session,
-    begin_session,
-    begin_session_once,
+    admit,
     complete_stage,
     done_of,
     last_answer_at,
@@ -25,10 +26,13 @@ from app.store.sessions import (
     session_by_token,
     withdraw,
 )
+from app.store.studies import study_by_id
 from app.study.comprehension import is_understood
+from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
+from app.study.recruiting import MOST_KEPT, Ending
 from app.study.stage_data import InvalidStageError, check_stage_data
-from app.study.stages import FINISHED, INTERVIEW, TRIAL, IllegalMoveError
+from app.study.stages import FINISHED, INTERVIEW, SCREENED_OUT, TRIAL, IllegalMoveError
 from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
 from app.web.throttle import WRONG_CODES
 
@@ -39,10 +43,14 @@ LARGEST_KEPT_LETTER = 6  # bytes of a character in UTF-8, or escaped in JSON: \u
 LARGEST_INTERVIEW = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes, with the questions' names
 LARGEST_STAGE_DATA = 200 * 1024  # bytes, of any other stage; pages send a few hundred
 
+ENDING_OF: dict[str, Ending] = {FINISHED: "complete", SCREENED_OUT: "screened_out"}
+
 log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])
 
 Slug = Annotated[str, Path(max_length=64, pattern=r"^[a-z0-9-]+$", examples=["temple"])]
+LinkName = Annotated[str, Field(max_length=40)]
+LinkValue = Annotated[str, Field(max_length=100)]
 Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples=["k7m2p9xq4wva"])]
 
 
@@ -52,10 +60,17 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Admission(Strict):
+class AdmissionBody(Strict):
     invitation: Code
     key: Annotated[str, Field(pattern=UUID)] | None = Field(
         default=None, description="random, made by the client: the same key again opens the same session"
+    )
+    outside: dict[LinkName, LinkValue] = Field(
+        default={},
+        max_length=MOST_KEPT + 1,
+        description="parameters of a recruiting platform's link, by name; needed where the study knows people by them: "
+        "the same id again opens the same session",
+        examples=[{"PROLIFIC_PID": "5f2a9c0de1b7a4001c3d8e90"}],
     )
 
 
@@ -89,6 +104,14 @@ class ProgressView(BaseModel):
     total: int
 
 
+class EndingView(BaseModel):
+    """Where a participant of a recruiting platform goes at the end."""
+
+    code: str | None = Field(description="completion code, to be shown; null where there is none")
+    url: str | None = Field(description="https address to go to; null where there is none")
+    after_s: int = Field(description="seconds after which the page goes there by itself; 0: never")
+
+
 class SessionView(BaseModel):
     """A session's stage and progress."""
 
@@ -104,6 +127,7 @@ class SessionView(BaseModel):
     debriefing: str | None = Field(
         description="for the end, paragraphs apart by an empty line; null before it, as it may tell what is compared"
     )
+    ending: EndingView | None = Field(description="null before the end, and where the study says nothing of it")
 
 
 class AskedView(BaseModel):
@@ -120,23 +144,30 @@ class OpenedSessionView(SessionView):
 
 @router.post("/studies/{slug}/sessions", status_code=201)
 def begin(
-    slug: Slug, admission: Admission, request: Request, response: Response, database: Store, now: Now
+    slug: Slug, admission: AdmissionBody, request: Request, response: Response, database: Store, now: Now
 ) -> OpenedSessionView:
     """Begin a session with an invitation. 404: no such invitation; 410: it is used up; 403: `standing` says whether
-    the study pauses or is closed.
+    the study pauses, is closed or full.
 
-    With a key, a request whose answer was lost may be sent again: 200 with the same session.
+    With a key, a request whose answer was lost may be sent again: 200 with the same session. An outside id that has
+    begun before leads to its session: 200; the older token ends. 422: the study needs an outside id.
     """
     invitation = invitation_to(request, slug, admission.invitation)
-    if admission.key is None:
-        return _opened(request, response, database, begin_session(database, invitation, now), now)
-    admitted = begin_session_once(database, invitation, admission.key, now)
+    with database.reading() as connection:
+        study = study_by_id(connection, invitation.study_id)
+    assert study is not None, "an invitation is to a study"
+    try:
+        arrival = parse_options(study.options).outside.arrival(admission.outside)
+    except ValueError as error:
+        raise InvalidError(f"Please open the link on the platform that invited you: {error}.") from error
+    held = request.cookies.get(PARTICIPANT_COOKIE)
+    admitted = admit(database, invitation, Admission(admission.key, arrival, held), now)
     response.status_code = 201 if admitted.is_new else 200
     return _opened(request, response, database, admitted.token, now)
 
 
 @router.post("/studies/{slug}/turned-away", status_code=204)
-def turn_away(slug: Slug, admission: Admission, request: Request) -> None:
+def turn_away(slug: Slug, admission: AdmissionBody, request: Request) -> None:
     """Say that a browser cannot show a study's films, for the log; its invitation stays unused."""
     invitation_to(request, slug, admission.invitation)
     log.warning("study %s: turned away, cannot show the films: %r", slug, request.headers.get("user-agent", "")[:200])
@@ -241,6 +272,7 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
     with database.reading() as connection:
         done = done_of(connection, session.id)
         answered_at = last_answer_at(connection, session.id)
+        ending = _ending(connection, session)
     return {
         "session": session.public_id,
         "study": StudyView(slug=session.slug, title=session.name, exposure_s=session.exposure_s),
@@ -250,4 +282,21 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
         "debriefing": session.options.debriefing if session.stage == FINISHED else None,
+        "ending": ending,
     }
+
+
+def _ending(connection: Transaction, session: Session) -> EndingView | None:
+    """Return where a session's participant goes, with the completion code of who has finished."""
+    if session.stage not in ENDING_OF:
+        return None
+    options = session.options.outside
+    recruit = recruit_of_session(connection, session.id)
+    if options.is_on and recruit is None:  # a preview
+        return None
+    ending = ENDING_OF[session.stage]
+    code = (recruit.completion_code if recruit else "") or options.code if ending == "complete" else ""
+    url = options.address(ending, recruit.arrival if recruit else None, code)
+    if not code and not url:
+        return None
+    return EndingView(code=code or None, url=url or None, after_s=options.redirect_after_s)

@@ -11,7 +11,7 @@ from app.errors import ConflictError, GoneError
 from app.store.designs import practice_pairs
 from app.store.sessions import done_of
 from app.store.trials import mark_served, next_trials, void_trial
-from app.study.stages import SCREENED_OUT, TRIAL, is_past
+from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
 from app.web.gates import Now, Participant, Store
 from app.web.participant.bodies import OneTrialView, TrialView, TroubleBody, VoidBody, practice_view, trial_view
 
@@ -26,7 +26,7 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     session = signed_in.session
     if session.has_withdrawn:
         raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
-    if session.stage == SCREENED_OUT or is_past(TRIAL, session.stage, session.options.way):
+    if session.stage in (SCREENED_OUT, TIMED_OUT) or is_past(TRIAL, session.stage, session.options.way):
         return Response(status_code=204)
     if session.stage != TRIAL:
         raise ConflictError(f"The trials have not begun: the session is in the stage {session.stage}.")

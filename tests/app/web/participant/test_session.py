@@ -35,6 +35,7 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "progress",
         "was_away_long",
         "debriefing",
+        "ending",
     }
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie

@@ -1,0 +1,106 @@
+"""What a participant finds at an invitation's address, or at a recruiting platform's link to it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from fastapi import Request
+
+from app.store.designs import has_single_films
+from app.store.engine import Transaction
+from app.store.invitations import Invitation, invitation_by_code
+from app.store.recruits import recruit_of_session, session_of_outside_id
+from app.store.sessions import Session, WhyClosed, session_by_token, why_closed
+from app.store.studies import Study, study_by_id
+from app.study.options import StudyOptions, parse_options
+from app.study.recruiting import Arrival
+from app.web.gates import PARTICIPANT_COOKIE, database, now
+
+log = logging.getLogger(__name__)
+
+State = Literal["open", "mine", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation."""
+
+    slug: str
+    title: str
+    state: State
+    is_shared: bool  # whether another participant may begin at this browser
+    options: StudyOptions
+    fallback: str  # the option, empty where the study lacks the films for it
+    outside: Mapping[str, str]  # the link's parameters by which a recruiting platform says who comes
+    no_consent_url: str  # where to go without consent; empty: nowhere
+    full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
+
+
+def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
+    """Look up what an invitation's address leads to, without using it; None if there is no such invitation.
+
+    Parameters
+    ----------
+    is_for_another : whether a new participant sits at this browser, who begins if a place is left
+    """
+    with database(request).reading() as connection:
+        invitation = invitation_by_code(connection, code)
+        study = study_by_id(connection, invitation.study_id) if invitation else None
+        if invitation is None or study is None:
+            return None
+        token = request.cookies.get(PARTICIPANT_COOKIE)
+        session = session_by_token(connection, token) if token else None
+        has_singles = has_single_films(connection, study.id)
+        state: State = _used_or(why_closed(connection, study, now(request)), invitation)
+        options = parse_options(study.options)
+        if options.outside.id:
+            state, arrival = _state_of_link(request, connection, study, session, state)
+        else:
+            arrival = None
+            is_mine = session is not None and session.invitation_id == invitation.id
+            state = "mine" if is_mine and not (is_for_another and state == "open") else state
+    places = invitation.has_places(1 if state == "mine" else 2)
+    return Entrance(
+        slug=study.slug,
+        title=study.name,
+        state=state,
+        is_shared=study.standing == "open" and places and not options.outside.id,
+        options=options,
+        fallback=options.fallback if has_singles else "",
+        outside={options.outside.id: arrival.outside_id, **arrival.kept} if arrival else {},
+        no_consent_url=options.outside.address("no_consent", arrival),
+        full_url=options.outside.address("full", arrival),
+    )
+
+
+def _used_or(why: WhyClosed | None, invitation: Invitation) -> State:
+    return why or ("used" if invitation.is_used else "open")
+
+
+def _state_of_link(
+    request: Request, connection: Transaction, study: Study, session: Session | None, for_anybody: State
+) -> tuple[State, Arrival | None]:
+    """Return what a recruiting platform's link leads to, and who comes by it.
+
+    A page that is loaded again has lost the link's parameters: then the cookie says who it is. Another id than the
+    cookie's is another person at this browser.
+    """
+    options = parse_options(study.options).outside
+    recruit = recruit_of_session(connection, session.id) if session is not None else None
+    held = recruit.arrival if recruit and session and session.study_id == study.id else None
+    if session is not None and session.study_id == study.id and options.id not in request.query_params:
+        return "mine", held  # or a preview, which nobody sent
+    try:
+        arrival = options.arrival(request.query_params)
+    except ValueError as error:
+        log.warning("study %s: a recruiting platform's link is refused: %s", study.slug, error)
+        return "bad_link", None
+    assert arrival is not None, "the study has an id"
+    if held is not None and held.outside_id == arrival.outside_id:
+        return "mine", held
+    if session_of_outside_id(connection, study.id, arrival.outside_id) is None:
+        return for_anybody, arrival
+    return ("open" if options.resume == "anywhere" else "begun_elsewhere"), arrival

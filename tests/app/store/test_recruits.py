@@ -1,0 +1,72 @@
+"""Outside ids and quotas hold when thirty come at once."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from typing import Any
+from uuid import uuid4
+
+from sqlalchemy import func, select, update
+
+from app.errors import ClosedError
+from app.store.engine import Database
+from app.store.invitations import Invitation
+from app.store.sessions import Admission, admit
+from app.store.tables import participant, recruit, session, study
+from app.study.options import parse_options
+from app.study.recruiting import Arrival
+
+MakeInvitation = Callable[[int | None], Invitation]
+N_AT_ONCE = 30
+
+
+def sets(database: Database, **options: Any) -> None:
+    with database.writing() as connection:
+        connection.execute(update(study).values(options=parse_options(options).as_json()))
+
+
+def all_at_once(action: Callable[[int], str]) -> list[str]:
+    together = threading.Barrier(N_AT_ONCE)
+
+    def act(number: int) -> str:
+        together.wait()
+        return action(number)
+
+    with ThreadPoolExecutor(N_AT_ONCE) as pool:
+        return list(pool.map(act, range(N_AT_ONCE)))
+
+
+def test_ten_people_who_each_come_three_times_at_once_take_ten_slots(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    sets(database, outside={"id": "PERSON"})
+    invitation = invite(None)
+
+    def come(number: int) -> str:
+        return admit(database, invitation, Admission(str(uuid4()), Arrival(f"p-{number % 10}")), now).token
+
+    assert len(set(all_at_once(come))) == N_AT_ONCE  # each browser has its own token, and the last one of an id counts
+    with database.reading() as connection:
+        assert sorted(connection.scalars(select(participant.c.slot))) == list(range(10))
+        assert sorted(connection.scalars(select(recruit.c.outside_id))) == [f"p-{number}" for number in range(10)]
+        assert connection.scalar(select(func.count()).select_from(session)) == 10
+
+
+def test_no_more_are_taken_in_than_the_quota_when_thirty_come_at_once(
+    database: Database, invite: MakeInvitation, now: datetime
+) -> None:
+    sets(database, outside={"id": "PERSON"}, limits={"finished": 7})
+    invitation = invite(None)
+
+    def come(number: int) -> str:
+        try:
+            admit(database, invitation, Admission(None, Arrival(f"p-{number}")), now)
+        except ClosedError as refused:
+            return refused.standing
+        return "in"
+
+    outcomes = all_at_once(come)
+    assert (outcomes.count("in"), outcomes.count("full")) == (7, N_AT_ONCE - 7)

@@ -1,0 +1,292 @@
+"""People from a recruiting platform: one session for each id, the way back, and nothing of it among the scores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any
+from uuid import uuid4
+
+import httpx
+import pytest
+from sqlalchemy import update
+
+from app.operations.create import create_study
+from app.settings import Settings
+from app.simulation.participants import begin, next_trial, simulate
+from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.store.studies import set_standing, study_by_slug
+from app.store.tables import session
+from app.study.options import parse_options
+from tests.app.web.admin.dashboard_client import Dashboard
+from tests.app.web.http_checks import is_problem
+from tests.recruiting_platform import OPTIONS, Platform
+
+Create = Callable[..., dict[str, Any]]
+VoteBody = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def platform() -> Platform:
+    return Platform()
+
+
+@pytest.fixture
+def create(settings: Settings, stimulus_set: Any) -> Create:
+    def make(outside: dict[str, Any] | None = None, **options: Any) -> dict[str, Any]:
+        content = {"outside": OPTIONS | (outside or {}), **options}
+        return create_study(settings, stimulus_set, f"S {uuid4()}", exposure_s=0.4, options=parse_options(content))
+
+    return make
+
+
+@contextmanager
+def a_browser(server: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=server, timeout=30) as browser:
+        yield browser
+
+
+def enters(browser: httpx.Client, study: dict[str, Any], person: str, **changes: Any) -> httpx.Response:
+    """What the page's Begin sends."""
+    body = {"invitation": study["invitation"], "key": str(uuid4()), "outside": {"PERSON": person, "TASK": "task-7"}}
+    return browser.post(f"/api/v1/studies/{study['slug']}/sessions", json=body | changes)
+
+
+def goes_through(browser: httpx.Client, vote_body: VoteBody) -> dict[str, Any]:
+    """From the introduction to the end; the session as it is then."""
+    browser.put("/api/v1/session/stages/introduction", json={"data": {}})
+    while (answer := browser.get("/api/v1/session/trials/next")).status_code == 200:
+        trial = answer.json()
+        sent = browser.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+        assert sent.status_code == 201
+    ended: dict[str, Any] = browser.get("/api/v1/session").json()
+    return ended
+
+
+def test_who_is_sent_in_comes_back_with_a_code_that_the_experimenter_can_check(
+    client: httpx.Client, create: Create, platform: Platform, vote_body: VoteBody, experimenter: Dashboard
+) -> None:
+    study = create()
+    page = client.get(platform.link(study["path"], "p-1"))
+    assert page.status_code == 200
+    assert "UNASKED" not in page.text.replace("&#34;", '"').partition("data-outside")[2].partition(">")[0]
+    begun = enters(client, study, "p-1").json()
+    assert begun["ending"] is None
+    ending = goes_through(client, vote_body)["ending"]
+    assert platform.receive(ending["url"]).status_code == 200
+    assert (platform.states, platform.codes) == ({"p-1": "complete"}, {"p-1": ending["code"]})
+    base = f"/admin/studies/{study['slug']}/participants"
+    table = experimenter.get(f"{base}/outside-ids.csv").text
+    assert table == f"participant,outside_id,state,completion_code\nP001,p-1,finished,{ending['code']}\n"
+    shown = experimenter.get(f"{base}/P001").text
+    assert all(f">{text}" in shown for text in ("p-1", "task-7", ending["code"]))
+    assert "p-1" in experimenter.get(base).text
+
+
+def test_everybody_gets_another_code_unless_the_study_has_one_for_all(
+    server: str, create: Create, vote_body: VoteBody
+) -> None:
+    codes = []
+    for study in (create(), create({"random_codes": False, "code": "C0DE"})):
+        for person in ("p-1", "p-2"):
+            with a_browser(server) as browser:
+                enters(browser, study, person)
+                codes.append(goes_through(browser, vote_body)["ending"]["code"])
+    assert len(set(codes[:2])) == 2
+    assert codes[2:] == ["C0DE", "C0DE"]
+
+
+def test_the_same_link_in_another_browser_leads_to_the_same_session(
+    client: httpx.Client, server: str, create: Create, platform: Platform, vote_body: VoteBody
+) -> None:
+    study = create()
+    first = enters(client, study, "p-1").json()
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    trial = client.get("/api/v1/session/trials/next").json()
+    client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+    with a_browser(server) as other:
+        page = other.get(platform.link(study["path"], "p-1"))
+        assert 'data-state="open"' in page.text
+        again = enters(other, study, "p-1")
+        assert again.status_code == 200
+        assert (again.json()["session"], again.json()["progress"]["done"]) == (first["session"], 1)
+        assert is_problem(client.get("/api/v1/session"), 401)  # the older browser is signed out
+        assert goes_through(other, vote_body)["ending"]["url"]
+        assert enters(client, study, "p-1").json()["ending"]["code"]  # who lost the code finds it again
+
+
+def test_two_tabs_and_a_request_sent_twice_are_one_session(client: httpx.Client, create: Create) -> None:
+    study = create()
+    key = str(uuid4())
+    answers = [enters(client, study, "p-1", key=key) for _ in range(2)] + [enters(client, study, "p-1")]
+    assert [answer.status_code for answer in answers] == [201, 200, 200]
+    assert len({answer.json()["session"] for answer in answers}) == 1
+    assert client.get("/api/v1/session").json()["session"] == answers[0].json()["session"]
+
+
+def test_another_id_at_the_same_browser_is_another_person(
+    client: httpx.Client, create: Create, platform: Platform
+) -> None:
+    study = create()
+    enters(client, study, "p-1")
+    assert 'data-state="mine"' in client.get(platform.link(study["path"], "p-1")).text
+    assert 'data-state="mine"' in client.get(study["path"]).text  # loaded again: the page drops the parameters
+    assert 'data-state="open"' in client.get(platform.link(study["path"], "p-2")).text
+    assert enters(client, study, "p-2").status_code == 201
+
+
+def test_a_study_may_let_an_id_go_on_only_where_it_began(
+    client: httpx.Client, server: str, create: Create, platform: Platform
+) -> None:
+    study = create({"resume": "same browser"})
+    code = enters(client, study, "p-1").json()["resume_code"]
+    with a_browser(server) as other:
+        refused = other.get(platform.link(study["path"], "p-1"))
+        assert refused.status_code == 409
+        assert 'name="resume_code"' in refused.text
+        assert is_problem(enters(other, study, "p-1"), 409)
+        assert client.get("/api/v1/session").status_code == 200
+        assert other.post("/api/v1/session/resume", json={"resume_code": code}).status_code == 200
+    with a_browser(server) as holder:
+        holder.cookies = other.cookies
+        assert enters(holder, study, "p-1").status_code == 200
+
+
+@pytest.mark.parametrize("person", ["", "{{%PERSON%}}", "a b", "x" * 101, "é", "=1+1"])
+def test_a_link_that_does_not_say_who_comes_is_refused(client: httpx.Client, create: Create, person: str) -> None:
+    study = create()
+    assert client.get(study["path"], params={"PERSON": person}).status_code == 422
+    assert is_problem(enters(client, study, person), 422)
+    assert client.get(study["path"]).status_code == 422
+
+
+def test_ids_and_codes_are_in_no_table_that_analysts_read(
+    client: httpx.Client, analyst: httpx.Client, create: Create, vote_body: VoteBody
+) -> None:
+    study = create()
+    enters(client, study, "p-secret-1")
+    code = goes_through(client, vote_body)["ending"]["code"]
+    base = f"/api/v1/studies/{study['slug']}"
+    tables = ["", *(f"/{name}" for name in ("votes", "trials", "participants", "questionnaire", "scores", "archive"))]
+    answers = [analyst.get(base + table) for table in tables]
+    assert sum(answer.status_code == 200 for answer in answers) >= 5
+    for answer in answers:
+        assert b"p-secret-1" not in answer.content
+        assert code.encode() not in answer.content
+
+
+def test_who_is_screened_out_goes_back_without_a_code(client: httpx.Client, create: Create, platform: Platform) -> None:
+    study = create(optional_stages=["screening"], screening={"tests": ["acuity"], "on_failure": "stop"})
+    platform.link(study["path"], "p-1")
+    enters(client, study, "p-1")
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    assert client.put("/api/v1/session/screening/acuity/skip", json={"reason": "no card"}).is_success
+    ended = client.put("/api/v1/session/stages/screening", json={"data": {}}).json()
+    assert (ended["stage"], ended["ending"]["code"]) == ("screened_out", None)
+    platform.receive(ended["ending"]["url"])
+    assert platform.states == {"p-1": "screened-out"}
+    assert enters(client, study, "p-1").json()["stage"] == "screened_out"  # and stays so
+
+
+def test_a_study_takes_in_as_many_as_may_finish_and_sends_others_back(
+    server: str, create: Create, platform: Platform, vote_body: VoteBody, experimenter: Dashboard
+) -> None:
+    study = create(limits={"finished": 2})
+    with a_browser(server) as first, a_browser(server) as second, a_browser(server) as third:
+        enters(first, study, "p-1")
+        enters(second, study, "p-2")
+        goes_through(first, vote_body)
+        refused = enters(third, study, "p-3")
+        assert is_problem(refused, 403)
+        assert refused.json()["standing"] == "full"
+        page = third.get(platform.link(study["path"], "p-3"))
+        assert page.status_code == 403
+        assert 'href="https://platform.test/full?person=p-3"' in page.text
+        assert enters(second, study, "p-2").status_code == 200  # who has begun goes on
+        overview = experimenter.get(f"/admin/studies/{study['slug']}").text
+        assert "Full: nobody more is taken in now." in overview
+        assert "1 finished, 1 under way; at most 2 finish" in overview
+        second.put("/api/v1/session/withdrawal")
+        assert enters(third, study, "p-3").status_code == 201
+
+
+def test_who_takes_too_long_reads_so_and_the_place_is_given_out_again(
+    client: httpx.Client, server: str, settings: Settings, create: Create
+) -> None:
+    study = create(limits={"finished": 1, "minutes": 30})
+    enters(client, study, "p-1")
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    assert client.get("/api/v1/session/trials/next").status_code == 200
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        public_id = client.get("/api/v1/session").json()["session"]
+        late = update(session).where(session.c.public_id == public_id)
+        connection.execute(late.values(started_at=utc_now() - timedelta(minutes=31)))
+    database.dispose()
+    with a_browser(server) as other:
+        assert enters(other, study, "p-2").status_code == 201
+    assert client.get("/api/v1/session").json()["stage"] == "timed_out"
+    assert client.get("/api/v1/session/trials/next").status_code == 204
+    assert is_problem(client.put("/api/v1/session/stages/introduction", json={"data": {}}), 409)
+
+
+def test_who_has_begun_goes_on_when_the_study_is_closed(
+    client: httpx.Client, server: str, settings: Settings, create: Create, platform: Platform
+) -> None:
+    study = create()
+    enters(client, study, "p-1")
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        known = study_by_slug(connection, study["slug"])
+        assert known is not None
+        set_standing(connection, known.id, "closed", utc_now())
+    database.dispose()
+    with a_browser(server) as other:
+        assert other.get(platform.link(study["path"], "p-1")).status_code == 200
+        assert enters(other, study, "p-1").status_code == 200
+        assert other.get(platform.link(study["path"], "p-2")).status_code == 403
+
+
+def test_erasing_a_participant_erases_the_id(client: httpx.Client, create: Create, experimenter: Dashboard) -> None:
+    study = create()
+    first = enters(client, study, "p-1").json()["session"]
+    base = f"/admin/studies/{study['slug']}/participants"
+    assert "p-1" in experimenter.get(f"{base}/P001/export.json").text
+    experimenter.act(f"{base}/P001/erase", again="P001")
+    assert "p-1" not in experimenter.get(f"{base}/P001").text + experimenter.get(f"{base}/outside-ids.csv").text
+    assert enters(client, study, "p-1").json()["session"] != first
+
+
+def test_the_form_changes_how_people_come_even_after_some_have(
+    client: httpx.Client, create: Create, experimenter: Dashboard
+) -> None:
+    study = create()
+    enters(client, study, "p-1")
+    path = f"/admin/studies/{study['slug']}/edit"
+    fields = {
+        "revision": "1", "name": study["name"], "recruiting": "true", "outside_id": "RID", "keep": "SID, WAVE",
+        "resume": "same browser", "code": "DONE", "complete_url": "https://example.org/?r={RID}&c={code}",
+        "redirect_after_s": "0", "most_finished": "20", "most_under_way": "5", "open_until": "", "minutes": "45",
+    }  # fmt: skip
+    refused = experimenter.act(path, **fields)
+    assert refused.status_code == 422
+    assert "complete_url holds {RID}, expected {id}, {SID}, {WAVE}, {code}" in refused.text
+    fields["complete_url"] = "https://example.org/?r={id}&c={code}"
+    saved = experimenter.act(path, **fields)
+    assert saved.status_code == 200
+    for text in ('name="outside_id" maxlength="40" value="RID"', 'value="SID WAVE"', 'value="45"'):
+        assert text in saved.text
+
+
+def test_simulated_participants_of_such_a_study_have_ids_too(
+    server: str, token: str, create: Create, client: httpx.Client
+) -> None:
+    study = create()
+    with pytest.raises(ValueError, match="the link has no PERSON"):
+        begin(client, study["slug"], study["invitation"])
+    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+    made = simulate(server, study["slug"], study["invitation"], token, 1, abilities, 0.0, outside_id="PERSON")
+    assert made["votes"] == 6
+    assert next_trial(client, begin(client, study["slug"], study["invitation"], outside_id="PERSON")["token"])
