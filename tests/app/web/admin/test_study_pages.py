@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import pytest
 from sqlalchemy import Engine, event
 
 from app.operations import create, manage
+from app.operations.create import read_options
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store import sessions
@@ -23,7 +25,8 @@ from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
 from app.study.options import LONGEST_TEXT
-from app.study.study_file import LONGEST_FILE
+from app.study.presets import PAPER, PRESETS
+from app.study.study_file import LONGEST_FILE, parse_study_file
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -60,6 +63,20 @@ def test_a_study_is_created_from_a_stimulus_set_and_pauses_until_it_is_opened(ow
         assert eva.get(f"/s/{code}").status_code == 200
         again = ends(eva, eva.act("/admin/studies/new", name="First", stimulus_set="tiny").url.path)
         assert "there is already a study" in again.text
+
+
+@pytest.mark.slow
+def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        page = eva.get("/admin/studies/new").text
+        assert all(f'name="preset" value="{name}"' in page for name in PRESETS)
+        refused = eva.act("/admin/studies/new", name="Second", stimulus_set="tiny", preset="papr")
+        assert refused.status_code == 422
+        assert "expected one of paper, quick, online" in refused.text
+        fields = {"stimulus_set": "tiny", "preset": "paper", "stage": "practice", "consent": "Ours."}
+        ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
+    options = parse_study_file(manage.export_study(own, "like-the-paper")).options
+    assert options == replace(read_options(None, {}, PAPER), consent="Ours.", consent_version="")
 
 
 @pytest.mark.parametrize("name", ["../tiny", "/etc", "", "tiny/../../x", "unknown"])
