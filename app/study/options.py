@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from app.study.design import Repetition
+from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -52,6 +53,7 @@ class StudyOptions:
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
+    lab_sheet : the room and the display, for the record
     """
 
     optional_stages: tuple[str, ...] = ()
@@ -72,6 +74,7 @@ class StudyOptions:
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
     abandoned_after_h: float = ABANDONED_AFTER_H
+    lab_sheet: LabSheet = field(default_factory=LabSheet)
 
     @property
     def repetition(self) -> Repetition:
@@ -96,6 +99,7 @@ class StudyOptions:
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
+            "lab_sheet": self.lab_sheet.as_json(),
         }
 
 
@@ -136,6 +140,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
+        lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
     )
 
 

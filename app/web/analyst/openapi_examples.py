@@ -212,6 +212,7 @@ STUDY = {
     "datasets": ["ball", "box"],
     "conditions": [{"item": "pm_fb", "levels": {"depth": "pm", "fusion": "fb"}}],
     "factors": {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]},
+    "lab_sheet": {"display": "ASUS VG278", "size_inch": 27.0, "white_point": "5000 K", "distance_cm": 90.0},
 }
 ANALYSIS = {
     "schema_version": 1,

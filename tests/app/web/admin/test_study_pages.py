@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
@@ -203,6 +205,26 @@ def test_what_participants_see_stays_once_somebody_has_begun(
     assert "exposure_s cannot change" in refused.text
     allowed = experimenter.act(f"{base}/edit", revision="1", name="Same", debriefing="Thank you.")
     assert "Thank you." in allowed.text
+
+
+def test_a_lab_sheet_is_noted_at_any_time_and_exported(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy, settings: Settings
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    base = f"/admin/studies/{study['slug']}"
+    noted = {"lab_display": "ASUS | VG278", "lab_size_inch": "27", "lab_white_point": "5000 K", "lab_distance_cm": ""}
+    page = experimenter.act(f"{base}/edit", revision="1", name="Same", lab_sheet="true", **noted).text
+    assert 'name="lab_size_inch" min="1.0" max="500.0" step="any" value="27"' in page
+    sheet = {"display": "ASUS | VG278", "size_inch": 27.0, "white_point": "5000 K"}
+    assert experimenter.get(f"/api/v1/studies/{study['slug']}").json()["lab_sheet"] == sheet
+    assert parse_study_file(manage.export_study(settings, study["slug"])).options.lab_sheet.as_json() == sheet
+    with zipfile.ZipFile(io.BytesIO(experimenter.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)) as archive:
+        dictionary = archive.read(f"{study['slug']}/README.md").decode()
+    assert "| Display | ASUS \\| VG278 |\n| Size, inch | 27 |\n" in dictionary
+    refused = experimenter.act(f"{base}/edit", revision="2", name="Same", lab_sheet="true", lab_size_inch="0")
+    assert refused.status_code == 422
+    assert "size_inch is 0.0, expected a number from 1 to 500" in refused.text
 
 
 def test_an_edit_waits_for_who_begins_at_that_moment(
