@@ -67,9 +67,10 @@ def parse_lab_sheet(content: Any) -> LabSheet:
         raise ValueError(f"lab_sheet is {content!r}, expected a table of its own")
     if unknown := sorted(set(content) - set(LABELS)):
         raise ValueError(f"lab_sheet: {unknown[0]!r} is not known; expected some of {', '.join(LABELS)}")
-    return LabSheet(
-        **{name: _number(name, value) if name in BOUNDS else _note(name, value) for name, value in content.items()}
-    )
+    read: dict[str, Any] = {
+        name: _number(name, value) if name in BOUNDS else _note(name, value) for name, value in content.items()
+    }
+    return LabSheet(**read)
 
 
 def _number(name: str, value: Any) -> float:

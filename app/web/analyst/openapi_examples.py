@@ -203,6 +203,10 @@ ROW: dict[str, Any] = {  # of any table, by column
     "distance_source": "typed",
     "n_answered": 30,
     "details": {"n_not_seen": 3},
+    "is_bound": False,
+    "result_source": "entered",
+    "instrument": "Landolt C chart at 4 m",
+    "result": "0.1 logMAR, both eyes",
 }
 MEASURED_BY = "validate mesh"  # the source of a measure; that of an answer is another
 STUDY = {

@@ -219,7 +219,9 @@ def test_a_lab_sheet_is_noted_at_any_time_and_exported(
     sheet = {"display": "ASUS | VG278", "size_inch": 27.0, "white_point": "5000 K"}
     assert experimenter.get(f"/api/v1/studies/{study['slug']}").json()["lab_sheet"] == sheet
     assert parse_study_file(manage.export_study(settings, study["slug"])).options.lab_sheet.as_json() == sheet
-    with zipfile.ZipFile(io.BytesIO(experimenter.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)) as archive:
+    with zipfile.ZipFile(
+        io.BytesIO(experimenter.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)
+    ) as archive:
         dictionary = archive.read(f"{study['slug']}/README.md").decode()
     assert "| Display | ASUS \\| VG278 |\n| Size, inch | 27 |\n" in dictionary
     refused = experimenter.act(f"{base}/edit", revision="2", name="Same", lab_sheet="true", lab_size_inch="0")
