@@ -110,9 +110,12 @@ def study_create(
         float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
+    preset: Annotated[
+        str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
+    ] = "quick",
     options_file: Annotated[
         Path | None,
-        typer.Option("--options", help="TOML file: optional_stages (practice, interview), consent, questions, …"),
+        typer.Option("--options", help="TOML file: optional_stages, consent, questions, …; it overrides the preset."),
     ] = None,
     both_orders: Annotated[
         bool, typer.Option("--both-orders", help="Show every pair twice, the second time with A and B exchanged.")
@@ -160,7 +163,7 @@ def study_create(
         "fallback": fallback,
         "break_every": break_every,
     }
-    options = read_options(options_file, {name: value for name, value in given.items() if value is not None})
+    options = read_options(options_file, {name: value for name, value in given.items() if value is not None}, preset)
     progress = ProgressLine()
     study = create_study(
         Settings(),

@@ -10,10 +10,11 @@ from app.analysis import write_analysis
 from app.experiment.study import fetched
 from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
-from app.operations.create import create_study
+from app.operations.create import create_study, read_options
 from app.operations.manage import add_experimenter, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
+from app.study.presets import QUICK
 from app.web.front import FRONT_FILE
 
 # What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
@@ -27,7 +28,8 @@ SEED = 1
 def demo_study(settings: Settings, manifest: Path, exposure_s: float, progress: Progress) -> dict[str, Any]:
     """Return the demo's study, and create it if it is not there."""
     if not list_studies(settings):
-        create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, progress=progress)
+        options = read_options(None, {}, QUICK)
+        create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
     return list_studies(settings)[0]
 
 

@@ -20,12 +20,13 @@ from app.files import read_json, write_json
 from app.intake.reports import Measure, read_report
 from app.intake.stimuli import MANIFEST
 from app.main import running_server
-from app.operations.create import create_study
+from app.operations.create import create_study, read_options
 from app.operations.manage import add_own_token, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate_study
-from app.study.options import parse_options
+from app.study.options import StudyOptions
+from app.study.presets import PAPER
 
 NAME = "The paper's study"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
@@ -42,20 +43,9 @@ LACKING = 8  # how many people come before the one who lacks a cone
 SEED = 1
 TIMEOUT_S = 300.0
 
-OPTIONS = {  # practice, the questions of table 3, and a screening that stops those who fail
-    "optional_stages": ["screening", "practice", "interview"],
-    "screening": {"on_failure": "stop", "colour_misses": 2},  # of 5: by slips alone nobody misses more
-    "questions": [
-        {"name": "age", "kind": "number", "minimum": 16, "maximum": 120},
-        {"name": "sex", "kind": "choice", "options": ["female", "male", "other", "unsaid"]},
-        {
-            "name": "trained",
-            "kind": "choice",
-            "text": "Are you trained in the evaluation of images or 3D models?",
-            "options": ["yes", "no"],
-        },
-    ],
-}
+# Besides the preset of the paper's study: who fails goes no further, so that nobody has to exclude votes. Slips alone
+# never miss more than 2 of 5 plates.
+SCREENING = {"on_failure": "stop", "colour_misses": 2}
 
 
 @dataclass(frozen=True)
@@ -78,8 +68,8 @@ class StudyPart:
         manifest = read_json(self.out / "stimuli" / MANIFEST)
         shown = [(entry["dataset"], entry["approach"], entry["sha256"]) for entry in manifest["stimuli"]]
         truth = list(true_abilities(self.measures()).items())
-        model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED, OPTIONS]
-        return hashlib.sha256(json.dumps([shown, truth, model]).encode()).hexdigest()
+        model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED]
+        return hashlib.sha256(json.dumps([shown, truth, model, study_options().as_json()]).encode()).hexdigest()
 
     def reports(self) -> list[Path]:
         """List the validation reports that compare the approaches."""
@@ -97,7 +87,7 @@ class StudyPart:
             return
         for file in settings.data_dir.glob("study.sqlite*"):  # of a start that was interrupted; films stay
             file.unlink()
-        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=parse_options(OPTIONS), progress=progress)
+        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=study_options(), progress=progress)
         (study,) = list_studies(settings)
         abilities = true_abilities(self.measures())
         with running_server(settings) as url:
@@ -110,6 +100,11 @@ class StudyPart:
     def answers(self) -> dict[str, Any]:
         """Read what the people answered, and the truth that was put in."""
         return read_json(self.settings().data_dir / ANSWERS_FILE)
+
+
+def study_options() -> StudyOptions:
+    """Return the options of the paper's study, with a screening that stops those who fail."""
+    return read_options(None, {"screening": SCREENING}, PAPER)
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:

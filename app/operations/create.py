@@ -34,6 +34,7 @@ from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.study.adaptive import check_adaptive
 from app.study.options import StudyOptions, parse_options
+from app.study.presets import QUICK, read_preset
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
 
@@ -166,18 +167,26 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
     return slug
 
 
-def read_options(path: Path | None, given: Mapping[str, Any]) -> StudyOptions:
-    """Read a study's options from a TOML file, if there is one; options given directly override it.
+def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUICK) -> StudyOptions:
+    """Read a study's options: those given directly override those of a TOML file, and these a preset's.
+
+    Parameters
+    ----------
+    path : of the TOML file; None: there is none
+    given : options by name
+    preset : of PRESETS
 
     Raises
     ------
     ValueError
-        If the file is not readable or not as described: names it and its fault.
+        If there is no such preset, or the file is not readable or not as described: names it and its fault.
     """
+    chosen = read_preset(preset)
     if path is None:
-        return parse_options(given)
+        return parse_options(chosen.overridden_by(given))
     try:
-        return parse_options({**tomllib.loads(path.read_text(encoding="utf-8")), **given})
+        in_file = tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_options(chosen.overridden_by({**in_file, **given}))
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
 

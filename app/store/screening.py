@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
 
@@ -16,9 +16,17 @@ from sqlalchemy import Connection, Row, insert, select, update
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.exclusions import takes_part_in
-from app.store.tables import participant, screening_display, screening_item, screening_test, session
+from app.store.tables import (
+    participant,
+    screening_display,
+    screening_entry,
+    screening_item,
+    screening_test,
+    session,
+)
 from app.study.screening import (
     NOT_TAKEN,
+    EnteredResult,
     Item,
     ScreeningOptions,
     TestName,
@@ -181,14 +189,39 @@ def end_test(database: Database, session_id: int, test: TestName, reason: str, n
 
 
 def close_screening(connection: Connection, session_id: int, options: ScreeningOptions, now: datetime) -> list[str]:
-    """End a session's unfinished tests and return all verdicts."""
+    """End a session's unfinished tests and return the verdicts that count: those entered, else those of the screen."""
     for test in options.tests:
         _end(connection, session_id, test, "the stage ended before", now)
-    return [row.verdict for row in _tests(connection, session_id)]
+    tested = {row.test: row.verdict for row in _tests(connection, session_id)}
+    entered = connection.execute(
+        select(screening_entry.c.test, screening_entry.c.verdict)
+        .where(screening_entry.c.session_id == session_id)
+        .order_by(screening_entry.c.id)
+    )
+    return list({**tested, **{row.test: row.verdict for row in entered}}.values())
+
+
+def enter_result(
+    connection: Connection, participant_id: int, entered: EnteredResult, experimenter: str, now: datetime
+) -> None:
+    """Add the result of a test beside the screen; earlier ones stay."""
+    session_id = connection.execute(select(session.c.id).where(session.c.participant_id == participant_id)).scalar_one()
+    values = {**asdict(entered), "experimenter": experimenter, "entered_at": now}
+    connection.execute(insert(screening_entry).values(session_id=session_id, **values))
+
+
+def entered_of(connection: Connection, participant_id: int) -> Sequence[Row[Any]]:
+    """Return the results entered for a participant, the newest first."""
+    return connection.execute(
+        select(screening_entry)
+        .join(session)
+        .where(session.c.participant_id == participant_id)
+        .order_by(screening_entry.c.id.desc())
+    ).all()
 
 
 def screening_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """Return a row for each participant and test of a study, including unfinished tests."""
+    """Return a row for each participant and test on the screen, unfinished ones too; then those of entered results."""
     rows = connection.execute(
         select(
             participant.c.label.label("participant"),
@@ -213,7 +246,22 @@ def screening_records(connection: Connection, study_id: int) -> Iterator[dict[st
             "smallest": row.setup.get("smallest"),
             "n_answered": sum(item.answer is not None for item in _items(connection, row.id)),
             "details": row.result,
+            "result_source": "screen",
+            "is_bound": (row.result or {}).get("is_bound"),
+            "result": None,
         }
+    yield from _entered_records(connection, study_id)
+
+
+def _entered_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+    rows = connection.execute(
+        select(participant.c.label.label("participant"), session.c.public_id.label("session"), screening_entry)
+        .select_from(screening_entry.join(session).join(participant))
+        .where(takes_part_in(study_id))
+        .order_by(participant.c.slot, screening_entry.c.id)
+    )
+    for row in rows:
+        yield {**row._mapping, "finished_at": row.entered_at, "result_source": "entered"}
 
 
 def _refuse_after_begin(connection: Connection, session_id: int) -> None:

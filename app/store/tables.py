@@ -302,6 +302,21 @@ screening_item = Table(
     UniqueConstraint("screening_test_id", "number"),
 )
 
+screening_entry = Table(  # results of tests beside the screen; the newest of a test counts, none is changed
+    "screening_entry",
+    metadata,
+    key(),
+    reference("session"),
+    required("test", String(12)),
+    required("instrument", String(200)),
+    required("result", String(200)),
+    required("verdict", String(24)),
+    Column("logmar", Float),  # NULL: not of acuity, or read on another scale
+    required("experimenter", String(120)),
+    required("entered_at", UtcDateTime),
+    CheckConstraint("test in ('acuity', 'colour')", name="test"),
+)
+
 spoken_answer = Table(
     "spoken_answer",
     metadata,

@@ -68,13 +68,23 @@ class Ring:
 
 @dataclass(frozen=True)
 class Acuity:
-    """Result of an acuity test, in logMAR; smaller is better."""
+    """Result of an acuity test, in logMAR; smaller is better.
+
+    Parameters
+    ----------
+    logmar : never below the smallest ring that was drawn
+    low, high : ends of the 95 % interval, within the same bound
+    n_trials : rings answered
+    verdict : is the limit reached?
+    is_bound : is the acuity this or better, because the display draws no smaller rings?
+    """
 
     logmar: float
     low: float
     high: float
     n_trials: int
     verdict: Verdict
+    is_bound: bool = False
 
 
 def gap_arcmin(gap_mm: float, distance_mm: float) -> float:
@@ -157,7 +167,7 @@ def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
     """Return the acuity estimated from the answers, and whether the limit is reached.
 
     A display that cannot draw the ring at the limit never yields a pass; it may still show that a participant
-    fails.
+    fails. Below the smallest ring nothing was seen, so nothing is extrapolated: the result is that bound.
 
     Raises
     ------
@@ -174,4 +184,12 @@ def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
     verdict: Verdict = "passed" if logmar <= test.limit else "failed"
     if not test.can_certify and low <= test.smallest:
         verdict = "cannot be certified"
-    return Acuity(round(logmar, 3), low, high, len(rings), verdict)
+    smallest = round(test.smallest, 3)
+    return Acuity(
+        logmar=max(round(logmar, 3), smallest),
+        low=max(low, smallest),
+        high=max(high, smallest),
+        n_trials=len(rings),
+        verdict=verdict,
+        is_bound=logmar < test.smallest,
+    )

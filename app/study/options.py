@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, get_args
 
 from app.study.design import Repetition
+from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -60,6 +61,7 @@ class StudyOptions:
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
     outside : how people come from a recruiting platform and go back
     limits : how many are taken in, until when, and how long each may take
+    lab_sheet : the room and the display, for the record
     """
 
     optional_stages: tuple[str, ...] = ()
@@ -84,6 +86,7 @@ class StudyOptions:
     abandoned_after_h: float = ABANDONED_AFTER_H
     outside: OutsideOptions = field(default_factory=OutsideOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
+    lab_sheet: LabSheet = field(default_factory=LabSheet)
 
     @property
     def repetition(self) -> Repetition:
@@ -110,6 +113,7 @@ class StudyOptions:
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
+            "lab_sheet": self.lab_sheet.as_json(),
         }
 
 
@@ -154,6 +158,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         abandoned_after_h=_hours(content, "abandoned_after_h"),
         outside=parse_outside(content.get("outside", {})),
         limits=parse_limits(content.get("limits", {})),
+        lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
     )
 
 

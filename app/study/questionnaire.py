@@ -52,6 +52,11 @@ DEFAULT_QUESTIONS = (
     Question("criteria", "text"),
 )
 
+WORDED_QUESTIONS = (
+    *(question.name for question in DEFAULT_QUESTIONS),
+    "trained",
+)  # the page has texts under these names
+
 DEFAULT_SPOKEN_QUESTIONS = (
     "What did you look at when you compared the two?",
     "Was anything unclear or disturbing?",
@@ -166,7 +171,7 @@ def _kind(content: Mapping[str, Any]) -> Kind:
 
 
 def _check_kind(question: Question) -> None:
-    if not question.text and question.name not in {known.name for known in DEFAULT_QUESTIONS}:
+    if not question.text and question.name not in WORDED_QUESTIONS:
         raise ValueError(f"question {question.name}: it has no text")
     if question.kind == "choice" and len(question.options) < 2:
         raise ValueError(f"question {question.name}: a choice needs at least two options")

@@ -38,6 +38,7 @@ TESTS: tuple[TestName, ...] = ("acuity", "colour")
 DISTANCES: tuple[Distance, ...] = ("typed", "fixed", "blind spot")
 RULES: tuple[Rule, ...] = ("record", "stop")
 NOT_TAKEN: Verdict = "not taken"
+ENTERED_VERDICTS: tuple[Verdict, ...] = ("passed", "failed")
 DEFAULT_ACUITY_LIMIT = 0.18  # logMAR, log10(30/20): the 20/30 line that ITU-T P.910 asks for
 ACUITY_LIMITS = (-0.3, 1.0)
 FIXED_DISTANCES_CM = (20.0, 600.0)
@@ -71,6 +72,26 @@ class ScreeningOptions:
     def stops(self, verdicts: Sequence[str]) -> bool:
         """Does the study end for a participant with these verdicts? A test that could not be judged stops nobody."""
         return self.on_failure == "stop" and any(verdict in ("failed", NOT_TAKEN) for verdict in verdicts)
+
+
+@dataclass(frozen=True)
+class EnteredResult:
+    """The result of a test beside the screen, such as a printed chart, as an experimenter enters it.
+
+    Parameters
+    ----------
+    test : what was tested
+    instrument : chart, plates or device, with its distance where it matters
+    result : as it was read
+    verdict : passed or failed
+    logmar : of acuity; None: the result is no logMAR
+    """
+
+    test: TestName
+    instrument: str
+    result: str
+    verdict: Verdict
+    logmar: float | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +131,30 @@ def parse_screening(content: Any) -> ScreeningOptions:
             f"with the distance {DISTANCES[1]!r} and only then; else {default.distance!r}"
         )
     return options
+
+
+def check_entered(entered: EnteredResult, options: ScreeningOptions) -> None:
+    """Check that an entered result does not contradict itself or the study's limit.
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong.
+    """
+    if not entered.instrument or not entered.result:
+        raise ValueError("instrument and result are needed: what was tested with, and what was read")
+    if entered.verdict not in ENTERED_VERDICTS:
+        raise ValueError(f"the verdict is {entered.verdict!r}, expected {' or '.join(ENTERED_VERDICTS)}")
+    if entered.logmar is None:
+        return
+    if entered.test != "acuity":
+        raise ValueError(f"logMAR is {entered.logmar:g} for the test {entered.test!r}, expected it only for acuity")
+    right = "passed" if entered.logmar <= options.acuity_limit else "failed"
+    if entered.verdict != right:
+        raise ValueError(
+            f"the verdict is {entered.verdict!r}, but {entered.logmar:g} logMAR against the study's limit of "
+            f"{options.acuity_limit:g} is {right!r}; larger is worse"
+        )
 
 
 def acuity_setup(
@@ -203,7 +248,8 @@ def verdict_of(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) 
         answers = [Answer(item.content["kind"], item.content["gap"], _given(item)) for item in items]
         return judge_colours(answers, _colour_test(setup))
     acuity = judge(_rings(items), acuity_test(setup))
-    return acuity.verdict, {"logmar": acuity.logmar, "low": acuity.low, "high": acuity.high}
+    names = ("logmar", "low", "high", "is_bound")
+    return acuity.verdict, {name: getattr(acuity, name) for name in names}
 
 
 def acuity_test(setup: Mapping[str, Any]) -> AcuityTest:

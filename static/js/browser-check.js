@@ -22,7 +22,7 @@ export function checkBrowser(list, technique) {
 function tell(list, technique) {
   const { window_width, window_height, device_pixel_ratio, refresh_hz } = display();
   const isLarge = window_width >= SMALLEST_WINDOW.width && window_height >= SMALLEST_WINDOW.height;
-  const values = { window_width, window_height, device_pixel_ratio: Math.round(device_pixel_ratio * 100) / 100, refresh_hz: Math.round(refresh_hz ?? 0) };
+  const values = { window_width, window_height, scaling_percent: Math.round(device_pixel_ratio * 100), refresh_hz: Math.round(refresh_hz ?? 0) };
   /** @type {Record<string, boolean>} */
   const isGood = { codec: technique !== null && technique !== "two videos", window: isLarge, refresh: refresh_hz === null || refresh_hz >= SLOWEST_REFRESH_HZ, pixels: true };
   for (const item of /** @type {NodeListOf<HTMLElement>} */ (list.querySelectorAll("[data-check]"))) {

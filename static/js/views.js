@@ -38,7 +38,10 @@ function change(name) {
   page.dataset.showing = name;
   page.className = name === "trial" ? "dark" : "light";
   window.scrollTo(0, 0);
-  /** @type {HTMLElement | null} */ (viewOf(name).querySelector('h1[tabindex="-1"]'))?.focus({ preventScroll: true });
+  const first = viewOf(name).querySelector("[data-first]"); // where one types
+  const heading = /** @type {HTMLElement | null} */ (viewOf(name).querySelector('h1[tabindex="-1"]'));
+  if (first instanceof HTMLInputElement) first.select();
+  else heading?.focus({ preventScroll: true });
 }
 
 /** Enter presses a page's main button, wherever the focus is. @param {KeyboardEvent} event */

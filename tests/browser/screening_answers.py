@@ -38,7 +38,8 @@ def fits_card(visitor: Visitor) -> None:
 
 def types_distance(visitor: Visitor, view: str, distance_cm: int) -> None:
     visitor.sees(view)
-    visitor.page.locator(f"#{view}-cm").press_sequentially(str(distance_cm))
+    expect(visitor.page.locator(f"#{view}-cm")).to_be_focused()
+    visitor.page.keyboard.type(str(distance_cm))
     visitor.page.keyboard.press("Enter")
 
 

@@ -242,7 +242,7 @@ def test_the_window_is_judged_again_when_it_changes(study: Study, page: Page) ->
     expect(page.get_by_text("Window: 800 × 500 is small.")).to_be_visible()
     page.set_viewport_size({"width": 1366, "height": 768})
     expect(page.get_by_text("Window: 1366 × 768", exact=True)).to_be_visible()
-    expect(page.get_by_text("Pixel ratio: 1")).to_be_visible()
+    expect(page.get_by_text("Display scaling: 100 %")).to_be_visible()
     expect(page.get_by_text("Refresh rate:")).to_be_visible()
 
 

@@ -16,6 +16,8 @@ from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
+from app.study.lab_sheet import BOUNDS, LABELS
+from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
 from app.study.options import LONGEST_TEXT, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
@@ -24,13 +26,7 @@ from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, writ
 from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store
 
-FREE = (
-    "name",
-    "debriefing",
-    "abandoned_after_h",
-    "outside",
-    "limits",
-)  # settings that may change after somebody has begun
+FREE = ("name", "debriefing", "abandoned_after_h", "outside", "limits", "lab_sheet")  # may change after somebody began
 LONGEST_NAME = 200
 LONGEST_NOTE = 200  # characters of a value in the audit log
 
@@ -43,6 +39,7 @@ Word = Annotated[str, Form(max_length=20)]
 ShortText = Annotated[str, Form(max_length=50)]
 Address = Annotated[str, Form(max_length=LONGEST_ADDRESS)]
 Whole = Annotated[int, Form(ge=0, le=MOST_PEOPLE)]
+Note = Annotated[str, Form(max_length=LONGEST_LAB_NOTE)]
 Words = Annotated[list[Word], Form(max_length=10)]
 
 
@@ -108,6 +105,27 @@ def recruiting_given(
     return {"outside": outside, "limits": limits} if recruiting else {}
 
 
+def lab_sheet_given(
+    lab_sheet: Annotated[bool, Form()] = False,
+    lab_display: Note = "",
+    lab_size_inch: Number = None,
+    lab_peak_luminance_cd_m2: Number = None,
+    lab_white_point: Note = "",
+    lab_room_light: Note = "",
+    lab_distance_cm: Number = None,
+) -> dict[str, Any]:
+    """Return the option `lab_sheet` of the form; nothing where the form lacks it. `parse_options` checks it."""
+    given = {
+        "display": lab_display,
+        "size_inch": lab_size_inch,
+        "peak_luminance_cd_m2": lab_peak_luminance_cd_m2,
+        "white_point": lab_white_point,
+        "room_light": lab_room_light,
+        "distance_cm": lab_distance_cm,
+    }
+    return {"lab_sheet": {key: value for key, value in given.items() if value is not None}} if lab_sheet else {}
+
+
 @router.get("/edit")
 def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
     current = study_file_of(study)
@@ -117,6 +135,7 @@ def edit_page(request: Request, person: Looking, study: AStudy, database: Store)
         "options": current.options,
         "stages": OPTIONAL_STAGES,
         "screening": {"tests": TESTS, "axes": AXES},
+        "lab_sheet": {"labels": LABELS, "bounds": BOUNDS, "longest": LONGEST_LAB_NOTE},
         "text": write_study_file(current),
         "longest_text": LONGEST_TEXT,
         "longest_file": LONGEST_FILE,
@@ -135,6 +154,7 @@ def edit(
     name: Annotated[str, Form(min_length=1, max_length=200)],
     screening: Annotated[dict[str, Any], Depends(screening_given)],
     recruiting: Annotated[dict[str, Any], Depends(recruiting_given)],
+    lab_sheet: Annotated[dict[str, Any], Depends(lab_sheet_given)],
     exposure_s: Annotated[float | None, Form(ge=0.1, le=3600, allow_inf_nan=False)] = None,
     stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
     consent: Text = "",
@@ -151,10 +171,11 @@ def edit(
         "comprehension": comprehension,
         "debriefing": unix(debriefing),
         **screening,
+        **lab_sheet,
     }
     with database.reading() as connection:
         if progress_of(connection, study.id).n_started:  # the form lacks the other fields then
-            given = {"debriefing": given["debriefing"]}
+            given = {"debriefing": given["debriefing"], **lab_sheet}
     try:
         options = parse_options({**now.options.as_json(), **given, **recruiting})
         wanted = replace(now, name=name.strip(), exposure_s=exposure_s or now.exposure_s, options=options)

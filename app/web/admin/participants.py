@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.encoders import jsonable_encoder
@@ -29,9 +29,11 @@ from app.store.participants import (
     withdraw_participant,
 )
 from app.store.recruits import outside_ids_of, recruit_of, recruit_records
+from app.store.screening import enter_result, entered_of
 from app.store.sessions import new_resume_code
 from app.store.studies import Study
 from app.study.options import parse_options
+from app.study.screening import EnteredResult, TestName, check_entered
 from app.study.stages import ENDS
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import see, study_page, turns
@@ -41,6 +43,8 @@ PEOPLE_ON_A_PAGE = 100
 
 Label = Annotated[str, Path(max_length=40)]
 Reason = Annotated[str, Form(min_length=3, max_length=500)]
+
+Line = Annotated[str, Form(min_length=1, max_length=200)]
 
 router = APIRouter(prefix="/admin/studies/{slug}/participants", include_in_schema=False)
 
@@ -103,6 +107,33 @@ def renew_resume_code(
     return _participant_page(request, person, study, label, code)
 
 
+@router.post("/{label}/screening")
+def enter_screening_result(
+    actor: Acting,
+    study: AStudy,
+    label: Label,
+    test: Annotated[TestName, Form()],
+    instrument: Line,
+    result: Line,
+    verdict: Annotated[Literal["passed", "failed"], Form()],
+    database: Store,
+    logmar: Annotated[float | None, Form(ge=-1, le=3, allow_inf_nan=False)] = None,
+) -> Response:
+    """Enter the result of a test beside the screen, such as a printed chart; earlier ones stay."""
+    entered = EnteredResult(test, instrument.strip(), result.strip(), verdict, logmar)
+    try:
+        check_entered(entered, parse_options(study.options).screening)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was entered: {error}.") from error
+    with database.writing() as connection:
+        participant = participant_labelled(connection, study.id, label)
+        if participant.erased_at is not None:
+            raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
+        enter_result(connection, participant.id, entered, actor.name, actor.now)
+        actor.note(connection, "screening result entered", study, label, test=test, verdict=verdict)
+    return see(_address(study, label))
+
+
 @router.post("/{label}/exclude")
 def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reason, database: Store) -> Response:
     with database.writing() as connection:
@@ -149,11 +180,13 @@ def _participant_page(
         given = stage_records(connection, participant.id)
         history = exclusion_records(connection, participant.id)
         recruit = recruit_of(connection, participant.id)
+        entered = entered_of(connection, participant.id)
     context = {
         "facts": facts,
         "given": given,
         "history": history,
         "recruit": recruit,
+        "entered": entered,
         **_unusual(request, study),
         "may_go_on": facts["stage"] not in ENDS,
         "resume_code": resume_code,

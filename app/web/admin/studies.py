@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
 from fastapi.responses import Response
@@ -14,7 +15,8 @@ from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
 from app.store.studies import Standing, all_studies, progress_by_study, set_standing
-from app.study.options import LONGEST_TEXT, parse_options
+from app.study.options import LONGEST_TEXT, StudyOptions, parse_options
+from app.study.presets import PRESETS, QUICK, read_preset
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
@@ -39,7 +41,13 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
 
 @router.get("/studies/new")
 def new_study_page(request: Request, person: Looking) -> Response:
-    context = {"sets": known_sets(settings(request)), "stages": OPTIONAL_STAGES, "longest_text": LONGEST_TEXT}
+    context = {
+        "sets": known_sets(settings(request)),
+        "presets": [read_preset(name) for name in PRESETS],
+        "default_preset": QUICK,
+        "stages": OPTIONAL_STAGES,
+        "longest_text": LONGEST_TEXT,
+    }
     return page(request, "new_study", person, context)
 
 
@@ -53,11 +61,18 @@ def create(
     stage: Annotated[list[str], Form(max_length=20)] = [],  # noqa: B006 (FastAPI copies it)
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
+    preset: Annotated[str, Form(max_length=20)] = QUICK,
 ) -> Response:
-    """Create a study in the background; the job's page shows the progress."""
+    """Create a study in the background; the job's page shows the progress.
+
+    Parameters
+    ----------
+    stage : optional stages besides those of the preset
+    consent : in place of the preset's; empty: the preset's
+    """
     folder = set_folder(settings(request), stimulus_set)
     try:
-        options = parse_options({"optional_stages": stage, "consent": unix(consent)})
+        options = _chosen(preset, stage, unix(consent).strip())
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
@@ -78,6 +93,21 @@ def create(
 
     job = start_job(database, actor, f"Creating the study {name}", work, subject=subject)
     return see(f"/admin/jobs/{job}")
+
+
+def _chosen(preset: str, stages: Sequence[str], consent: str) -> StudyOptions:
+    """Return a preset's options with the form's.
+
+    Raises
+    ------
+    ValueError
+        If there is no such preset or stage.
+    """
+    chosen = read_preset(preset)
+    given: dict[str, Any] = {"optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages]))}
+    if consent:
+        given |= {"consent": consent, "consent_version": ""}  # the version names the preset's text
+    return parse_options(chosen.overridden_by(given))
 
 
 @router.get("/jobs/{job}")

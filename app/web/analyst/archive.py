@@ -19,6 +19,7 @@ from app.store.screening import screening_records
 from app.store.studies import Study, study_by_id
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
+from app.study.options import parse_options
 from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
@@ -109,7 +110,15 @@ def _dictionary(study: Study) -> str:
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
         "study again from its stimulus set; the project's documentation describes `analysis.json`.\n"
     ]
+    if noted := parse_options(study.options).lab_sheet.rows():
+        rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)
+        parts.append(f"\n## Lab sheet\n\n| what | as noted by the experimenter |\n|---|---|\n{rows}")
     for name, columns in TABLES.items():
         rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
         parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
     return "".join(parts)
+
+
+def _cell(text: str) -> str:
+    """Return a text as a cell of a Markdown table: in one line, its bars escaped."""
+    return " ".join(text.split()).replace("|", "\\|")

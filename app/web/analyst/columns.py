@@ -157,7 +157,12 @@ SCREENING: Columns = {
     "distance_source": "how the distance was measured",
     "n_answered": "rings or plates answered",
     "started_at": "when the test began",
-    "finished_at": "when it ended",
+    "finished_at": "when it ended, or its result was entered",
+    "is_bound": "is the acuity this or better, because the display draws no smaller rings?",
+    "result_source": "screen: tested on the page; entered: by an experimenter, from a chart or another test",
+    "instrument": "chart, plates or device of an entered result",
+    "result": "entered result, as it was read",
+    "experimenter": "who entered it",
     "details": "more, as JSON",
 }
 TABLES: dict[str, Columns] = {

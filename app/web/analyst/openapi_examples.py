@@ -207,6 +207,10 @@ ROW: dict[str, Any] = {  # of any table, by column
     "distance_source": "typed",
     "n_answered": 30,
     "details": {"n_not_seen": 3},
+    "is_bound": False,
+    "result_source": "entered",
+    "instrument": "Landolt C chart at 4 m",
+    "result": "0.1 logMAR, both eyes",
 }
 MEASURED_BY = "validate mesh"  # the source of a measure; that of an answer is another
 STUDY = {
@@ -216,6 +220,7 @@ STUDY = {
     "datasets": ["ball", "box"],
     "conditions": [{"item": "pm_fb", "levels": {"depth": "pm", "fusion": "fb"}}],
     "factors": {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]},
+    "lab_sheet": {"display": "ASUS VG278", "size_inch": 27.0, "white_point": "5000 K", "distance_cm": 90.0},
 }
 ANALYSIS = {
     "schema_version": 1,

@@ -21,6 +21,7 @@ from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
+from app.study.options import parse_options
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
 from app.web.analyst.formats import IN_MEMORY, ChosenFormat, TableRequest, flattened, json_object, streamed, table
@@ -72,7 +73,13 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
         progress = progress_of(connection, study.id)
-    whole = {**study_summary(study, progress), "datasets": datasets, "conditions": conditions, "factors": study.factors}
+    whole = {
+        **study_summary(study, progress),
+        "datasets": datasets,
+        "conditions": conditions,
+        "factors": study.factors,
+        "lab_sheet": parse_options(study.options).lab_sheet.as_json(),
+    }
     return json_object(whole, chosen)
 
 

@@ -316,6 +316,21 @@ def test_published_scores_come_back_from_the_votes(command: Command, real_data: 
     assert sum(row["circular"] for row in analysis["triads"]) == 0
 
 
+@pytest.mark.slow
+def test_a_study_starts_from_a_preset_and_the_command_overrides_it(command: Command, stimuli: Path) -> None:
+    created = command("study", "create", stimuli, "--name", "Home", "--preset", "online", "--break-every", 7)
+    assert created.code == 0, created.err
+    told = json.loads(command("study", "export", "home", "--json").out)["toml"]
+    for line in ('distance = "blind spot"', "identical_pairs = 1", "break_every = 7", 'name = "experience"'):
+        assert line in told
+
+
+def test_an_unknown_preset_is_refused_in_one_sentence(command: Command, stimuli: Path) -> None:
+    told = command("study", "create", stimuli, "--name", "Tiny", "--preset", "papr")
+    assert told.code == 1
+    assert told.err.strip().endswith("preset 'papr' is not known; expected one of paper, quick, online")
+
+
 OPTIONS = """optional_stages = ["practice"]
 both_orders = true
 identical_pairs = 1

@@ -110,3 +110,12 @@ def test_artificial_people_answer_with_a_direction() -> None:
 def test_lengths_that_are_none_are_refused(lengths: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="positive lengths"):
         smallest_size(*lengths)
+
+
+def test_nothing_is_extrapolated_below_the_smallest_ring_that_was_drawn() -> None:
+    test = AcuityTest(limit=0.5, smallest=0.376)
+    sharp = judge([Ring(0.376, 0, 0)] * test.n_trials, test)
+    assert (sharp.logmar, sharp.low, sharp.is_bound, sharp.verdict) == (0.376, 0.376, True, "passed")
+    blunt = judge([Ring(1.0, 0, 4 * (number % 2)) for number in range(test.n_trials)], test)
+    assert not blunt.is_bound
+    assert blunt.logmar > 0.376

@@ -12,7 +12,17 @@ from hypothesis import strategies as st
 
 from app.study.acuity import AcuityTest, certifying_distance_mm, gap_arcmin, gap_mm, judge, smallest_size
 from app.study.options import StudyOptions, parse_options
-from app.study.screening import Item, ScreeningOptions, acuity_setup, draw, n_items, next_content, verdict_of
+from app.study.screening import (
+    EnteredResult,
+    Item,
+    ScreeningOptions,
+    acuity_setup,
+    check_entered,
+    draw,
+    n_items,
+    next_content,
+    verdict_of,
+)
 from app.study.viewing import (
     BLIND_SPOT_DEG,
     CARD_MM,
@@ -149,3 +159,17 @@ def test_options_that_are_not_right_are_named(content: Any, complaint: str) -> N
 def test_the_rule_stops_who_fails_or_skips(verdicts: list[str], does_stop: bool) -> None:
     assert ScreeningOptions(on_failure="stop").stops(verdicts) == does_stop
     assert not ScreeningOptions().stops(verdicts)
+
+
+@pytest.mark.parametrize(
+    ("entered", "complaint"),
+    [
+        (EnteredResult("acuity", "", "20/20", "passed"), "instrument and result are needed"),
+        (EnteredResult("acuity", "chart", "20/40", "passed", 0.3), "limit of 0.18 is 'failed'"),
+        (EnteredResult("colour", "plates", "14 of 14", "passed", 0.0), "only for acuity"),
+        (EnteredResult("colour", "plates", "14 of 14", "inconclusive"), "expected passed or failed"),
+    ],
+)
+def test_an_entered_result_that_contradicts_itself_is_refused(entered: EnteredResult, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        check_entered(entered, ScreeningOptions())

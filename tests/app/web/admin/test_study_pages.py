@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ import pytest
 from sqlalchemy import Engine, event
 
 from app.operations import create, manage
+from app.operations.create import read_options
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store import sessions
@@ -23,7 +27,8 @@ from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
 from app.study.options import LONGEST_TEXT
-from app.study.study_file import LONGEST_FILE
+from app.study.presets import PAPER, PRESETS
+from app.study.study_file import LONGEST_FILE, parse_study_file
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -60,6 +65,20 @@ def test_a_study_is_created_from_a_stimulus_set_and_pauses_until_it_is_opened(ow
         assert eva.get(f"/s/{code}").status_code == 200
         again = ends(eva, eva.act("/admin/studies/new", name="First", stimulus_set="tiny").url.path)
         assert "there is already a study" in again.text
+
+
+@pytest.mark.slow
+def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        page = eva.get("/admin/studies/new").text
+        assert all(f'name="preset" value="{name}"' in page for name in PRESETS)
+        refused = eva.act("/admin/studies/new", name="Second", stimulus_set="tiny", preset="papr")
+        assert refused.status_code == 422
+        assert "expected one of paper, quick, online" in refused.text
+        fields = {"stimulus_set": "tiny", "preset": "paper", "stage": "practice", "consent": "Ours."}
+        ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
+    options = parse_study_file(manage.export_study(own, "like-the-paper")).options
+    assert options == replace(read_options(None, {}, PAPER), consent="Ours.", consent_version="")
 
 
 @pytest.mark.parametrize("name", ["../tiny", "/etc", "", "tiny/../../x", "unknown"])
@@ -186,6 +205,28 @@ def test_what_participants_see_stays_once_somebody_has_begun(
     assert "exposure_s cannot change" in refused.text
     allowed = experimenter.act(f"{base}/edit", revision="1", name="Same", debriefing="Thank you.")
     assert "Thank you." in allowed.text
+
+
+def test_a_lab_sheet_is_noted_at_any_time_and_exported(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy, settings: Settings
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    base = f"/admin/studies/{study['slug']}"
+    noted = {"lab_display": "ASUS | VG278", "lab_size_inch": "27", "lab_white_point": "5000 K", "lab_distance_cm": ""}
+    page = experimenter.act(f"{base}/edit", revision="1", name="Same", lab_sheet="true", **noted).text
+    assert 'name="lab_size_inch" min="1.0" max="500.0" step="any" value="27"' in page
+    sheet = {"display": "ASUS | VG278", "size_inch": 27.0, "white_point": "5000 K"}
+    assert experimenter.get(f"/api/v1/studies/{study['slug']}").json()["lab_sheet"] == sheet
+    assert parse_study_file(manage.export_study(settings, study["slug"])).options.lab_sheet.as_json() == sheet
+    with zipfile.ZipFile(
+        io.BytesIO(experimenter.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)
+    ) as archive:
+        dictionary = archive.read(f"{study['slug']}/README.md").decode()
+    assert "| Display | ASUS \\| VG278 |\n| Size, inch | 27 |\n" in dictionary
+    refused = experimenter.act(f"{base}/edit", revision="2", name="Same", lab_sheet="true", lab_size_inch="0")
+    assert refused.status_code == 422
+    assert "size_inch is 0.0, expected a number from 1 to 500" in refused.text
 
 
 def test_an_edit_waits_for_who_begins_at_that_moment(

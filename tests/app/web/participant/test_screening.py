@@ -20,6 +20,7 @@ from app.study.acuity import LARGEST_FIRST
 from app.study.options import parse_options
 from app.study.pictures import read_png
 from app.study.viewing import CARD_MM
+from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.http_checks import is_problem
 
 PATH = "/api/v1/session/screening"
@@ -106,6 +107,34 @@ def test_the_rule_of_a_study_may_end_it_for_who_fails(
     assert is_problem(client.put("/api/v1/session/stages/trial", json={"data": {}}), 409)
     (row,) = rows(analyst, study)
     assert row["verdict"] == "failed"
+
+
+def test_an_entered_result_counts_instead_of_a_test_that_was_not_taken(
+    enter: Callable[[dict[str, Any]], httpx.Client],
+    analyst: httpx.Client,
+    server: str,
+    settings: Settings,
+    screened: NewStudy,
+) -> None:
+    study = screened(tests=["acuity"], on_failure="stop")
+    client = enter(study)
+    assert client.put(f"{PATH}/acuity/skip", json={"reason": "no card"}).status_code == 204
+    page = f"/admin/studies/{study['slug']}/participants/P001"
+    chart = {"test": "acuity", "instrument": "Landolt C chart at 4 m"}
+    with signed_in(server, settings, f"Eva of {study['slug']}") as eva:
+        refused = eva.act(f"{page}/screening", **chart, result="20/40", logmar="0.3", verdict="passed")
+        assert refused.status_code == 422
+        assert "Nothing was entered" in refused.text
+        eva.act(f"{page}/screening", **chart, result="20/40", logmar="0.3", verdict="failed")
+        shown = eva.act(f"{page}/screening", **chart, result="20/20, with glasses", logmar="0", verdict="passed").text
+        assert shown.index("20/20, with glasses (0 logMAR)") < shown.index("20/40 (0.3 logMAR)")
+        assert "screening result entered" in eva.get("/admin/audit").text
+    assert client.put("/api/v1/session/stages/screening", json={"data": {}}).json()["stage"] == "trial"
+    on_screen, first, second = rows(analyst, study)
+    assert (on_screen["verdict"], on_screen["result_source"]) == ("not taken", "screen")
+    assert (first["verdict"], first["logmar"], second["result"]) == ("failed", 0.3, "20/20, with glasses")
+    assert {first["result_source"], second["result_source"]} == {"entered"}
+    assert second["experimenter"] == f"Eva of {study['slug']}"
 
 
 def test_what_was_not_taken_is_recorded_as_that(
