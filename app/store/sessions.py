@@ -167,13 +167,12 @@ def admit(database: Database, invitation: Invitation, admission: Admission, now:
     return Admitted(token, is_new=True)
 
 
-def _session_of_key(connection: Connection, key: str) -> Row[Any] | None:
-    row: Row[Any] | None = connection.execute(
+def _session_of_key(connection: Connection, key: str) -> Row[Any, Any, Any] | None:
+    return connection.execute(
         select(session.c.id, session.c.token_hash, participant.c.invitation_id)
         .select_from(session.join(participant))
         .where(session.c.begin_hash == digest(key))
     ).one_or_none()
-    return row
 
 
 def _check_same_browser(connection: Connection, study_now: Study, session_id: int, token: str | None) -> None:

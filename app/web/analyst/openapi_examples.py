@@ -61,7 +61,7 @@ VIEWING: dict[str, Any] = {
 }
 VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
 EXAMPLES: dict[str, Any] = {
-    "Admission": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
+    "AdmissionBody": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
     "Resumption": {"resume_code": "maple-otter-93", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},
     "SessionView": SESSION,
     "OpenedSessionView": {**SESSION, "token": "ZH3q0yWcP2v8eN5kR7tB1mXu"},

@@ -240,7 +240,7 @@ def test_an_edit_waits_for_who_begins_at_that_moment(
             invitation = invitation_by_code(connection, study["invitation"])
             assert invitation is not None
             begun = lock_study(connection, invitation.study_id)
-            sessions._admit(connection, begun, invitation, new_secret(), None, utc_now())
+            sessions._admit(connection, begun, invitation, new_secret(), sessions.Admission(), utc_now())
             edit = pool.submit(experimenter.post, f"/admin/studies/{study['slug']}/edit", data=fields)
             wait([edit], LONG_ENOUGH_S)
         assert edit.result().status_code == 409
