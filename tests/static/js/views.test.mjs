@@ -14,7 +14,7 @@ globalThis.HTMLElement = class HTMLElement {
   querySelector = (selector) => this.children.get(selector)?.[0] ?? null;
   querySelectorAll = (selector) => this.children.get(selector) ?? [];
 };
-for (const name of ["HTMLButtonElement", "HTMLTextAreaElement", "HTMLDialogElement"]) globalThis[name] = class extends HTMLElement {};
+for (const name of ["HTMLButtonElement", "HTMLInputElement", "HTMLTextAreaElement", "HTMLDialogElement"]) globalThis[name] = class extends HTMLElement {};
 
 const NAMES = ["welcome", "trial", "thanks"];
 let page, views, headings, buttons, places, dialog, shown;
