@@ -110,6 +110,16 @@ def study_create(
         float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="How to judge: PC (which of two is better, default), CCR (how much better), ACR (films one by one), "
+            "ACR-HR (the reference hidden among them) or DCR (against the reference)."
+        ),
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option(help="Of ACR, ACR-HR and DCR: 5 (default), 9 or 11 grades, or slider (0 to 100).")
+    ] = None,
     preset: Annotated[
         str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
     ] = "quick",
@@ -132,7 +142,10 @@ def study_create(
         typer.Option("--free-exposure", help="Let participants end the exposure; videos repeat until then."),
     ] = False,
     reference: Annotated[
-        str | None, typer.Option(help="Condition to show as reference beside every pair; it is not compared.")
+        str | None,
+        typer.Option(
+            help="Condition to show as reference: beside every pair, in ACR-HR hidden, in DCR before each film."
+        ),
     ] = None,
     second_codec: Annotated[
         str | None, typer.Option(help="vp9 or av1: also make every film in this codec, for browsers without H.264.")
@@ -154,6 +167,8 @@ def study_create(
     from app.settings import Settings
 
     given = {
+        "protocol": protocol,
+        "scale": int(scale) if scale and scale.isdigit() else scale,
         "both_orders": both_orders or None,
         "repeated_pairs": repeated_pairs,
         "identical_pairs": identical_pairs,
@@ -302,8 +317,10 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 
 def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     study["link"] = url + study["path"]
+    shown = "pairs" if study["n_pairs"] else "films"
+    n_shown = study["n_pairs"] or study["n_trials"]
     sentences = (
-        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
+        f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "
         f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
     )
     print_result(study, sentences, as_json=as_json)

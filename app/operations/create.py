@@ -18,6 +18,8 @@ from app.films.pairs import (
     NO_REFERENCES,
     FilmMaker,
     PairVideo,
+    prepare_against,
+    prepare_alone,
     prepare_identical,
     prepare_pairs,
     prepare_practice,
@@ -29,12 +31,14 @@ from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.designs import copy_design, insert_design, insert_practice
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
+from app.store.orders import pairs_to_show, study_plan
 from app.study.adaptive import check_adaptive
 from app.study.options import StudyOptions, parse_options
 from app.study.presets import QUICK, read_preset
+from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
 
@@ -71,7 +75,7 @@ def create_study(
     ValueError
         If a study has this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
     """
-    slug = slugify(name)
+    slug, chosen = slugify(name), options or StudyOptions()
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
         stimulus_set = read_stimulus_set(manifest_path, progress)
@@ -82,27 +86,37 @@ def create_study(
             "exposure_s": _exposure(stimulus_set, exposure_s),
             "seed": _seed(seed),
             "factors": stimulus_set.factors,
-            "options": (options or StudyOptions()).as_json(),
+            "options": chosen.as_json(),
             "manifest_sha256": stimulus_set.sha256,
         }
-        films = _prepare_films(settings, stimulus_set, options or StudyOptions(), progress)
+        films = _prepare_films(settings, stimulus_set, chosen, progress)
         row["created_at"] = created_at = utc_now()
         row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, films.compared, films.pairs)
+            insert_design(connection, study_id, films.shown, films.pairs)
             insert_practice(connection, study_id, films.practice)
             code = insert_invitation(connection, study_id, None, created_at)
             entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
             record(connection, by, entry, created_at)
         with database.reading() as connection:
             counts = asdict(studies.progress_of(connection, study_id))
+            n_trials = _n_trials(connection, study_id)
     return {
         "invitation": code,
         "path": f"/s/{code}",
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
+        "protocol": chosen.protocol,
+        "n_trials": n_trials,
         **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
     }
+
+
+def _n_trials(connection: Transaction, study_id: int) -> int:
+    """Count the trials of a study's first participant."""
+    study = studies.study_by_id(connection, study_id)
+    assert study is not None, "it was just inserted"
+    return len(study_plan(connection, study).order_of_slot(0, pairs_to_show(connection, study, 0)))
 
 
 def import_study(
@@ -215,9 +229,9 @@ def _refuse_second(database: Database, slug: str, name: str) -> None:
 
 @dataclass(frozen=True)
 class _Films:
-    """The stimuli that a study compares, and the films of its pairs and of the practice."""
+    """The stimuli that a study shows, and the films of its pairs and of the practice."""
 
-    compared: StimulusSet
+    shown: StimulusSet
     pairs: Sequence[PairVideo]
     practice: Sequence[PairVideo]
 
@@ -226,18 +240,27 @@ def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: Study
     """Make the missing films and upload them to the object store, if there is one."""
     compared, references = stimulus_set, NO_REFERENCES
     if options.reference:
-        compared, references = split_reference(stimulus_set, options.reference)
+        fewest = 1 if options.protocol in WITH_REFERENCE else 2
+        compared, references = split_reference(stimulus_set, options.reference, fewest)
     if options.adaptive_pairs:
         check_adaptive(options.adaptive_pairs, len(compared.conditions))
     maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
-    pairs = prepare_pairs(compared, maker, references)
-    if options.identical_pairs:
-        pairs += prepare_identical(compared, maker, references)
-    practice = prepare_practice(stimulus_set, maker) if PRACTICE in options.way else []
+    if options.is_shown_alone:
+        pairs = prepare_alone(stimulus_set, maker)
+    elif options.protocol == DCR:
+        pairs = prepare_against(compared, maker, references, has_identical=options.identical_pairs > 0)
+    else:
+        pairs = prepare_pairs(compared, maker, references)
+        if options.identical_pairs:
+            pairs += prepare_identical(compared, maker, references)
+    practice = []
+    if PRACTICE in options.way:
+        practice = prepare_practice(stimulus_set, maker, is_alone=options.is_shown_alone)
     if settings.media_url:
         files = [file for video in [*pairs, *practice] for file in video.files]
         MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-    return _Films(compared, pairs, practice)
+    shown = stimulus_set if options.protocol in WITH_REFERENCE else compared
+    return _Films(shown, pairs, practice)
 
 
 def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:

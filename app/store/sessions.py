@@ -19,8 +19,8 @@ from app.store.recruits import insert_recruit, session_of_outside_id
 from app.store.screening import close_screening
 from app.store.studies import Study, lock_study
 from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
-from app.study.design import participant_order
 from app.study.options import StudyOptions, parse_options
+from app.study.rating_order import trials_in_order
 from app.study.recruiting import Arrival
 from app.study.stages import (
     ENDS,
@@ -398,8 +398,8 @@ def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> in
 
 
 def _insert_trials(connection: Connection, this_study: Study, slot: int, participant_id: int, session_id: int) -> None:
-    repetition = parse_options(this_study.options).repetition
-    order = participant_order(pairs_to_show(connection, this_study, abs(slot)), this_study.seed, abs(slot), repetition)
+    options, pairs = parse_options(this_study.options), pairs_to_show(connection, this_study, abs(slot))
+    order = trials_in_order(options.protocol, pairs, this_study.seed, abs(slot), options.repetition)
     rows = [
         {
             "participant_id": participant_id,

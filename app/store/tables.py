@@ -368,7 +368,8 @@ vote = Table(
     required("client_id", String(36), unique=True),
     reference("session", index=False),
     required("trial_id", Integer),
-    required("choice", String(4)),
+    Column("choice", String(4)),  # NULL: the protocol asks for a rating alone
+    Column("rating", Integer),  # NULL: of a choice; of B, or of B compared with A
     required("first_shown", String(1)),
     required("n_switches", Integer),
     required("shown_ms", Float),
@@ -379,6 +380,7 @@ vote = Table(
     ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
     # without `in`: SQLite builds a table of three values and more for every row that it checks
     CheckConstraint("choice = 'a' or choice = 'b' or choice = 'none'", name="choice"),
+    CheckConstraint("choice is not null or rating is not null", name="answer"),
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 

@@ -10,6 +10,18 @@ from typing import Any, get_args
 
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
+from app.study.protocols import (
+    PC,
+    SCALES,
+    SHOWN_ALONE,
+    WITH_REFERENCE,
+    Grades,
+    Protocol,
+    Scale,
+    check_with_protocol,
+    grades_of,
+    parse_protocol,
+)
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -47,13 +59,17 @@ class StudyOptions:
     questions : of the interview
     spoken_questions : asked aloud by the experimenter, who notes the answers in a form of the dashboard
     debriefing : text that participants read at the end, paragraphs apart by an empty line
+    protocol : how participants judge: PC compares pairs, ACR and ACR-HR rate films one by one, DCR against a reference,
+        CCR says how much better one of a pair is
+    scale : of ACR, ACR-HR and DCR: number of grades, or a slider
     both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
     see_both : the vote waits until both of a pair were on screen; the page shows the pair again
     void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
         screen left, another window in front (blur), the window resized; what is not named here is recorded only
-    reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
+    reference : the condition shown as the reference beside every pair, and compared with nothing; in ACR-HR hidden
+        among the films, in DCR what each film is rated against; empty: none
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
@@ -72,6 +88,8 @@ class StudyOptions:
     questions: tuple[Question, ...] = ()
     spoken_questions: tuple[str, ...] = DEFAULT_SPOKEN_QUESTIONS
     debriefing: str = ""
+    protocol: Protocol = PC
+    scale: Scale = SCALES[0]
     both_orders: bool = False
     repeated_pairs: int = 0
     identical_pairs: int = 0
@@ -90,8 +108,24 @@ class StudyOptions:
 
     @property
     def repetition(self) -> Repetition:
-        """Trials shown besides every pair once."""
-        return Repetition(self.both_orders, self.repeated_pairs, self.identical_pairs)
+        """Trials shown besides every pair, or every film, once."""
+        identical = 0 if self.is_shown_alone else self.identical_pairs
+        return Repetition(self.both_orders, self.repeated_pairs, identical)
+
+    @property
+    def grades(self) -> Grades | None:
+        """The scale that participants rate on; None where they choose the better of two."""
+        return grades_of(self.protocol, self.scale)
+
+    @property
+    def is_shown_alone(self) -> bool:
+        """Does a trial show one film?"""
+        return self.protocol in SHOWN_ALONE
+
+    @property
+    def reference_beside(self) -> str:
+        """The condition that participants can view besides A and B; empty: none."""
+        return "" if self.protocol in WITH_REFERENCE else self.reference
 
     @property
     def way(self) -> tuple[str, ...]:
@@ -135,7 +169,8 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     questions = parse_questions(content.get("questions", ()))
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
-    return StudyOptions(
+    protocol, scale = parse_protocol(content)
+    options = StudyOptions(
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
         consent=_text(content, "consent"),
@@ -144,6 +179,8 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
         debriefing=_text(content, "debriefing"),
+        protocol=protocol,
+        scale=scale,
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
@@ -160,6 +197,9 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         limits=parse_limits(content.get("limits", {})),
         lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
     )
+    only_of_pairs = {name: getattr(options, name) for name in ("both_orders", "adaptive_pairs")}
+    check_with_protocol(protocol, options.reference, only_of_pairs)
+    return options
 
 
 def _flag(content: Mapping[str, Any], name: str, *, default: bool = False) -> bool:

@@ -35,7 +35,7 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
     if stage == INTRODUCTION:
         _check_introduction(data, options)
     if stage == PRACTICE:
-        _check_practice(data)
+        _check_practice(data, has_switches=not options.is_shown_alone)
     if stage == INTERVIEW:
         _check_interview(data, options)
 
@@ -44,15 +44,15 @@ def _check_introduction(data: Mapping[str, Any], options: StudyOptions) -> None:
     expected = {"version": options.consent_version, "sha256": options.consent_sha256}
     if options.consent and data.get("consent") != expected:
         raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
-    if options.comprehension and not is_understood(data.get("comprehension")):
+    if options.comprehension and not is_understood(data.get("comprehension"), options.protocol):
         raise InvalidStageError("the question on the instructions is not answered right")
 
 
-def _check_practice(data: Mapping[str, Any]) -> None:
+def _check_practice(data: Mapping[str, Any], *, has_switches: bool) -> None:
     rounds = data.get("rounds")
     if not isinstance(rounds, list) or len(rounds) != N_PRACTICE:
         raise InvalidStageError(f"expected {N_PRACTICE} rounds of practice")
-    for number, practice in enumerate(rounds, start=1):
+    for number, practice in enumerate(rounds if has_switches else (), start=1):
         n_switches = practice.get("n_switches") if isinstance(practice, Mapping) else None
         if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:
             raise InvalidStageError(f"round {number} has {n_switches!r} switches, expected at least one")

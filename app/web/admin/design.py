@@ -16,7 +16,6 @@ from app.store.engine import Database
 from app.store.orders import study_plan, taken_orders
 from app.store.studies import Study
 from app.study.balance import balance_report
-from app.study.design import participant_order
 from app.study.options import parse_options
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
@@ -42,7 +41,7 @@ def design_page(
         plan = study_plan(connection, study)
         report = balance_report(plan, taken_orders(connection, study, now))
         conditions = conditions_of(connection, study.id)
-    n_trials = len(participant_order(plan.pairs, plan.seed, 0, plan.repetition))
+    n_trials = len(plan.order_of_slot(0, plan.pairs))
     n_datasets = len({pair.dataset for pair in plan.pairs})
     power = _power(len(conditions), n_datasets, participants, effect) if participants else None
     context = {

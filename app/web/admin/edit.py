@@ -27,6 +27,7 @@ from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store
 
 FREE = ("name", "debriefing", "abandoned_after_h", "outside", "limits", "lab_sheet")  # may change after somebody began
+MADE_INTO_FILMS = ("protocol", "reference")  # options that never change
 LONGEST_NAME = 200
 LONGEST_NOTE = 200  # characters of a value in the audit log
 
@@ -209,6 +210,12 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     """
     if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
         raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
+    for option in MADE_INTO_FILMS:
+        value, made = getattr(wanted.options, option), getattr(now.options, option)
+        if value != made:
+            raise ValueError(
+                f"{option} is {value!r}, but the films of this study are made for {made!r}: create a new study"
+            )
     low, high = EXPOSURE_BOUNDS_S
     exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
     if not low <= exposure_s <= high:

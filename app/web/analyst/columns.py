@@ -9,14 +9,19 @@ DATASET = "dataset (a scene)"
 TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
 BOTH_SEEN = "true if A and B were both on screen"
 LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
+CHOICE = "a, b or none; in CCR by the rating's sign; empty in ACR, ACR-HR and DCR"
+RATING = "grade that was given to item_b; in CCR how much better it is than item_a, -3 to 3; empty in PC"
+PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
     "participant": PARTICIPANT,
     "dataset": DATASET,
-    "item_a": "condition labelled A in this trial",
+    "item_a": "condition labelled A in this trial; in DCR the reference, in ACR the film itself",
     "item_b": "condition labelled B",
-    "choice": "a, b or none",
+    "choice": CHOICE,
+    "rating": RATING,
+    "protocol": PROTOCOL,
     "first_shown": "condition that was on screen first",
     "trial": "id of the trial",
     "response_ms": "from the voting screen to the vote, milliseconds",
@@ -37,7 +42,7 @@ TRIALS: Columns = {
     "attempt": "from 2 for repetitions of an interrupted trial",
     "looks_before": LOOKS_BEFORE,
     "dataset": DATASET,
-    "item_a": "condition labelled A",
+    "item_a": "condition labelled A; in DCR the reference, in ACR the film itself",
     "item_b": "condition labelled B",
     "first_shown": "condition that was on screen first",
     "role": "main, or what the trial checks about the participant",
@@ -45,7 +50,9 @@ TRIALS: Columns = {
     "voided_at": "when it was interrupted",
     "void_reason": "full screen (was left), hidden, blur (another window in front), resize, or left the page",
     "voted_at": "when the vote arrived",
-    "choice": "a, b or none",
+    "protocol": PROTOCOL,
+    "choice": CHOICE,
+    "rating": RATING,
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",

@@ -68,6 +68,7 @@ EXAMPLES: dict[str, Any] = {
     "AskedView": {
         "consent": {"version": "2026-03", "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"},
         "comprehension": True,
+        "protocol": "PC",
         "questions": [{"name": "age", "kind": "number", "minimum": 16, "maximum": 120, "required": False}],
     },
     "ComprehensionBody": {"answer": "wait"},
@@ -104,6 +105,7 @@ EXAMPLES: dict[str, Any] = {
         "trial": "9f2m4c7w1z5t",
         "number": 13,
         "choice": "a",
+        "rating": None,
         "received_at": "2026-03-01T12:04:31.512000+00:00",
     },
     "TroubleBody": {"why": "PIPELINE_ERROR_DECODE: the film cannot be decoded"},
@@ -118,6 +120,8 @@ ROW: dict[str, Any] = {  # of any table, by column
     "item_b": "id_fa",
     "first_shown": "pm_fb",
     "choice": "a",
+    "rating": None,
+    "protocol": "PC",
     "trial": "9f2m4c7w1z5t",
     "number": 13,
     "attempt": 1,
@@ -220,6 +224,9 @@ STUDY = {
     "datasets": ["ball", "box"],
     "conditions": [{"item": "pm_fb", "levels": {"depth": "pm", "fusion": "fb"}}],
     "factors": {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]},
+    "protocol": "PC",
+    "scale": 5,
+    "reference": "",
     "lab_sheet": {"display": "ASUS VG278", "size_inch": 27.0, "white_point": "5000 K", "distance_cm": 90.0},
 }
 ANALYSIS = {

@@ -73,12 +73,14 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
         progress = progress_of(connection, study.id)
+    options = parse_options(study.options)
     whole = {
         **study_summary(study, progress),
         "datasets": datasets,
         "conditions": conditions,
         "factors": study.factors,
-        "lab_sheet": parse_options(study.options).lab_sheet.as_json(),
+        **{name: getattr(options, name) for name in ("protocol", "scale", "reference")},
+        "lab_sheet": options.lab_sheet.as_json(),
     }
     return json_object(whole, chosen)
 

@@ -10,6 +10,8 @@ from typing_extensions import TypedDict
 from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
+from app.study.options import StudyOptions
+from app.study.protocols import CCR, Protocol
 from app.study.technique import Technique
 from app.study.trial import Disturbance, Half, Interruption
 from app.study.valid_vote import without_unknowns
@@ -42,7 +44,9 @@ class MediaView(BaseModel):
     singles: list[str] | None = Field(
         description="each strip alone, from the top, for browsers that play neither; null where the study has none"
     )
-    layout: Literal["stacked"]
+    layout: Literal["stacked", "single"] = Field(
+        description="stacked: A and B in one film, one above the other; single: one stimulus, called A"
+    )
     a: Literal["top", "bottom"]
     width: int = Field(description="of one half, pixels")
     height: int = Field(description="of one half, pixels")
@@ -50,6 +54,13 @@ class MediaView(BaseModel):
     reference: bool = Field(description="whether the reference lies below both, after as many guard rows")
     fps: float
     n_frames: int
+
+
+class GradesView(BaseModel):
+    """The scale to rate on, in whole numbers."""
+
+    low: int = Field(description="the worst; in CCR: B is much worse than A")
+    high: int = Field(description="the best; in CCR: B is much better than A")
 
 
 class OneTrialView(BaseModel):
@@ -62,6 +73,8 @@ class OneTrialView(BaseModel):
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
     see_both: bool = Field(description="the vote waits until both A and B were on screen")
+    protocol: Protocol = Field(description="how to judge; in DCR A is the reference and B is rated")
+    grades: GradesView | None = Field(description="null in PC, where the vote is a choice and not a rating")
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
     first_shown: Label
     media: MediaView
@@ -162,7 +175,8 @@ class VoteBody(Strict):
             description="made by the client, the same whenever it sends the vote again; any UUID, best of version 7",
         ),
     ]
-    choice: Literal["a", "b", "none"]
+    choice: Literal["a", "b", "none"] | None = Field(default=None, description="in PC")
+    rating: Annotated[int, Field(ge=-100, le=100)] | None = Field(default=None, description="in all other protocols")
     viewing: Viewing
 
 
@@ -176,12 +190,15 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
-        see_both=session.options.see_both,
+        see_both=session.options.see_both and not session.options.is_shown_alone,
+        protocol=session.options.protocol,
+        grades=_grades_view(session.options),
         void_on=list(session.options.void_on),
         media=_media_view(
             current,
             "top" if current.a_half == "top" else "bottom",
-            has_reference=bool(session.options.reference),
+            has_reference=bool(session.options.reference_beside),
+            is_alone=session.options.is_shown_alone,
             singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
         ),
     )
@@ -189,7 +206,10 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
 
 def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialView:
     """Make the view of a practice trial, never repeated; sessions differ in whether the better one is A or B."""
-    turn = (session.id + pair.position) % 2
+    options = session.options
+    is_turned = options.grades is None or options.protocol == CCR
+    turn = (session.id + pair.position) % 2 if is_turned else 0
+    a_half: Half = "top" if session.id % 2 or not is_turned else "bottom"
     return OneTrialView(
         trial=f"practice-{pair.position + 1}",
         attempt=MOST_ATTEMPTS,
@@ -199,20 +219,28 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,
         see_both=False,  # the page shows a pair of the practice again by itself
+        protocol=options.protocol,
+        grades=_grades_view(options),
         void_on=list(session.options.void_on),
-        media=_media_view(pair, "top" if session.id % 2 else "bottom", has_reference=False, singles_of=pair.media),
+        media=_media_view(pair, a_half, has_reference=False, is_alone=options.is_shown_alone, singles_of=pair.media),
     )
 
 
-def _media_view(shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str) -> MediaView:
-    strips = STRIPS if has_reference else STRIPS[:2]
+def _grades_view(options: StudyOptions) -> GradesView | None:
+    return GradesView(low=options.grades.low, high=options.grades.high) if options.grades else None
+
+
+def _media_view(
+    shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, is_alone: bool, singles_of: str
+) -> MediaView:
+    strips = STRIPS if has_reference else STRIPS[:1] if is_alone else STRIPS[:2]
     return MediaView(
         url=media_url(shown.media),
         second=SecondView(url=media_url(shown.second_media), type=FILM_TYPES[shown.second_codec])
         if shown.second_media and shown.second_codec
         else None,
         singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if shown.has_singles else None,
-        layout="stacked",
+        layout="single" if is_alone else "stacked",
         a=a_half,
         width=shown.width,
         height=shown.height,

@@ -29,6 +29,7 @@ from app.store.sessions import (
 from app.store.studies import study_by_id
 from app.study.comprehension import is_understood
 from app.study.options import parse_options
+from app.study.protocols import Protocol
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.recruiting import MOST_KEPT, Ending
 from app.study.stage_data import InvalidStageError, check_stage_data
@@ -135,6 +136,9 @@ class AskedView(BaseModel):
 
     consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
     comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
+    protocol: Protocol = Field(
+        description="how to judge; in ACR and ACR-HR other answers to the comprehension are right"
+    )
     questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
 
 
@@ -201,13 +205,15 @@ def asked(signed_in: Participant) -> AskedView:
     options = signed_in.session.options
     consent = {"version": options.consent_version, "sha256": options.consent_sha256} if options.consent else None
     questions = [asdict(question) for question in options.questions]
-    return AskedView(consent=consent, comprehension=options.comprehension, questions=questions)
+    return AskedView(
+        consent=consent, comprehension=options.comprehension, protocol=options.protocol, questions=questions
+    )
 
 
 @router.put("/session/comprehension")
 def mark_comprehension(body: ComprehensionBody, signed_in: Participant) -> ComprehensionView:
     """Mark the answer to the question on the instructions; the page does not know which is right."""
-    understood = is_understood(body.answer)
+    understood = is_understood(body.answer, signed_in.session.options.protocol)
     if not understood:
         log.info("session %s: the instructions were not understood (%s)", signed_in.session.public_id, body.answer)
     return ComprehensionView(understood=understood)
