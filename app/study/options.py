@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, get_args
 
+from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.protocols import (
@@ -111,6 +112,11 @@ class StudyOptions:
         """Trials shown besides every pair, or every film, once."""
         identical = 0 if self.is_shown_alone else self.identical_pairs
         return Repetition(self.both_orders, self.repeated_pairs, identical)
+
+    @property
+    def comprehension_answers(self) -> tuple[str, ...]:
+        """Answers to the comprehension question, of which one is right."""
+        return ANSWERS_ALONE if self.is_shown_alone else ANSWERS
 
     @property
     def grades(self) -> Grades | None:

@@ -20,10 +20,10 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 
 /** @typedef {import("./session.js").Session} Session */
 
-const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
+const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
@@ -179,7 +179,7 @@ function showInstructions(number) {
 function turnInstructions(event) {
   const step = Number(/** @type {HTMLElement} */ (event.currentTarget).dataset.step);
   const number = Number(page.dataset.showing?.split("-")[1]) + step;
-  if (number <= N_INSTRUCTIONS) showInstructions(number);
+  if (number <= nInstructions) showInstructions(number);
   else if (page.dataset.stage === "trial") goOnWithTrials();
   else if (document.getElementById("comprehension")) show("comprehension");
   else guarded(endIntroduction);
@@ -249,13 +249,13 @@ async function practise() {
     show("trial");
     const { vote } = await trials.show(description, performance.now());
     if (!vote) throw new Error("practice is not interrupted");
-    if (vote.viewing.switches.length === 0) {
+    if (vote.viewing.switches.length === 0 && description.media.layout !== "single") {
       show("practice-again");
       return;
     }
-    const { choice, viewing } = vote;
+    const { id: _, viewing, ...answer } = vote;
     const { shown_ms, response_ms, switches } = viewing;
-    practised.push({ trial: description.trial, choice, shown_ms, response_ms, n_switches: switches.length });
+    practised.push({ trial: description.trial, ...answer, shown_ms, response_ms, n_switches: switches.length });
   }
   show("practice-done");
 }

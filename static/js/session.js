@@ -22,11 +22,11 @@ import { Unreachable, request } from "./connection.js";
  * @property {string | null} url
  * @property {number} after_s seconds after which the page goes there by itself; 0: never
  *
- * @typedef {object} Media one film that holds both stimuli, one above the other
+ * @typedef {object} Media one film that holds both stimuli, one above the other, or a single one
  * @property {string} url
  * @property {{url: string, type: string} | null} second the same film, for browsers that do not play the first
  * @property {string[] | null} singles each strip alone, from the top, for browsers that play neither; null where the study has none
- * @property {"stacked"} layout
+ * @property {"stacked" | "single"} layout single: one stimulus, called A
  * @property {"top" | "bottom"} a
  * @property {number} width of one half, pixels
  * @property {number} height of one half, pixels
@@ -73,7 +73,8 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {object} Vote
  * @property {string} id made by the browser, so that a vote sent twice counts once
- * @property {Letter | "none"} choice
+ * @property {Letter | "none"} [choice] where pairs are compared
+ * @property {number} [rating] in all other protocols
  * @property {Viewing} viewing
  */
 

@@ -10,7 +10,7 @@ import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
 import { display, dwell, hasSeenBoth, tenths } from "./viewing.js";
-import { askForChoice } from "./vote-form.js";
+import { askForAnswer } from "./vote-form.js";
 
 /**
  * @typedef {import("./session.js").TrialDescription} TrialDescription
@@ -290,6 +290,7 @@ export class Trial {
    * @param {number} at performance.now() of the press @param {boolean} isForReference
    */
   #switch(at, isForReference) {
+    if (this.description.media.layout === "single") return;
     const { switches } = this.viewing;
     const isAtReference = this.player.shown === "reference";
     /** @type {Letter} */
@@ -311,8 +312,10 @@ export class Trial {
     if (which !== "reference") this.letter = which;
     this.screen.dataset.letter = which;
     const status = required(HTMLElement, "[data-showing]", this.screen);
-    const { showing, showingReference } = status.dataset;
-    status.textContent = which === "reference" ? showingReference ?? "" : fill(showing, { letter: which.toUpperCase() });
+    const { showing, showingReference, a, b } = status.dataset;
+    const isAlone = this.description.media.layout === "single";
+    const told = which === "reference" ? showingReference : fill(showing, { letter: which === "a" ? a : b });
+    status.textContent = isAlone ? "" : told ?? "";
   }
 
   /** @param {number} at performance.now() @returns {number} ms, to a tenth, since the film appeared */
@@ -324,15 +327,15 @@ export class Trial {
   #ask(signal) {
     const openedAt = performance.now();
     const form = required(HTMLFormElement, "form", this.screen);
-    askForChoice(form, signal, (choice, n_changes) => this.#vote(choice, performance.now() - openedAt, n_changes));
+    askForAnswer(form, signal, (answer, n_changes) => this.#vote(answer, performance.now() - openedAt, n_changes));
   }
 
-  /** @param {Vote["choice"]} choice @param {number} response_ms @param {number} n_changes */
-  #vote(choice, response_ms, n_changes) {
+  /** @param {import("./vote-form.js").Answer} answer @param {number} response_ms @param {number} n_changes */
+  #vote(answer, response_ms, n_changes) {
     this.viewing.response_ms = tenths(response_ms);
     this.viewing.n_changes = n_changes;
     if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
-    this.#go("done", { vote: { id: newId(), choice, viewing: this.viewing } });
+    this.#go("done", { vote: { id: newId(), ...answer, viewing: this.viewing } });
   }
 }
 
@@ -340,6 +343,7 @@ export class Trial {
 function labelTrial(screen, { number, total, free_exposure, media }) {
   screen.classList.toggle("is-free", free_exposure);
   screen.classList.toggle("has-reference", media.reference);
+  screen.classList.toggle("is-alone", media.layout === "single");
   for (const label of screen.querySelectorAll("[data-label]")) {
     label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
   }

@@ -17,6 +17,7 @@ from fastapi.responses import RedirectResponse, Response
 from app.files import packaged
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
+from app.study.protocols import texts_of
 from app.web.form_token import entry_token, is_own_form, remember_entry
 from app.web.gates import Store, address, note_refusal, throttle
 from app.web.participant.bodies import FILM_TYPES
@@ -65,6 +66,7 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         request,
         "participant/study.html",
         study=study,
+        texts=texts_of(texts_in(_language(request)), study.options.protocol),
         code=code,
         second_type=FILM_TYPES.get(study.options.second_codec),
     )

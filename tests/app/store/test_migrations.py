@@ -46,6 +46,7 @@ CHECKED = {
     "vote.first_shown": "b",
     "job.state": "done",
     "screening_test.test": "colour",
+    "screening_entry.test": "acuity",
     "model.kind": "mesh",
     "single_film.strip": "reference",
 }
