@@ -91,7 +91,7 @@ def still(
     database: Store,
 ) -> Response:
     """Show the first picture of a strip of a pair's film."""
-    strips = STRIPS if parse_options(study.options).reference else STRIPS[:2]
+    strips = STRIPS if parse_options(study.options).reference_beside else STRIPS[:2]
     with database.reading() as connection:
         pair = next((row for row in pair_records(connection, study.id) if row["media"] == media), None)
     if pair is None or half not in strips:
@@ -109,7 +109,7 @@ def _stimuli(database: Database, study: Study) -> dict[str, Any]:
         stimuli, pairs = stimulus_records(connection, study.id), pair_records(connection, study.id)
     names = dict.fromkeys(row["dataset"] for row in stimuli)
     datasets = {name: [row for row in stimuli if row["dataset"] == name] for name in names}
-    return {"datasets": datasets, "pairs": pairs, "has_reference": bool(parse_options(study.options).reference)}
+    return {"datasets": datasets, "pairs": pairs, "has_reference": bool(parse_options(study.options).reference_beside)}
 
 
 def _fault(request: Request, pair: dict[str, Any]) -> str | None:

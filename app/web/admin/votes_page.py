@@ -13,6 +13,7 @@ from app.errors import NotFoundError
 from app.store.designs import datasets_of
 from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
 from app.study.options import parse_options
+from app.study.protocols import RATED
 from app.web.admin.layout import study_page, turns
 from app.web.gates import AStudy, Looking, Store
 
@@ -64,6 +65,7 @@ def votes_page(
         datasets = datasets_of(connection, study.id)
     context = {
         "rows": rows,
+        "is_rated": parse_options(study.options).protocol in RATED,
         "n_found": n_found,
         "people": people,
         "datasets": datasets,
@@ -84,10 +86,12 @@ def replay_page(
     if record is None or film is None:
         raise NotFoundError("This study has no such trial.")
     viewing = record["viewing"] or {}
-    looks = looks_of(viewing, study.exposure_s * 1000)
+    looks, options = looks_of(viewing, study.exposure_s * 1000), parse_options(study.options)
     b_half = "bottom" if film.a_half == "top" else "top"
-    shown = [Shown("a", record["item_a"], film.a_half, looks), Shown("b", record["item_b"], b_half, looks)]
-    if reference := parse_options(study.options).reference:
+    shown = [Shown("a", record["item_a"], film.a_half, looks)]
+    if not options.is_shown_alone:
+        shown.append(Shown("b", record["item_b"], b_half, looks))
+    if reference := options.reference_beside:
         shown.append(Shown(REFERENCE, reference, REFERENCE, looks))
     context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "shown": shown}
     return study_page(request, "replay", person, study, context)
