@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from app.analysis.ratings.opinion_scores import item_rows
 from app.analysis.ratings.table import RatingTable
 
 
-def analyse_ratings(table: RatingTable, rng: np.random.Generator) -> dict[str, list[dict[str, Any]]]:
+def analyse_ratings(table: RatingTable) -> dict[str, list[dict[str, Any]]]:
     """Analyse ratings: mean opinion scores of items and conditions, participants, and what to be warned of.
 
     Parameters
     ----------
     table : RatingTable
-    rng : Generator, for bootstrap samples of participants
 
     Returns
     -------
