@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,18 @@ class RatingTable:
     def __len__(self) -> int:
         return len(self.rating)
 
+    def without(self, names: Collection[str]) -> RatingTable:
+        """Return the ratings of the other participants."""
+        kept = [index for index, name in enumerate(self.participants) if name not in names]
+        rows = np.isin(self.person, kept)
+        return replace(
+            self,
+            participants=tuple(self.participants[index] for index in kept),
+            person=np.searchsorted(kept, self.person[rows]),
+            item=self.item[rows],
+            rating=self.rating[rows],
+        )
+
 
 @dataclass(frozen=True)
 class ComparisonTable:
@@ -109,3 +122,17 @@ class ComparisonTable:
 
     def __len__(self) -> int:
         return len(self.rating)
+
+    def without(self, names: Collection[str]) -> ComparisonTable:
+        """Return the comparisons of the other participants."""
+        kept = [index for index, name in enumerate(self.participants) if name not in names]
+        rows = np.isin(self.person, kept)
+        return replace(
+            self,
+            participants=tuple(self.participants[index] for index in kept),
+            person=np.searchsorted(kept, self.person[rows]),
+            item_a=self.item_a[rows],
+            item_b=self.item_b[rows],
+            rating=self.rating[rows],
+            a_first=self.a_first[rows],
+        )
