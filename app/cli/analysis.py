@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -46,7 +47,8 @@ def simulate(
 
 @app.command()
 def analyse(
-    votes: Annotated[Path, typer.Argument(help="File of votes: CSV, Parquet or JSON.")],
+    context: typer.Context,
+    votes: Annotated[Path, typer.Argument(help="File of votes, or of ratings: CSV, Parquet or JSON.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
     items: Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")] = None,
     measures: Annotated[
@@ -88,11 +90,26 @@ def analyse(
     choices: Annotated[
         str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
     ] = None,
+    ratings: Annotated[
+        Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse any pair-comparison votes: triads, scores, standard errors, figures and a report."""
-    from app.analysis import AnalysisSettings, analyse_file
+    """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
+    from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
+    from app.analysis.ratings.reading import holds_ratings
 
+    ends = _parse_scale(scale)
+    if holds_ratings(votes):
+        _refuse_options_of_votes(context)
+        analysis = analyse_ratings_file(votes, out, ends, exclude or ())
+        print_result(analysis, rating_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+        return
+    if ends and ratings is None:
+        raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
     if by not in ("dataset", "none"):
         raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
     settings = AnalysisSettings(
@@ -115,6 +132,8 @@ def analyse(
         measures=measures,
         participants=participants,
         groups=group,
+        ratings=ratings,
+        scale=ends,
     )
     print_result(analysis, score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
 
@@ -147,6 +166,30 @@ def plan(
     print_result(result, sentences, as_json=as_json)
 
 
+OPTIONS_OF_RATINGS = ("votes", "out", "scale", "exclude", "as_json")
+
+
+def _refuse_options_of_votes(context: typer.Context) -> None:
+    """Raise if an option was given that says nothing about ratings."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if source is not None and source.name == "COMMANDLINE" and parameter.name not in OPTIONS_OF_RATINGS:
+            raise typer.BadParameter(f"{parameter.opts[0]} is for votes, and the file holds ratings; leave it out")
+
+
+def _parse_scale(text: str | None) -> tuple[float, float] | None:
+    """Read "low:high"."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(end) for end in text.split(":"))
+    except ValueError as error:
+        raise typer.BadParameter(f"--scale is {text!r}, expected two numbers such as 1:5") from error
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise typer.BadParameter(f"--scale is {text!r}, expected its low end first, such as 1:5")
+    return low, high
+
+
 def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
     """Read the pairs of "ours=theirs,ours=theirs"."""
     if text is None:
@@ -173,6 +216,27 @@ def score_sentences(analysis: Mapping[str, Any]) -> str:
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     width = max((len(row["item"]) for row in rows), default=0)
     return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
+
+
+def rating_sentences(analysis: Mapping[str, Any]) -> str:
+    """Print the mean opinion scores, or the scores of comparisons, over all datasets, a line each, best first."""
+    if analysis.get("rating_conditions"):
+        rows, name, what = list(analysis["rating_conditions"]), "mos", ""
+    else:
+        datasets = [row["dataset"] for row in analysis["comparison_items"]]
+        last = "all" if "all" in datasets else None
+        rows = [row for row in analysis["comparison_items"] if last in (None, row["dataset"])]
+        name, what = "score", "+"
+    rows.sort(key=lambda row: -row[name])
+    width = max((len(row["condition"]) for row in rows), default=0)
+    return "\n".join(f"  {row['condition']:<{width}}  {_interval_text(row, name, what)}" for row in rows)
+
+
+def _interval_text(row: Mapping[str, Any], name: str, sign: str) -> str:
+    interval = ""
+    if row["ci_low"] is not None:
+        interval = f"  95 % interval {row['ci_low']:{sign}.2f} to {row['ci_high']:{sign}.2f}"
+    return f"{row[name]:{sign}.2f}{interval}"
 
 
 def _score_text(row: Mapping[str, Any]) -> str:
