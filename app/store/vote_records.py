@@ -199,6 +199,7 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "choice": record["choice"],
                 "rating": record["rating"],
                 "protocol": record["protocol"],
+                "reference": record["reference"],
                 "first_shown": record["first_shown"],
                 "trial": record["trial"],
                 "response_ms": record["response_ms"],

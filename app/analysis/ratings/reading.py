@@ -23,14 +23,15 @@ FLAGS = {"": False, "0": False, "false": False, "no": False, "1": True, "true": 
 
 
 def holds_ratings(path: Path) -> bool:
-    """Does a table have a column `rating`?
+    """Does a table have ratings in a column `rating`? A study's table of choices has that column, too, and it is empty.
 
     Raises
     ------
     VotesError
         If the file cannot be read.
     """
-    return "rating" in read_frame(path).columns
+    frame = read_frame(path)
+    return "rating" in frame.columns and bool(_text(frame["rating"].to_list()).any())
 
 
 def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
@@ -38,7 +39,9 @@ def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> Rating
 
     With the columns `participant, dataset, condition, rating` they are of single stimuli; `protocol` (`acr` by default)
     and `reference` (is the item its dataset's reference?) are optional. With `participant, dataset, item_a, item_b,
-    rating` they compare two; `first_shown` is the name of the item shown first, `item_a` by default.
+    rating` they compare two; `first_shown` is the name of the item shown first, `item_a` by default. A study's table of
+    votes is read as it was exported: practice, exclusions and checks are left out, and what ACR, ACR-HR and DCR rate is
+    `item_b`.
 
     Parameters
     ----------
@@ -53,11 +56,24 @@ def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> Rating
     frame = read_frame(path)
     columns = {str(name): _text(frame[name].to_list()) for name in frame.columns}
     try:
-        return _comparisons(columns, scale) if "item_a" in columns else _ratings(columns, scale)
+        counted = _exported(columns)
+        return _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
     except ValueError as error:  # of the table itself
         raise VotesError(f"{path}: {error}") from error
+
+
+def _exported(columns: Columns) -> Columns:
+    """Return the counted rows of a study's table of votes under the names of a table of ratings; others unchanged."""
+    if not {"protocol", "role", "item_b"} <= set(columns):
+        return columns
+    is_left_out = _flags(columns, "practice") | _flags(columns, "excluded") | ~np.isin(columns["role"], ("", "main"))
+    kept = {name: values[~is_left_out] for name, values in columns.items()}
+    kept["protocol"] = np.array([str(value).lower() for value in kept["protocol"]], object)
+    if (kept["protocol"] == "ccr").all():
+        return kept
+    return {name: values for name, values in kept.items() if name != "item_a"} | {"condition": kept["item_b"]}
 
 
 def _text(values: list[Any]) -> NDArray[np.object_]:

@@ -18,6 +18,14 @@ from app.web.admin.layout import study_page, turns
 from app.web.gates import AStudy, Looking, Store
 
 VOTES_ON_A_PAGE = 60
+KINDS = {
+    "": "all",
+    "ties": "no preference",
+    "unswitched": "never switched",
+    "voided": "interrupted",
+    "excluded": "not counted",
+}
+KINDS_OF_PAIRS = ("ties", "unswitched")
 REFERENCE = "reference"  # label of a look at it, and the strip of a film that shows it
 
 router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
@@ -57,7 +65,7 @@ def votes_page(
     what: Annotated[str, Query(max_length=20)] = "",
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
-    sought = SoughtTrials(participant, dataset, what)
+    sought, is_rated = SoughtTrials(participant, dataset, what), parse_options(study.options).protocol in RATED
     with database.reading() as connection:
         rows = given_trials(connection, study.id, sought, limit=VOTES_ON_A_PAGE, offset=at)
         n_found = n_given_trials(connection, study.id, sought)
@@ -65,7 +73,8 @@ def votes_page(
         datasets = datasets_of(connection, study.id)
     context = {
         "rows": rows,
-        "is_rated": parse_options(study.options).protocol in RATED,
+        "is_rated": is_rated,
+        "kinds": {kind: text for kind, text in KINDS.items() if not (is_rated and kind in KINDS_OF_PAIRS)},
         "n_found": n_found,
         "people": people,
         "datasets": datasets,

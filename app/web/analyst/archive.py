@@ -23,7 +23,7 @@ from app.study.options import parse_options
 from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
-from app.web.analyst.results import prepare_results
+from app.web.analyst.results import prepare_results, rows_of
 
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
 
@@ -44,8 +44,8 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
         analysis = analysed().analysis
-        for name in ("scores", "triads", "observers"):
-            rows = list((analysis or {}).get(name, ()))
+        for name in ("scores", "ratings", "comparisons", "triads", "observers"):
+            rows = rows_of(analysis or {}, name)
             columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
             files.write_table(name, rows, list(columns))
         if analysis is not None:

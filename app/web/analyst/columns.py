@@ -11,6 +11,7 @@ BOTH_SEEN = "true if A and B were both on screen"
 LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
 CHOICE = "a, b or none; in CCR by the rating's sign; empty in ACR, ACR-HR and DCR"
 RATING = "grade that was given to item_b; in CCR how much better it is than item_a, -3 to 3; empty in PC"
+REFERENCE = "true if item_b is the study's reference, which ACR-HR hides among the films"
 PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
@@ -22,6 +23,7 @@ VOTES: Columns = {
     "choice": CHOICE,
     "rating": RATING,
     "protocol": PROTOCOL,
+    "reference": REFERENCE,
     "first_shown": "condition that was on screen first",
     "trial": "id of the trial",
     "response_ms": "from the voting screen to the vote, milliseconds",
@@ -53,6 +55,7 @@ TRIALS: Columns = {
     "protocol": PROTOCOL,
     "choice": CHOICE,
     "rating": RATING,
+    "reference": REFERENCE,
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
@@ -100,6 +103,34 @@ SCORES: Columns = {
     "losses": "votes for the other item",
     "ties": "votes without preference",
     "status": "ok, separated (no finite maximum) or disconnected",
+}
+RATINGS: Columns = {
+    "dataset": DATASET,
+    "condition": "condition that was rated",
+    "is_reference": "true for the study's reference",
+    "n_ratings": "ratings",
+    "n": "participants",
+    "mos": "mean opinion score, on the study's scale",
+    "sd": "standard deviation over participants",
+    "ci_low": "lower end of the 95 % interval of the mean",
+    "ci_high": "upper end",
+    "dmos": "mean differential score to the reference",
+    "dmos_sd": "its standard deviation over participants",
+    "dmos_low": "lower end of its 95 % interval",
+    "dmos_high": "upper end",
+    "quality": "quality, the participants' bias and inconsistency taken off",
+    "quality_se": "its standard error",
+    "quality_low": "lower end of its 95 % interval",
+    "quality_high": "upper end",
+}
+COMPARISONS: Columns = {
+    "dataset": DATASET,
+    "condition": "condition that was compared",
+    "n_ratings": "ratings of pairs with it",
+    "score": "how much better it is than the mean of all, in steps of the scale",
+    "se": "its standard error, clustered by participant",
+    "ci_low": "lower end of the 95 % interval",
+    "ci_high": "upper end",
 }
 TRIADS: Columns = {
     "participant": PARTICIPANT,
@@ -179,6 +210,8 @@ TABLES: dict[str, Columns] = {
     "screening": SCREENING,
     "questionnaire": QUESTIONNAIRE,
     "scores": SCORES,
+    "ratings": RATINGS,
+    "comparisons": COMPARISONS,
     "triads": TRIADS,
     "observers": OBSERVERS,
     "validation": MEASUREMENTS,
