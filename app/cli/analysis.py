@@ -140,28 +140,47 @@ def analyse(
 
 @app.command()
 def plan(
-    conditions: Annotated[int, typer.Option(min=2, help="Conditions of each dataset; every pair is compared.")],
+    conditions: Annotated[int, typer.Option(min=2, help="Conditions of each dataset; with a hidden reference if any.")],
     datasets: Annotated[int, typer.Option(min=1, help="Number of datasets.")],
     participants: Annotated[int, typer.Option(min=2, help="Number of participants.")],
-    effect: Annotated[float, typer.Option(help="True difference of two conditions in JOD, log-odds / ln 3.")] = 0.5,
+    protocol: Annotated[
+        str, typer.Option(help="PC or CCR (every pair is compared), or ACR, ACR-HR, DCR (every film is rated).")
+    ] = "PC",
+    effect: Annotated[
+        float, typer.Option(help="True difference of two conditions: JOD (log-odds / ln 3), or grades where rated.")
+    ] = 0.5,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power.")] = 400,
+    inconsistency: Annotated[
+        float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
+    ] = 0.7,
+    exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
+    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power, where compared.")] = 400,
     seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a study's power and sample size by simulation."""
+    """Find a study's power and sample size: by simulation for comparisons, by a paired t-test for ratings."""
     import numpy as np
 
     from app.analysis.power import StudyPlan, plan_study
+    from app.analysis.ratings.planning import RatingPlan, plan_ratings
+    from app.study.protocols import RATED, minutes_of, parse_protocol
 
-    design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
-    result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    chosen, _ = parse_protocol({"protocol": protocol})
+    is_rated = chosen in RATED
+    if is_rated:
+        result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
+    else:
+        design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
+        result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    n_trials = result["votes_per_participant"]
+    result |= {"protocol": chosen, "trials": n_trials, "minutes": minutes_of(n_trials, exposure)}
+    unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
+    single, pooled = (result[f"detectable{suffix}_{where}"] for where in ("one_dataset", "pooled"))
     sentences = (
-        f"{result['votes_per_participant']} votes by each of {participants} participants.\n"
-        f"A difference of {effect:g} JOD is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
+        f"{n_trials} trials for each of {participants} participants: about {result['minutes']} minutes.\n"
+        f"A difference of {effect:g} {unit} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
         f"{result['power_pooled']:.2f} over all.\n"
-        f"Found with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} in one dataset, "
-        f"{_jod(result['detectable_jod_pooled'])} over all."
+        f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."
     )
     print_result(result, sentences, as_json=as_json)
 
@@ -246,5 +265,5 @@ def _score_text(row: Mapping[str, Any]) -> str:
     return f"{row['score']:+.3f}{interval}"
 
 
-def _jod(difference: float | None) -> str:
-    return "no difference considered" if difference is None else f"{difference:.2f} JOD"
+def _detectable(difference: float | None, unit: str) -> str:
+    return "no difference considered" if difference is None else f"{difference:.2f} {unit}"

@@ -197,9 +197,6 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "item_a": record["item_a"],
                 "item_b": record["item_b"],
                 "choice": record["choice"],
-                "rating": record["rating"],
-                "protocol": record["protocol"],
-                "reference": record["reference"],
                 "first_shown": record["first_shown"],
                 "trial": record["trial"],
                 "response_ms": record["response_ms"],
@@ -211,4 +208,7 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "frame_locked": record["frame_locked"],
                 "both_seen": record["both_seen"],
                 "looks_before": record["looks_before"],
+                "protocol": record["protocol"],
+                "rating": record["rating"],
+                "reference": record["reference"],
             }

@@ -30,6 +30,8 @@ SCALES: tuple[Scale, ...] = (5, 9, 11, SLIDER)
 ENDS: Mapping[Scale, tuple[int, int]] = {5: (1, 5), 9: (1, 9), 11: (0, 10), SLIDER: (0, 100)}  # worst, best
 COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
 
+VOTING_S = 4.0  # of a trial besides the exposure: fixation, answer, Next; typical of simulated and real sessions
+
 GradeNames = Literal["quality", "impairment", "comparison"]  # under this key in the participants' texts
 
 
@@ -98,6 +100,17 @@ def grades_of(protocol: Protocol, scale: Scale) -> Grades | None:
     if protocol == CCR:
         return Grades(-COMPARISON_END, COMPARISON_END, "comparison")
     return Grades(*ENDS[scale], "impairment" if protocol == DCR else "quality", is_slider=scale == SLIDER)
+
+
+def minutes_of(n_trials: int, exposure_s: float) -> int:
+    """Return about how long a session's trials take, minutes.
+
+    Parameters
+    ----------
+    n_trials : of a participant
+    exposure_s : seconds of a trial's film
+    """
+    return max(1, round(n_trials * (exposure_s + VOTING_S) / 60))
 
 
 def stored_scale(text: str | None) -> Scale:

@@ -17,10 +17,10 @@ from app.store.orders import study_plan, taken_orders
 from app.store.studies import Study
 from app.study.balance import balance_report
 from app.study.options import parse_options
+from app.study.protocols import minutes_of
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
-VOTING_S = 4.0  # besides the exposure: fixation, choice, Next; typical of simulated and real sessions
 BEFORE_AND_AFTER_MIN = 5
 REPLICATES = 200  # simulated studies; gives the power to about 3 %
 
@@ -49,7 +49,7 @@ def design_page(
         "conditions": conditions,
         "factors": study.factors,
         "n_trials": n_trials,
-        "minutes": round(n_trials * (study.exposure_s + VOTING_S) / 60 + BEFORE_AND_AFTER_MIN),
+        "minutes": minutes_of(n_trials, study.exposure_s) + BEFORE_AND_AFTER_MIN,
         "power": power,
         "asked": {"participants": participants or 22, "effect": effect},
     }

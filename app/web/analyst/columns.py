@@ -21,9 +21,6 @@ VOTES: Columns = {
     "item_a": "condition labelled A in this trial; in DCR the reference, in ACR the film itself",
     "item_b": "condition labelled B",
     "choice": CHOICE,
-    "rating": RATING,
-    "protocol": PROTOCOL,
-    "reference": REFERENCE,
     "first_shown": "condition that was on screen first",
     "trial": "id of the trial",
     "response_ms": "from the voting screen to the vote, milliseconds",
@@ -35,6 +32,9 @@ VOTES: Columns = {
     "frame_locked": FRAME_LOCKED,
     "both_seen": BOTH_SEEN,
     "looks_before": LOOKS_BEFORE,
+    "protocol": PROTOCOL,
+    "rating": RATING,
+    "reference": REFERENCE,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",

@@ -18,6 +18,7 @@ SESSION: dict[str, Any] = {
     "was_away_long": False,
     "resume_code": "maple-otter-93",
     "debriefing": None,
+    "ending": None,
 }
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",
@@ -27,6 +28,8 @@ TRIAL: dict[str, Any] = {
     "exposure_s": 15.0,
     "free_exposure": False,
     "see_both": True,
+    "protocol": "PC",
+    "grades": None,
     "void_on": ["full screen", "hidden"],
     "first_shown": "b",
     "media": {
