@@ -121,6 +121,11 @@ def analyse_file(
     analysis["warnings"] += notes
     if rated is not None:
         _add_tables(analysis, analyse_ratings(rated) | align(rated, used_votes(votes, settings)))
+        (shared,) = analysis["alignment"]
+        if shared["status"] != "ok":
+            analysis["warnings"].append(
+                f"ratings and votes are not on one scale: {shared['status']} ({shared['n_shared']} items in common)"
+            )
     write_analysis(analysis, out, source=path.name)
     return analysis
 

@@ -13,7 +13,6 @@ from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import t as student
 
-from app.analysis.ratings.subject_model import fit_subject_model
 from app.analysis.ratings.table import RatingTable
 from app.analysis.settings import LEVEL
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
@@ -23,7 +22,8 @@ Array = NDArray[np.float64]
 
 FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
 JOD = np.log(3)  # log-odds
-STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the votes all follow the ratings' order
+STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
+CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
 TOLERANCE = 1e-6  # of the gradient, per observation
 
 
@@ -34,7 +34,7 @@ class Observations:
     Parameters
     ----------
     items : the K items, each (dataset, condition)
-    rating : float64 (R,), less their participant's bias
+    rating : float64 (R,)
     rated : intp (R,), the item of each rating
     rater : intp (R,), the participant of each rating
     difference : sparse (V, K), 1 at the first and -1 at the second item of each vote
@@ -58,10 +58,10 @@ class Observations:
 def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any]]]:
     """Estimate the qualities that explain ratings and pair votes together.
 
-    Every item has a quality q in units of the rating scale. A rating, less its participant's bias, is q plus normal
-    noise; the log-odds of preferring one item to another are k times the difference of their qualities, with Davidson's
-    tie parameter if there are ties. Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are
-    clustered by participant (a name in both tables is one person), intervals are of t(J - 1) for J participants.
+    Every item has a quality q in units of the rating scale. A rating is q plus normal noise; the log-odds of preferring
+    an item to another are k times the difference of their qualities, with Davidson's tie parameter if there are ties.
+    Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are clustered by participant (a name in
+    both tables is one person), intervals are of t(J - 1) for J participants.
 
     Parameters
     ----------
@@ -130,7 +130,6 @@ class _Fit:
 
 def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     """Number items and participants of both tables alike; leave out items that no rating is linked to by votes."""
-    bias = np.nan_to_num(fit_subject_model(table).bias)
     names: dict[tuple[str, str], int] = {}
     rated = _numbers([table.items[index] for index in table.item], names)
     first, second = (
@@ -150,7 +149,7 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     signs = np.repeat([1.0, -1.0], n_votes)
     return Observations(
         items=tuple(name for name, index in names.items() if is_linked[index]),
-        rating=table.rating - bias[table.person],
+        rating=table.rating,
         rated=new[rated],
         rater=rater,
         difference=csr_array((signs, cells), shape=(n_votes, int(is_linked.sum()))),
@@ -190,12 +189,15 @@ class _Likelihood:
         log_nu = theta[n + 2 :] if self.has_ties else np.zeros(1)
         return theta[:n], float(theta[n]), float(theta[n + 1]), log_nu
 
-    def value(self, theta: Array) -> float:
-        quality, slope, log_noise, log_nu = self._split(theta)
+    def of_votes(self, theta: Array) -> float:
+        quality, slope, _, log_nu = self._split(theta)
         d = np.asarray(slope * (self.seen.difference @ quality))
+        return float(self.model.loglik(d, log_nu, self.wins, self.losses, self.ties).sum())
+
+    def value(self, theta: Array) -> float:
+        quality, _, log_noise, _ = self._split(theta)
         residue = (self.rating - quality[self.seen.rated]) / np.exp(log_noise)
-        votes = self.model.loglik(d, log_nu, self.wins, self.losses, self.ties)
-        return float(votes.sum() - len(residue) * (log_noise + np.log(2 * np.pi) / 2) - residue @ residue / 2)
+        return float(self.of_votes(theta) - len(residue) * (log_noise + np.log(2 * np.pi) / 2) - residue @ residue / 2)
 
     def parts(self, theta: Array) -> tuple[csr_array, csr_array]:
         """Return the gradient of each vote (V, M) and of each rating (R, M)."""
@@ -265,6 +267,8 @@ def _fit(seen: Observations) -> _Fit | None:
     theta = np.asarray(best.x)
     information = likelihood.information(theta)
     if np.abs(best.jac).max() > TOLERANCE * n_observations or abs(theta[n]) > STEEPEST:
+        return None
+    if likelihood.of_votes(theta) > CERTAIN:
         return None
     try:
         inverse = cho_solve(cho_factor(information), np.eye(len(theta)))

@@ -145,8 +145,9 @@ def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:
 def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, Any]]) -> Iterator[str]:
     if model.status == COMMON:
         yield (
-            "ratings: the likelihood of the subject model has no maximum, because so few ratings can follow one "
-            "participant without any residue; qualities and biases take all participants as equally consistent"
+            "ratings: the likelihood of the subject model has no maximum, because the qualities can follow one "
+            "participant without any residue (few ratings, or one participant far more consistent than the others); "
+            "qualities and biases take all participants as equally consistent"
         )
     elif model.status != "ok":
         yield f"ratings: there are no qualities, biases and inconsistencies: {WHY_NO_MODEL[model.status]}"

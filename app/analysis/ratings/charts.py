@@ -9,6 +9,7 @@ import altair as alt
 import numpy as np
 
 from app.analysis.charts import FAINT, INK, MOST_PARTICIPANTS_IN_A_CHART, PALETTE, arranged
+from app.analysis.comparison import ALL
 
 Row = Mapping[str, Any]
 
@@ -76,7 +77,7 @@ def comparison_chart(analysis: Mapping[str, Any]) -> Any:
     altair chart, or None without them
     """
     rows = analysis.get("comparison_items", [])
-    return _panels([_point(row, "score", "ci") for row in rows], "score (steps of the scale)", line=0.0)
+    return _panels([_point(row, "score", "ci") for row in rows], "score (units of the scale)", line=0.0)
 
 
 def _has(values: Sequence[Row], estimate: str) -> bool:
@@ -88,7 +89,7 @@ def _point(row: Row, value: str, ends: str) -> dict[str, Any]:
     low, high = (row[value] if row[f"{ends}_{end}"] is None else row[f"{ends}_{end}"] for end in ("low", "high"))
     name = f"{row['condition']} (reference)" if row.get("is_reference") else row["condition"]
     return {
-        "dataset": row["dataset"] or "all",
+        "dataset": "all datasets" if row["dataset"] in ("", ALL) else row["dataset"],
         "condition": name,
         "value": row[value],
         "low": low,
@@ -176,7 +177,7 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
         base = alt.Chart(alt.Data(values=values)).encode(
             y=alt.Y("participant:N", sort=order, title=None, axis=axis),
         )
-        x, low = (alt.X(f"{end}:Q", title=f"{name} (steps of the scale)") for end in ("value", "low"))
+        x, low = (alt.X(f"{end}:Q", title=f"{name} (units of the scale)") for end in ("value", "low"))
         bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2="high:Q")
         fill = alt.Fill(
             "named:N", scale=alt.Scale(domain=["by a rule", "no"], range=[PALETTE[2], "#ffffff"]), legend=None

@@ -149,6 +149,7 @@ def _says(text: str) -> Callable[[int], str]:
 
 
 def _scaled(columns: Columns, low: float, high: float) -> NDArray[np.float64]:
+    """Return the ratings as numbers between the ends of the scale."""
     values = columns["rating"]
     rating = numbers(values, "rating", may_be_negative=True)
     refuse(

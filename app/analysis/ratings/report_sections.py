@@ -44,7 +44,7 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
             if model["protocol"] == "dcr"
             else f" The DMOS is the rating less the same participant's rating of the reference, plus {model['high']:g}."
         )
-    columns = ["n", "mos", "sd", "interval", "dmos", "DMOS interval", "quality", "quality interval"]
+    columns = ["participants", "mos", "sd", "interval", "dmos", "DMOS interval", "quality", "quality interval"]
     rows = [_with_intervals(row) for row in analysis["rating_items"]]
     conditions = [_with_intervals(row) for row in analysis["rating_conditions"]]
     tables = [table("Every item", ["condition", "dataset", *columns], rows)]
@@ -57,7 +57,11 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 def _with_intervals(row: Row) -> dict[str, Any]:
     names = {"interval": "ci", "DMOS interval": "dmos", "quality interval": "quality"}
     name = f"{row['condition']} (reference)" if row.get("is_reference") else row["condition"]
-    return dict(row) | {"condition": name} | {heading: interval_text(row, ends) for heading, ends in names.items()}
+    return (
+        dict(row)
+        | {"condition": name, "participants": row["n"]}
+        | {heading: interval_text(row, ends) for heading, ends in names.items()}
+    )
 
 
 def interval_text(row: Row, name: str) -> str | None:
@@ -117,14 +121,21 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "with participants as the sample."
     )
     scores = [dict(row) | {"interval": interval_text(row, "ci")} for row in analysis["comparison_items"]]
-    pairs = [dict(row) | {"interval": interval_text(row, "ci")} for row in analysis["comparison_pairs"]]
+    place = list(dict.fromkeys(row["dataset"] for row in scores)).index
+    scores.sort(key=lambda row: (place(row["dataset"]), -row["score"]))
+    pairs = [
+        dict(row) | {"participants": row["n"], "interval": interval_text(row, "ci")}
+        for row in analysis["comparison_pairs"]
+    ]
     return {
         "title": "Comparison ratings",
         "paragraphs": [text],
         "figures": [figures["comparison_scores"]] if "comparison_scores" in figures else [],
         "tables": [
             table("Scores", ["condition", "dataset", "n_ratings", "score", "se", "interval"], scores),
-            table("Pairs", ["item_a", "item_b", "dataset", "n_ratings", "n", "cmos", "sd", "interval"], pairs),
+            table(
+                "Pairs", ["item_a", "item_b", "dataset", "n_ratings", "participants", "cmos", "sd", "interval"], pairs
+            ),
             table(
                 "Order",
                 ["dataset", "n_ratings", "order_effect", "order_se", "n_first_better", "n_second_better", "status"],

@@ -83,9 +83,9 @@ def fit_subject_model(table: RatingTable) -> SubjectModel:
     hold for repeated ratings by these participants.
 
     The likelihood has no global maximum: it is infinite where the qualities follow a participant without residue. The
-    estimate is the local maximum that the plain means lead to. With few ratings there may be none; then all
-    participants get the same weight, which is least squares with biases removed. Participants with fewer than three
-    ratings are left out.
+    estimate is the local maximum that the plain means lead to. With few ratings, or with a participant who is far more
+    consistent than all others, there may be none; then all participants get the same weight, which is least squares
+    with biases removed. Participants with fewer than three ratings are left out.
 
     Parameters
     ----------
