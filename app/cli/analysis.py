@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.shared import by_step
+from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
@@ -152,7 +153,7 @@ def plan(
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
     inconsistency: Annotated[
         float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
-    ] = 0.7,
+    ] = TYPICAL_INCONSISTENCY,
     exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
     replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power, where compared.")] = 400,
     seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,

@@ -165,10 +165,11 @@ def study_create(
     """Create a study from a stimulus set, with an open invitation."""
     from app.operations.create import create_study, read_options
     from app.settings import Settings
+    from app.study.protocols import typed_scale
 
     given = {
         "protocol": protocol,
-        "scale": int(scale) if scale and scale.isdigit() else scale,
+        "scale": typed_scale(scale) if scale else None,
         "both_orders": both_orders or None,
         "repeated_pairs": repeated_pairs,
         "identical_pairs": identical_pairs,

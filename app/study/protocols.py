@@ -20,6 +20,13 @@ ACR_HR: Protocol = "ACR-HR"  # the same with the reference hidden among the film
 DCR: Protocol = "DCR"  # degradation category rating: how much worse than the reference is this film?
 CCR: Protocol = "CCR"  # comparison category rating: how much better is B than A?
 PROTOCOLS: tuple[Protocol, ...] = (PC, ACR, ACR_HR, DCR, CCR)
+PROTOCOLS_IN_WORDS: Mapping[Protocol, str] = {
+    PC: "pair comparison: which of two is better, or neither",
+    CCR: "comparison category rating: how much better or worse B is than A, in seven grades",
+    ACR: "absolute category rating: how good each film is, one by one",
+    ACR_HR: "ACR with the reference hidden among the films",
+    DCR: "degradation category rating (DSIS): how disturbing a film’s flaws are beside the reference",
+}
 RATED = (ACR, ACR_HR, DCR)  # each rating is of one item
 SHOWN_ALONE = (ACR, ACR_HR)  # a trial shows one film
 WITH_REFERENCE = (ACR_HR, DCR)  # need the option `reference`
@@ -30,6 +37,7 @@ SCALES: tuple[Scale, ...] = (5, 9, 11, SLIDER)
 ENDS: Mapping[Scale, tuple[int, int]] = {5: (1, 5), 9: (1, 9), 11: (0, 10), SLIDER: (0, 100)}  # worst, best
 COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
 
+TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
 VOTING_S = 4.0  # of a trial besides the exposure: fixation, answer, Next; typical of simulated and real sessions
 
 GradeNames = Literal["quality", "impairment", "comparison"]  # under this key in the participants' texts
@@ -111,6 +119,11 @@ def minutes_of(n_trials: int, exposure_s: float) -> int:
     exposure_s : seconds of a trial's film
     """
     return max(1, round(n_trials * (exposure_s + VOTING_S) / 60))
+
+
+def typed_scale(text: str) -> int | str:
+    """Return a scale as it was typed, for `parse_protocol` to check: numbers of grades are numbers."""
+    return int(text) if text.isdecimal() else text
 
 
 def stored_scale(text: str | None) -> Scale:

@@ -17,7 +17,7 @@ from app.store.orders import study_plan, taken_orders
 from app.store.studies import Study
 from app.study.balance import balance_report
 from app.study.options import parse_options
-from app.study.protocols import minutes_of
+from app.study.protocols import TYPICAL_INCONSISTENCY, minutes_of
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
@@ -43,12 +43,14 @@ def design_page(
         conditions = conditions_of(connection, study.id)
     n_trials = len(plan.order_of_slot(0, plan.pairs))
     n_datasets = len({pair.dataset for pair in plan.pairs})
-    power = _power(len(conditions), n_datasets, participants, effect) if participants else None
+    power = _power(len(conditions), n_datasets, participants, effect, is_rated=plan.is_rated) if participants else None
     context = {
         "report": report,
         "conditions": conditions,
         "factors": study.factors,
         "n_trials": n_trials,
+        "is_rated": plan.is_rated,
+        "inconsistency": TYPICAL_INCONSISTENCY,
         "minutes": minutes_of(n_trials, study.exposure_s) + BEFORE_AND_AFTER_MIN,
         "power": power,
         "asked": {"participants": participants or 22, "effect": effect},
@@ -57,11 +59,17 @@ def design_page(
 
 
 @lru_cache(maxsize=64)
-def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> tuple[float, float]:
-    """Return the power in one dataset and over all, as shares of studies."""
+def _power(conditions: int, datasets: int, participants: int, effect: float, *, is_rated: bool) -> tuple[float, float]:
+    """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
     from app.analysis.power import StudyPlan, power
+    from app.analysis.ratings.planning import RatingPlan, rating_power
 
-    single, pooled = (power(StudyPlan(conditions, n, participants), effect_jod, 1, REPLICATES) for n in (1, datasets))
+    if is_rated:
+        plans = (RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY) for n in (1, datasets))
+        single, pooled = (rating_power(plan, effect) for plan in plans)
+        return single, pooled
+
+    single, pooled = (power(StudyPlan(conditions, n, participants), effect, 1, REPLICATES) for n in (1, datasets))
     return single, pooled
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
@@ -17,6 +17,7 @@ from app.store.sessions import begin_preview
 from app.store.studies import Standing, all_studies, progress_by_study, set_standing
 from app.study.options import LONGEST_TEXT, StudyOptions, parse_options
 from app.study.presets import PRESETS, QUICK, read_preset
+from app.study.protocols import PC, PROTOCOLS_IN_WORDS, RATED, SCALES, typed_scale
 from app.study.stages import OPTIONAL_STAGES
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
@@ -46,6 +47,8 @@ def new_study_page(request: Request, person: Looking) -> Response:
         "presets": [read_preset(name) for name in PRESETS],
         "default_preset": QUICK,
         "stages": OPTIONAL_STAGES,
+        "protocols": PROTOCOLS_IN_WORDS,
+        "scales": SCALES,
         "longest_text": LONGEST_TEXT,
     }
     return page(request, "new_study", person, context)
@@ -62,6 +65,9 @@ def create(
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
     preset: Annotated[str, Form(max_length=20)] = QUICK,
+    protocol: Annotated[str, Form(max_length=20)] = PC,
+    scale: Annotated[str, Form(max_length=20)] = str(SCALES[0]),
+    reference: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
     """Create a study in the background; the job's page shows the progress.
 
@@ -69,10 +75,14 @@ def create(
     ----------
     stage : optional stages besides those of the preset
     consent : in place of the preset's; empty: the preset's
+    protocol, scale, reference : options of the study; the scale counts where films are rated
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
-        options = _chosen(preset, stage, unix(consent).strip())
+        given: dict[str, Any] = {"protocol": protocol, "reference": reference.strip()}
+        if protocol in RATED:
+            given["scale"] = typed_scale(scale)
+        options = _chosen(preset, stage, unix(consent).strip(), given)
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
@@ -95,8 +105,13 @@ def create(
     return see(f"/admin/jobs/{job}")
 
 
-def _chosen(preset: str, stages: Sequence[str], consent: str) -> StudyOptions:
+def _chosen(preset: str, stages: Sequence[str], consent: str, others: Mapping[str, Any]) -> StudyOptions:
     """Return a preset's options with the form's.
+
+    Parameters
+    ----------
+    preset, stages, consent : as in `create`
+    others : further options
 
     Raises
     ------
@@ -107,7 +122,7 @@ def _chosen(preset: str, stages: Sequence[str], consent: str) -> StudyOptions:
     given: dict[str, Any] = {"optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages]))}
     if consent:
         given |= {"consent": consent, "consent_version": ""}  # the version names the preset's text
-    return parse_options(chosen.overridden_by(given))
+    return parse_options(chosen.overridden_by({**others, **given}))
 
 
 @router.get("/jobs/{job}")

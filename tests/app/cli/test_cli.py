@@ -372,6 +372,21 @@ def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path)
     assert "the reference 'truth' is not among them" in told.err
 
 
+def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(command: Command, stimuli: Path) -> None:
+    refused = command("study", "create", stimuli, "--name", "Rated", "--protocol", "DCR")
+    assert refused.code == 1
+    assert "protocol DCR needs a reference" in refused.err
+    created = command("study", "create", stimuli, "--name", "Rated", "--protocol", "ACR", "--scale", "slider")
+    assert "2 films of 2 conditions" in created.out
+    told = json.loads(command("study", "export", "rated", "--json").out)["toml"]
+    assert 'protocol = "ACR"\nscale = "slider"\n' in told
+    sizes = ("--conditions", 2, "--datasets", 1, "--participants", 20, "--exposure", 11)
+    plan = json.loads(command("plan", *sizes, "--protocol", "ACR", "--json").out)
+    assert (plan["trials"], plan["minutes"], plan["votes"]) == (2, 1, 40)
+    assert "grades" in command("plan", *sizes, "--protocol", "DCR").out
+    assert "protocol is 'MOS', expected one of PC" in command("plan", *sizes, "--protocol", "MOS").err
+
+
 @pytest.mark.slow
 def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     command: Command, stimuli: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

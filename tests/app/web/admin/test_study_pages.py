@@ -81,6 +81,21 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
     assert options == replace(read_options(None, {}, PAPER), consent="Ours.", consent_version="")
 
 
+@pytest.mark.slow
+def test_a_study_of_ratings_is_created_by_the_form(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        fields = {"stimulus_set": "tiny", "protocol": "ACR-HR", "scale": "11"}
+        refused = eva.act("/admin/studies/new", name="Rated by form", **fields)
+        assert refused.status_code == 422
+        assert "needs a reference" in refused.text
+        ends(eva, eva.act("/admin/studies/new", name="Rated by form", reference="pm_fb", **fields).url.path)
+        edited = 'name = "Rated by form"\n[options]\nprotocol = "ACR"\n'
+        answer = eva.act("/admin/studies/rated-by-form/edit/file", revision="1", text=edited)
+        assert "protocol is &#39;ACR&#39;, but the films of this study are made for &#39;ACR-HR&#39;" in answer.text
+    options = parse_study_file(manage.export_study(own, "rated-by-form")).options
+    assert (options.protocol, options.scale, options.reference) == ("ACR-HR", 11, "pm_fb")
+
+
 @pytest.mark.parametrize("name", ["../tiny", "/etc", "", "tiny/../../x", "unknown"])
 def test_no_path_from_outside_reaches_the_file_system(own_server: str, own: Settings, name: str) -> None:
     with signed_in(own_server, own, "Eva") as eva:
