@@ -18,6 +18,7 @@ SESSION: dict[str, Any] = {
     "was_away_long": False,
     "resume_code": "maple-otter-93",
     "debriefing": None,
+    "ending": None,
 }
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",
