@@ -43,4 +43,7 @@ def test_approaches_without_levels_are_compared_and_left_out_by_factor(
     assert scored == set(names)
     assert {row["item"] for row in analysis["scores"] if row["comparison"] == "depth"} == {"id", "pm"}
     assert "My Method 2 has no level of fusion: the analysis by factor leaves it out" in analysis["warnings"]
-    assert "neus has no level of depth, fusion: the analysis by factor leaves it out" in analysis["warnings"]
+    assert (
+        "neus, colmap-poissön have no level of depth or fusion: the analysis by factor leaves them out"
+        in analysis["warnings"]
+    )
