@@ -25,4 +25,5 @@ def read_npy(path: Path) -> NDArray[Any]:
         with path.open("rb") as file:
             return np.lib.format.read_array(file, allow_pickle=False)
     except DAMAGED as error:
-        raise ValueError(f"{path}: is not readable as NPY: {error}") from error
+        reason = error if isinstance(error, ValueError | OSError) else "its header is damaged, or it is cut off"
+        raise ValueError(f"{path}: is not readable as NPY: {reason}") from error
