@@ -1,6 +1,6 @@
 """Models as Wavefront OBJ with MTL: vertex colours, several materials, textures, polygons, negative indices.
 
-trimesh's reader is not used, because it goes on in silence where an MTL file or a texture is missing.
+trimesh's reader (5.2) is not used, because it goes on in silence where an MTL file or a texture is missing.
 """
 
 from __future__ import annotations

@@ -14,7 +14,11 @@ DAMAGED = (ValueError, TypeError, ArithmeticError, SyntaxError, TokenError, EOFE
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read the array of an NPY file, of the shape and dtype that the file says, but no Python objects.
+    """Read the array of an NPY file, but no Python objects.
+
+    Returns
+    -------
+    array (...,) of the shape and dtype that the file says
 
     Raises
     ------
