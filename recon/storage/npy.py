@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.storage.files import refused
+
 # Beside ValueError, what numpy lets through of a damaged header, which it reads as Python, and of a file cut off.
-DAMAGED = (ValueError, TypeError, ArithmeticError, SyntaxError, TokenError, EOFError, OSError, MemoryError)
+DAMAGED = (ValueError, TypeError, ArithmeticError, SyntaxError, TokenError, EOFError, MemoryError)
 
 
 def read_npy(path: Path) -> NDArray[Any]:
@@ -28,6 +30,8 @@ def read_npy(path: Path) -> NDArray[Any]:
     try:
         with path.open("rb") as file:
             return np.lib.format.read_array(file, allow_pickle=False)
+    except OSError as error:
+        raise refused(path, error) from error
     except DAMAGED as error:
-        reason = error if isinstance(error, ValueError | OSError) else "its header is damaged, or it is cut off"
+        reason = error if isinstance(error, ValueError) else "its header is damaged, or it is cut off"
         raise ValueError(f"{path}: is not readable as NPY: {reason}") from error

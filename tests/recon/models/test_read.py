@@ -158,6 +158,11 @@ WRONG_PLY = {
         ply([f"{corner} 0" for corner in CORNERS], [], properties="property float f_dc_0\n"),
         "it holds Gaussians, .* stimuli import",
     ),
+    "compressed splat": (
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty uint packed_position\nproperty uint packed_color\n"
+        "end_header\n7 8\n",
+        "it holds Gaussians, .* stimuli import",
+    ),
     "no ply": ("hello", "is not a whole PLY file"),
 }
 

@@ -79,3 +79,9 @@ def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, pro
     with pytest.raises(ValueError, match=problem) as raised:
         read_json(path)
     assert str(path) in str(raised.value)
+
+
+def test_json_that_the_system_does_not_give_is_named_without_its_number(tmp_path: Path) -> None:
+    (tmp_path / "a.json").mkdir()
+    with pytest.raises(ValueError, match=r"a\.json: cannot be read: is a directory$"):
+        read_json(tmp_path / "a.json")
