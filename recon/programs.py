@@ -80,8 +80,9 @@ class Program:
         except (ValueError, LookupError, AttributeError, TypeError) as error:
             names = ", ".join(f"{{{name}}}" for name in (*self.PLACEHOLDERS, *self.LISTS, "folder"))
             alone = "".join(f"; {{{name}}} must be an argument of its own" for name in self.LISTS)
+            reason = f"{{{error.args[0]}}} is unknown" if isinstance(error, KeyError) else str(error)
             raise ValueError(
-                f"command is {self.command!r}, which cannot be filled in ({error!r}); "
+                f"command is {self.command!r}, which cannot be filled in: {reason}; "
                 f"expected arguments with {names}{alone}"
             ) from error
         return filled

@@ -236,8 +236,11 @@ WRONG_FILES = {
     "an unknown table": ('[deep.a]\nmethod = "id"', "deep is unknown"),
     "no table": ("depth = 3", "depth is 3, expected a table"),
     "no table of a method": ("[depth]\na = 3", r"\[depth.a\] is 3, expected a table"),
-    "neither": ("[depth.a]\nsigma = 3", r"\[depth.a\]: expected either a method of this program or a command"),
-    "both": ('[depth.a]\nmethod = "id"\ncommand = "a"', r"\[depth.a\]: expected either"),
+    "neither": (
+        "[depth.a]\ncomand = 3",
+        r"\[depth.a\] has comand, expected either method, one of this program's, or command",
+    ),
+    "both": ('[depth.a]\nmethod = "id"\ncommand = "a"', r"\[depth.a\] has method and command, expected either"),
     "an unknown method": ('[depth.a]\nmethod = "xx"', r"\[depth.a\] method is 'xx', expected one of id, dr, pm, sgm"),
     "a method of a method": ('[depth.a]\nmethod = "id"\n[depth.b]\nmethod = "a"', r"\[depth.b\] method is 'a'"),
     "an unknown key": ('[depth.a]\nmethod = "id"\nsweeps = 2', r"\[depth.a\] sweeps is unknown, expected sigma, lev"),
@@ -255,8 +258,14 @@ WRONG_FILES = {
     "an unknown output": ('[depth.a]\ncommand = "a"\noutput = "exr"', r"\[depth.a\] command, output: output is 'exr'"),
     "no time": ('[depth.a]\ncommand = "a"\noutput = "npy"\ntimeout_s = 0', "timeout_s is 0.0"),
     "no command": ('[depth.a]\ncommand = " "\noutput = "npy"', "command is empty"),
-    "an open quotation": ('[depth.a]\ncommand = "a \'"\noutput = "npy"', "cannot be filled in"),
-    "an unknown placeholder": ('[depth.a]\ncommand = "a {input}"\noutput = "npy"', r"expected arguments with \{left\}"),
+    "an open quotation": (
+        '[depth.a]\ncommand = "a \'"\noutput = "npy"',
+        "cannot be filled in: No closing quotation; expected",
+    ),
+    "an unknown placeholder": (
+        '[depth.a]\ncommand = "a {input}"\noutput = "npy"',
+        r"in: \{input\} is unknown; expected .* \{left\}",
+    ),
     "an unknown key of a command": ('[depth.a]\ncommand = "a"\noutput = "npy"\nfolder = "/"', "folder is unknown"),
     "a wrong filter in time": (
         '[depth.a]\nmethod = "id"\ntemporal.sigma = 0',
@@ -381,6 +390,7 @@ def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path
     told = command("match", *pictures, "-o", out, "--method", "mine")
     assert told.code == 1
     assert "unknown depth method 'mine', expected one of id, dr, pm, sgm" in told.err
+    assert "or one of a methods file (--methods)" in told.err
 
 
 @pytest.mark.slow
