@@ -166,7 +166,8 @@ def _last_words(log: Path, start: int) -> str:
     """Quote the last line of a log after its first `start` bytes, or nothing if there is none."""
     with log.open(encoding="utf-8", errors="replace") as printed:
         printed.seek(start)
-        last = "".join(deque(filter(str.strip, printed), maxlen=1)).strip()
+        lines = deque(filter(str.strip, printed), maxlen=1)
+    last = "".join(filter(str.isprintable, "".join(lines))).strip()
     if not last:
         return ""
     return f" and said: {last if len(last) <= LONGEST_QUOTE else last[:LONGEST_QUOTE] + '…'}"

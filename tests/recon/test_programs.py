@@ -43,7 +43,9 @@ def test_an_argument_longer_than_a_file_name_is_no_file() -> None:
 
 
 def test_a_failure_says_the_last_that_the_program_printed(tmp_path: Path) -> None:
-    noisy = "print(9 * 10**6 * ' ' + 'loading'); print('no weights: ' + 999 * 'x' + chr(10)); raise SystemExit(3)"
+    noisy = (
+        "print(9 * 10**6 * ' ' + 'loading'); print(chr(7) + 'no weights: ' + 999 * 'x' + chr(10)); raise SystemExit(3)"
+    )
     command = shlex.join([sys.executable, "-c", noisy])
     with pytest.raises(ProgramError, match=r"exit status 3 and said: no weights: x+…$") as raised:
         Joining(command, "txt").run({}, tmp_path)
