@@ -71,6 +71,11 @@ def test_json_comes_back_as_it_was(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == content
 
 
+def test_json_may_begin_with_the_mark_that_windows_writes(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"b": "é"}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "a.json") == {"b": "é"}
+
+
 @pytest.mark.parametrize(("text", "problem"), [(None, "no such file"), ("{", "not readable"), ("[1]", "JSON object")])
 def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, problem: str) -> None:
     path = tmp_path / "a.json"
