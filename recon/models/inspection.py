@@ -29,12 +29,14 @@ class Facts:
     ----------
     digest : SHA-256 over its files; empty where it cannot be read
     bounds : lowest and highest corner, mm; None where it cannot be read
+    is_cloud : whether it is points without faces
     warnings : a clause each that follows the model's name
     problem : why it cannot be filmed, a sentence; None if it can
     """
 
     digest: str = ""
     bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    is_cloud: bool = False
     warnings: tuple[str, ...] = ()
     problem: str | None = None
 
@@ -59,7 +61,8 @@ def inspect_model(path: Path, placement: Placement) -> Facts:
     low, high = _box(model.model)
     if not (high > low).any():
         return Facts(problem=f"{path}: all its points are in one place")
-    return Facts(model.digest, (tuple(low.tolist()), tuple(high.tolist())), model.warnings)
+    bounds = (tuple(low.tolist()), tuple(high.tolist()))
+    return Facts(model.digest, bounds, isinstance(model.model, Splats), model.warnings)
 
 
 def union(facts: Sequence[Facts]) -> NDArray[np.float64]:
