@@ -111,6 +111,9 @@ def _read_csv(path: Path) -> pd.DataFrame:
     text = _decode(path.read_bytes())
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
+    if "\0" in text:
+        row = text[: text.index("\0")].count("\n")
+        raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
     header = [name.strip() for name in next(csv.reader(io.StringIO(text.lstrip())))]
     if twice := [name for name in dict.fromkeys(header) if header.count(name) > 1]:
         raise VotesError(f"has {header.count(twice[0])} columns named {twice[0]!r}, expected one")

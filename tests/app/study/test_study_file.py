@@ -12,7 +12,7 @@ from app.study.screening import ScreeningOptions
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
 
 SCREENING = {"tests": ["acuity"], "acuity_limit": 0.1, "distance": "fixed", "distance_cm": 90.0, "on_failure": "stop"}
-texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=30).map(str.strip)
+texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=30).map(str.strip)
 options = st.builds(
     StudyOptions,
     consent=texts,
@@ -60,6 +60,8 @@ def test_options_that_are_as_by_default_are_not_written() -> None:
         ("name = 'x'\noptions = 3", "options is 3, expected a table"),
         ("name = 'x'\n[options]\nbreaks = 3", "option 'breaks' is not known"),
         ("name = x", "Invalid value"),
+        (r'name = "x\u0000"', "name holds a NUL character"),
+        ("name = 'x'\noptions = " + "[" * 50_000 + "]" * 50_000, "too many lists within one another"),
     ],
 )
 def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
