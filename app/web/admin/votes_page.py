@@ -65,7 +65,8 @@ def votes_page(
     what: Annotated[str, Query(max_length=20)] = "",
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
-    sought, is_rated = SoughtTrials(participant, dataset, what), parse_options(study.options).protocol in RATED
+    sought, options = SoughtTrials(participant, dataset, what), parse_options(study.options)
+    is_rated = options.protocol in RATED
     with database.reading() as connection:
         rows = given_trials(connection, study.id, sought, limit=VOTES_ON_A_PAGE, offset=at)
         n_found = n_given_trials(connection, study.id, sought)
@@ -74,6 +75,7 @@ def votes_page(
     context = {
         "rows": rows,
         "is_rated": is_rated,
+        "is_alone": options.is_shown_alone,
         "kinds": {kind: text for kind, text in KINDS.items() if not (is_rated and kind in KINDS_OF_PAIRS)},
         "n_found": n_found,
         "people": people,

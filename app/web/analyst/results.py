@@ -24,6 +24,12 @@ from app.web.once import Shared
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 WITHDRAWN = "withdrawn"
 TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
+FIGURE_TABLES = {  # in analysis.json, of figures of ratings
+    "opinion_scores": "rating_items",
+    "differential_scores": "rating_items",
+    "raters": "raters",
+    "comparison_scores": "comparison_items",
+}
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
 
@@ -219,6 +225,8 @@ def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     """Return the numbers behind a figure."""
     kind, _, which = name.partition("_")
+    if name in FIGURE_TABLES:
+        return list(analysis.get(FIGURE_TABLES[name], ()))
     if kind == "scores":
         comparisons = {row["comparison"] for row in analysis["scores"]}
         wanted = next((comparison for comparison in comparisons if _is_called(comparison, which)), "all")

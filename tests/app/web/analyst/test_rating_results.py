@@ -71,6 +71,7 @@ def test_mean_opinion_scores_are_means_of_the_votes_everywhere(
     assert "pm_fb (reference)" in results
     assert "DMOS" in results
     assert experimenter.get(f"{page}/figures/opinion_scores.svg").text.startswith("<svg")
+    assert len(experimenter.get(f"{page}/figures/opinion_scores.csv").text.splitlines()) == 1 + len(rows)
 
 
 def test_comparisons_have_scores_by_strength_beside_those_by_choice(
