@@ -54,6 +54,7 @@ class StudyOptions:
     void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
         screen left, another window in front (blur), the window resized; what is not named here is recorded only
     reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
+    without : conditions of the stimulus set that are left out: neither shown nor compared
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
@@ -80,6 +81,7 @@ class StudyOptions:
     see_both: bool = True
     void_on: tuple[Disturbance, ...] = VOID_ON
     reference: str = ""
+    without: tuple[str, ...] = ()
     second_codec: str = ""
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
@@ -109,6 +111,7 @@ class StudyOptions:
             **content,
             "optional_stages": list(self.optional_stages),
             "void_on": list(self.void_on),
+            "without": list(self.without),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
             "questions": [asdict(q) for q in self.questions],
@@ -152,6 +155,7 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         see_both=_flag(content, "see_both", default=True),
         void_on=_disturbances(content.get("void_on", VOID_ON)),
         reference=_text(content, "reference"),
+        without=_names(content, "without"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
@@ -195,6 +199,13 @@ def _hours(content: Mapping[str, Any], name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
         raise ValueError(f"{name} is {value!r}, expected hours, more than 0")
     return float(value)
+
+
+def _names(content: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    value = content.get(name, ())
+    if not isinstance(value, Sequence) or isinstance(value, str) or not all(isinstance(each, str) for each in value):
+        raise ValueError(f"{name} is {value!r:.120}, expected a list of names")
+    return tuple(dict.fromkeys(value))
 
 
 def _text(content: Mapping[str, Any], name: str) -> str:

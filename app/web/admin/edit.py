@@ -205,10 +205,13 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     Raises
     ------
     ValueError
-        If the stimulus set changes or a value is out of bounds.
+        If the stimulus set or the choice of its conditions changes, or a value is out of bounds.
     """
     if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
         raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
+    for name in ("reference", "without"):
+        if getattr(wanted.options, name) != getattr(now.options, name):
+            raise ValueError(f"{name} does not change, as the films are made; create a new study of the stimulus set")
     low, high = EXPOSURE_BOUNDS_S
     exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
     if not low <= exposure_s <= high:

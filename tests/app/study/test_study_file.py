@@ -25,6 +25,7 @@ options = st.builds(
     see_both=st.booleans(),
     void_on=st.sampled_from([(), VOID_ON, ("hidden", "blur")]),
     reference=texts,
+    without=st.lists(texts, unique=True).map(tuple),
     break_every=st.integers(0, 99),
     abandoned_after_h=st.floats(0.1, 1e6),
     questions=st.sampled_from([(), DEFAULT_QUESTIONS]),

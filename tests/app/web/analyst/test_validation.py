@@ -143,6 +143,18 @@ def test_a_table_that_contradicts_the_study_is_refused_as_a_whole(
     assert analyst.get(f"/api/v1/studies/{study['slug']}/validation").json() == before
 
 
+def test_of_a_report_only_chosen_measures_are_attached(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, psnr: Path
+) -> None:
+    study = new_study()
+    with pytest.raises(ValueError, match="no measure 'vmaf' in what is attached; there are accuracy, psnr"):
+        manage.attach_results(settings, [report, psnr], study["slug"], only=["psnr", "vmaf"])
+    attached = manage.attach_results(settings, [report, psnr], study["slug"], only=["psnr"])
+    assert attached["measures"] == ["psnr"]
+    rows = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    assert {row["measure"] for row in rows} == {"psnr"}
+
+
 def test_attaching_again_replaces_the_value(
     analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, tmp_path: Path
 ) -> None:
