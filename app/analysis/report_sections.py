@@ -15,8 +15,8 @@ ROWS = 80  # rows of a table; the CSV files hold the rest
 MOST_FIGURES = 8  # of measures in the report
 MOST_COMPARED = 30  # pairs of measures in the report
 HEADINGS = {  # of columns; others have their name in analysis.json
-    "auc_a": "its AUC",
-    "auc_b": "its AUC",
+    "auc_a": "AUC of it",
+    "auc_b": "of the other",
     "auc_better_worse": "AUC better/worse",
     "auc_different_similar": "AUC different/similar",
     "auc_p": "p, AUC",
@@ -53,8 +53,8 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "outlier_ratio": "outliers",
     "pairs_similar": "pairs alike",
     "pearson": "Pearson",
-    "pearson_a": "its Pearson",
-    "pearson_b": "its Pearson",
+    "pearson_a": "Pearson of it",
+    "pearson_b": "of the other",
     "pearson_logistic": "PLCC",
     "pearson_monotone": "monotone",
     "pearson_x2": "Pearson X2",
@@ -206,7 +206,7 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
     rows.sort(key=lambda row: row["p_value"])
     if not rows:
         return []
-    rest = f", the {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
+    rest = f" The {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
     columns = [
         "measure_a",
         "measure_b",
