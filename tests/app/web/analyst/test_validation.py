@@ -15,7 +15,7 @@ import pytest
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.web.admin.objective_view import SHOWN, measure_lines
+from app.web.admin.objective_view import SHOWN, measure_lines, report_view
 from tests.app.web.admin.dashboard_client import signed_in
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
@@ -214,6 +214,11 @@ def test_measures_stand_beside_the_scores(
         assert plot.headers["content-type"] == "image/svg+xml"
         assert "Score against accuracy" in plot.text
         assert browser.get(f"/admin/studies/{study['slug']}/figures/measure_weight.svg").status_code == 404
+
+
+def test_a_report_on_all_datasets_says_so_and_names_of_others_stay_whole(tmp_path: Path) -> None:
+    record = {"kind": "films", "subject": "ball: id_fa; all: pm_fb", "digest": "0"}
+    assert report_view(record, tmp_path)["subject"] == "ball: id_fa; every dataset: pm_fb"
 
 
 @pytest.mark.parametrize(
