@@ -25,6 +25,7 @@ DIRECTIONS: Mapping[str, Literal["less is better", "more is better"]] = {
     "higher": "more is better",
 }
 BETTER = {direction: better for better, direction in DIRECTIONS.items()}
+COLUMNS = {"direction": "better", "unit": "unit"}  # the same for all values of a measure, with their columns in tables
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -203,11 +204,12 @@ def check_agreement(measures: Sequence[Measure], attached: Sequence[Mapping[str,
     rows = [*(measure.model_dump() for measure in measures), *(row for row in kept if row["measure"] in told)]
     for row in rows:
         first = told[str(row["measure"])].model_dump()
-        for name in ("direction", "unit"):
+        for name in COLUMNS:
             if row[name] != first[name]:
+                said = [repr(BETTER.get(str(each[name]), each[name])) for each in (first, row)]
                 raise ValueError(
-                    f"{name} of {row['measure']} is {first[name]!r} for {first['dataset']}/{first['approach']} and "
-                    f"{row[name]!r} for {row['dataset']}/{row['approach']}; expected the same for all values of a "
+                    f"{COLUMNS[name]} of {row['measure']} is {said[0]} for {first['dataset']}/{first['approach']} and "
+                    f"{said[1]} for {row['dataset']}/{row['approach']}; expected the same for all values of a "
                     "measure: correct one, attach both again together, or give one another name"
                 )
 

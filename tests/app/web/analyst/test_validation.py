@@ -113,7 +113,7 @@ def test_a_reports_values_are_those_of_its_table_of_measures(
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("ball,id_fa,psnr,1,lower", "direction of psnr is 'less is better' for ball/id_fa and 'more is better' for"),
+        ("ball,id_fa,psnr,1,lower", "better of psnr is 'lower' for ball/id_fa and 'higher' for"),
         ("statue,id_fa,psnr,1,higher", "compares id_fa, id_fb, pm_fb in ball, box"),
         (
             "\n".join(f"ball,a_{number},psnr,1,higher" for number in range(14)),
