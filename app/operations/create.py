@@ -33,7 +33,7 @@ from app.store.engine import Database
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.study.adaptive import check_adaptive
-from app.study.options import StudyOptions, parse_options
+from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.presets import QUICK, read_preset
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
@@ -75,11 +75,13 @@ def create_study(
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
         stimulus_set = read_stimulus_set(manifest_path, progress)
+        exposure = _exposure(stimulus_set, exposure_s)
+        check_minimum_viewing(options or StudyOptions(), exposure)
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
-            "exposure_s": _exposure(stimulus_set, exposure_s),
+            "exposure_s": exposure,
             "seed": _seed(seed),
             "factors": stimulus_set.factors,
             "options": (options or StudyOptions()).as_json(),
