@@ -34,7 +34,7 @@ from app.store.engine import Database
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.study.adaptive import check_adaptive
-from app.study.options import StudyOptions, parse_options
+from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.presets import QUICK, read_preset
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
@@ -77,11 +77,13 @@ def create_study(
         _refuse_second(database, slug, name)
         options = options or StudyOptions()
         stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
+        exposure = _exposure(stimulus_set, exposure_s)
+        check_minimum_viewing(options, exposure)
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
-            "exposure_s": _exposure(stimulus_set, exposure_s),
+            "exposure_s": exposure,
             "seed": _seed(seed),
             "factors": stimulus_set.factors,
             "options": options.as_json(),

@@ -18,7 +18,7 @@ from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.lab_sheet import BOUNDS, LABELS
 from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
-from app.study.options import LONGEST_TEXT, parse_options
+from app.study.options import LONGEST_TEXT, check_minimum_viewing, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
@@ -179,6 +179,7 @@ def edit(
     try:
         options = parse_options({**now.options.as_json(), **given, **recruiting})
         wanted = replace(now, name=name.strip(), exposure_s=exposure_s or now.exposure_s, options=options)
+        check_minimum_viewing(options, wanted.exposure_s or 0.0)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return _save(database, study, wanted, revision, actor)
@@ -216,6 +217,7 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
     if not low <= exposure_s <= high:
         raise ValueError(f"exposure_s is {exposure_s}, expected between {low} and {high}")
+    check_minimum_viewing(wanted.options, exposure_s)
     if not 1 <= len(wanted.name.strip()) <= LONGEST_NAME:
         raise ValueError(f"name has {len(wanted.name.strip())} characters, expected 1 to {LONGEST_NAME}")
     seed = now.seed if wanted.seed is None else wanted.seed
