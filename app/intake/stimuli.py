@@ -88,9 +88,11 @@ class StimulusSet:
     def conditions(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(stimulus.approach for stimulus in self.stimuli))
 
-    def without(self, condition: str) -> StimulusSet:
-        """Return the set without a condition."""
-        return replace(self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach != condition))
+    def without(self, *conditions: str) -> StimulusSet:
+        """Return the set without some conditions."""
+        return replace(
+            self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach not in conditions)
+        )
 
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
         return tuple(stimulus for stimulus in self.stimuli if stimulus.dataset == dataset)

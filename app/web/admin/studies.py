@@ -68,6 +68,7 @@ def create(
     protocol: Annotated[str, Form(max_length=20)] = PC,
     scale: Annotated[str, Form(max_length=20)] = str(SCALES[0]),
     reference: Annotated[str, Form(max_length=200)] = "",
+    without: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
 ) -> Response:
     """Create a study in the background; the job's page shows the progress.
 
@@ -76,10 +77,12 @@ def create(
     stage : optional stages besides those of the preset
     consent : in place of the preset's; empty: the preset's
     protocol, scale, reference : options of the study; the scale counts where films are rated
+    without : conditions to leave out, with commas
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
-        given: dict[str, Any] = {"protocol": protocol, "reference": reference.strip()}
+        left_out = [condition for each in without.split(",") if (condition := each.strip())]
+        given: dict[str, Any] = {"protocol": protocol, "reference": reference.strip(), "without": left_out}
         if protocol in RATED:
             given["scale"] = typed_scale(scale)
         options = _chosen(preset, stage, unix(consent).strip(), given)

@@ -8,6 +8,7 @@ PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset (a scene)"
 TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
 BOTH_SEEN = "true if A and B were both on screen"
+PRESS_TO_PICTURE = "median time from a press to the presented picture, milliseconds; empty where not recorded"
 LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
 CHOICE = "a, b or none; in CCR by the rating's sign; empty in ACR, ACR-HR and DCR"
 RATING = "grade that was given to item_b; in CCR how much better it is than item_a, -3 to 3; empty in PC"
@@ -32,6 +33,7 @@ VOTES: Columns = {
     "frame_locked": FRAME_LOCKED,
     "both_seen": BOTH_SEEN,
     "looks_before": LOOKS_BEFORE,
+    "press_to_picture_ms": PRESS_TO_PICTURE,
     "protocol": PROTOCOL,
     "rating": RATING,
     "reference": REFERENCE,
@@ -60,6 +62,7 @@ TRIALS: Columns = {
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
     "both_seen": BOTH_SEEN,
+    "press_to_picture_ms": PRESS_TO_PICTURE,
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",

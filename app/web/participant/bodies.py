@@ -10,7 +10,7 @@ from typing_extensions import TypedDict
 from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
-from app.study.options import StudyOptions
+from app.study.options import FullScreen, Pixels, StudyOptions
 from app.study.protocols import CCR, Protocol
 from app.study.technique import Technique
 from app.study.trial import Disturbance, Half, Interruption
@@ -54,6 +54,7 @@ class MediaView(BaseModel):
     reference: bool = Field(description="whether the reference lies below both, after as many guard rows")
     fps: float
     n_frames: int
+    pixels: Pixels = Field(description="fit: as large as the window allows; 1:1: a pixel of the film is the display's")
 
 
 class GradesView(BaseModel):
@@ -73,9 +74,14 @@ class OneTrialView(BaseModel):
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
     see_both: bool = Field(description="the vote waits until both A and B were on screen")
+    minimum_viewing_s: float = Field(
+        description="the vote waits until A and B were each on screen as long; 0: no limit"
+    )
     protocol: Protocol = Field(description="how to judge; in DCR A is the reference and B is rated")
     grades: GradesView | None = Field(description="null in PC, where the vote is a choice and not a rating")
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
+    full_screen: FullScreen = Field(description="required: the film is shown in full screen only")
+    minimum_window: list[int] = Field(description="width and height of the smallest window, CSS pixels; empty: any")
     first_shown: Label
     media: MediaView
 
@@ -93,7 +99,10 @@ class SwitchBody(TypedDict):
     at_ms: Milliseconds
     media_time_s: Seconds
     frame: NotRequired[Annotated[Count | None, Field(description="number of the frame on screen, from 0")]]
-    frame_ms: NotRequired[Annotated[Milliseconds | None, Field(description="of the animation frame that showed it")]]
+    frame_ms: NotRequired[Annotated[Milliseconds | None, Field(description="of the animation frame that drew it")]]
+    presented_ms: NotRequired[
+        Annotated[Milliseconds | None, Field(description="when that frame went to the display: the refresh after it")]
+    ]
 
 
 @with_config(Strict.model_config)
@@ -191,16 +200,24 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
         see_both=session.options.see_both and not session.options.is_shown_alone,
+        minimum_viewing_s=0.0 if session.options.is_shown_alone else session.options.minimum_viewing_s,
         protocol=session.options.protocol,
         grades=_grades_view(session.options),
-        void_on=list(session.options.void_on),
-        media=_media_view(
-            current,
-            "top" if current.a_half == "top" else "bottom",
-            has_reference=bool(session.options.reference_beside),
-            is_alone=session.options.is_shown_alone,
-            singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
-        ),
+        void_on=list(session.options.disturbances),
+        full_screen=session.options.full_screen,
+        minimum_window=list(session.options.minimum_window),
+        media=trial_media(session, current),
+    )
+
+
+def trial_media(session: Session, current: NextTrial) -> MediaView:
+    """Make the view of what a trial shows."""
+    return _media_view(
+        session.options,
+        current,
+        "top" if current.a_half == "top" else "bottom",
+        has_reference=bool(session.options.reference_beside),
+        singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
     )
 
 
@@ -219,10 +236,13 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,
         see_both=False,  # the page shows a pair of the practice again by itself
+        minimum_viewing_s=0.0,
         protocol=options.protocol,
         grades=_grades_view(options),
-        void_on=list(session.options.void_on),
-        media=_media_view(pair, a_half, has_reference=False, is_alone=options.is_shown_alone, singles_of=pair.media),
+        void_on=list(options.disturbances),
+        full_screen=options.full_screen,
+        minimum_window=list(options.minimum_window),
+        media=_media_view(options, pair, a_half, has_reference=False, singles_of=pair.media),
     )
 
 
@@ -231,16 +251,16 @@ def _grades_view(options: StudyOptions) -> GradesView | None:
 
 
 def _media_view(
-    shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, is_alone: bool, singles_of: str
+    options: StudyOptions, shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str
 ) -> MediaView:
-    strips = STRIPS if has_reference else STRIPS[:1] if is_alone else STRIPS[:2]
+    strips = STRIPS if has_reference else STRIPS[:1] if options.is_shown_alone else STRIPS[:2]
     return MediaView(
         url=media_url(shown.media),
         second=SecondView(url=media_url(shown.second_media), type=FILM_TYPES[shown.second_codec])
         if shown.second_media and shown.second_codec
         else None,
         singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if shown.has_singles else None,
-        layout="single" if is_alone else "stacked",
+        layout="single" if options.is_shown_alone else "stacked",
         a=a_half,
         width=shown.width,
         height=shown.height,
@@ -248,6 +268,7 @@ def _media_view(
         reference=has_reference,
         fps=shown.fps,
         n_frames=shown.n_frames,
+        pixels=options.pixels,
     )
 
 
