@@ -25,6 +25,7 @@ JOD = np.log(3)  # log-odds
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
 CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
 TOLERANCE = 1e-6  # of the gradient, per observation
+MOST_ITERATIONS = 500
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,7 @@ class _Likelihood:
 
     def gradient(self, theta: Array) -> Array:
         votes, ratings = self.parts(theta)
-        return np.asarray(votes.sum(axis=0)).ravel() + np.asarray(ratings.sum(axis=0)).ravel()
+        return np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
 
     def information(self, theta: Array) -> Array:
         """Return the negative Hessian, float64 (M, M)."""
@@ -246,7 +247,7 @@ class _Likelihood:
             result[n, n + 2] = vote.dt @ gap
             result[n + 2, n + 2] = vote.tt.sum()
         upper = np.triu(result, 1)
-        return np.diag(np.diagonal(result)) + upper + upper.T
+        return np.asarray(np.diag(np.diagonal(result)) + upper + upper.T)
 
 
 def _fit(seen: Observations) -> _Fit | None:
@@ -256,13 +257,14 @@ def _fit(seen: Observations) -> _Fit | None:
     likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
+    options: Any = {"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS}
     best = minimize(
-        lambda theta: (-likelihood.value(theta), -likelihood.gradient(theta)),
+        lambda theta: -likelihood.value(theta),
         start,
-        jac=True,
+        jac=lambda theta: -likelihood.gradient(theta),
         hess=likelihood.information,
         method="trust-exact",
-        options={"gtol": TOLERANCE, "maxiter": 500},
+        options=options,
     )
     theta = np.asarray(best.x)
     information = likelihood.information(theta)
@@ -292,7 +294,7 @@ def _start(seen: Observations, likelihood: _Likelihood) -> Array:
     times = np.bincount(seen.rated, minlength=n)
     quality = np.bincount(seen.rated, likelihood.rating, minlength=n) / np.maximum(times, 1)
     noise = max(float(np.std(likelihood.rating - quality[seen.rated])), 0.1)
-    return np.r_[quality, 1.0, np.log(noise), *([0.0] if likelihood.has_ties else [])]
+    return np.concatenate([quality, [1.0, np.log(noise)], [0.0] if likelihood.has_ties else []])
 
 
 def _clustered(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> Array:
