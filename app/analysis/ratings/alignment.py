@@ -224,9 +224,12 @@ class _Likelihood:
         d, t = slope * gap, np.broadcast_to(log_nu, gap.shape)
         return gap, self.model.derivatives(d, t, self.wins, self.losses, self.ties)
 
-    def gradient(self, theta: Array) -> Array:
+    def loss(self, theta: Array) -> float:
+        return -self.value(theta)
+
+    def loss_gradient(self, theta: Array) -> Array:
         votes, ratings = self.parts(theta)
-        return np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
+        return -np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
 
     def information(self, theta: Array) -> Array:
         """Return the negative Hessian, float64 (M, M)."""
@@ -257,14 +260,13 @@ def _fit(seen: Observations) -> _Fit | None:
     likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
-    options: Any = {"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS}
     best = minimize(
-        lambda theta: -likelihood.value(theta),
+        likelihood.loss,
         start,
-        jac=lambda theta: -likelihood.gradient(theta),
+        jac=likelihood.loss_gradient,
         hess=likelihood.information,
         method="trust-exact",
-        options=options,
+        options={"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS},
     )
     theta = np.asarray(best.x)
     information = likelihood.information(theta)
