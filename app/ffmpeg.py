@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from statistics import mode
 
 import imageio_ffmpeg
 
@@ -50,10 +52,15 @@ def decode(path: Path) -> VideoFacts:
     times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
     if not size or not base or not times:
         raise StimuliError(f"{path}: holds no picture")
-    steps = {later - earlier for earlier, later in pairwise(times)} or {1}
-    if len(steps) > 1:
-        raise StimuliError(f"{path}: its frames are {sorted(steps)} ticks apart, expected one constant frame rate")
-    fps = int(base[2]) / int(base[1]) / steps.pop()
+    steps = [later - earlier for earlier, later in pairwise(times)] or [1]
+    ticks_per_s = int(base[2]) / int(base[1])
+    fps = ticks_per_s / max(mode(steps), 1)
+    if len(set(steps)) > 1:
+        shortest, longest = (1000 * step / ticks_per_s for step in (min(steps), max(steps)))
+        raise StimuliError(
+            f"{path}: its frames are {shortest:.4g} to {longest:.4g} ms apart, expected one constant frame rate; "
+            f"encode it again, for example by `ffmpeg -i {shlex.quote(path.name)} -r {fps:.4g} -crf 10 NEW.mp4`"
+        )
     return VideoFacts(int(size[1]), int(size[2]), fps, len(times))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 import uvicorn
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -52,6 +52,7 @@ from app.web.admin.flags import Flags
 from app.web.analyst import routes
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
+from app.web.gates import check_request_text
 from app.web.metrics import SHARED_FOLDER, Metrics
 from app.web.participant import pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
@@ -61,7 +62,6 @@ from app.web.throttle import new_throttle
 
 START_TIMEOUT_S = 30
 ROUTERS = (
-    votes.router,
     trials.router,
     session.router,
     screening.router,
@@ -138,8 +138,9 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     if front is not None:
         app.include_router(front_routes(front))  # before the entrance, which has the same address
+    app.include_router(votes.router)  # whose bodies hold no free text
     for router in ROUTERS:
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app)
     describe(app)

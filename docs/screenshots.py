@@ -1,8 +1,8 @@
 """Pictures of the dashboard: `python docs/screenshots.py DEMO` after `reconstudy demo --out DEMO --no-serve`.
 
-A server of its own gets a study of the demo's videos, simulated participants, the demo's models, and the reports given
-with --report. Chromium then photographs the pages that the documentation shows into docs/pictures; --all DIR instead
-writes every page at three widths, to be looked at.
+A server of its own gets a study of the demo's videos, simulated participants, the demo's models, and the demo's report
+on its films, and those given with --report. Chromium then photographs the pages that the documentation shows into
+docs/pictures; --all DIR instead writes every page at three widths, to be looked at.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import httpx
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
+from app.experiment.demo import MEASURES
+from app.experiment.study import TRUTH
 from app.main import running_server
 from app.operations import create, manage
 from app.settings import Settings
@@ -76,11 +78,13 @@ def study_server(given: argparse.Namespace, folder: Path) -> Iterator[tuple[str,
     demo = (given.stimuli / "run" / "run.json").is_file()
     stimuli = given.stimuli / "stimuli" if demo else given.stimuli
     shutil.copytree(stimuli, settings.sets_dir / "demo")
-    options = StudyOptions(optional_stages=("interview",), debriefing="Thank you.")
+    options = StudyOptions(optional_stages=("interview",), debriefing="Thank you.", without=(TRUTH,) if demo else ())
     create.create_study(settings, stimuli, "Demo", exposure_s=2.0, seed=1, options=options)
     with running_server(settings) as url:
         simulate_study(settings, url, "demo", 12, None, 0.15, 1)
         leave_in_the_middle(settings, url)
+        if demo:
+            manage.attach_results(settings, [given.stimuli / "validation" / "films"], "demo", only=MEASURES)
         attached = [*given.report, *models(given, folder, is_demo=demo)]
         if attached:
             manage.attach_results(settings, attached, "demo")

@@ -17,8 +17,11 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.plugins import default_parameters
 from recon.rig import Camera
 from recon.surface import NoSurfaceError
+from recon.validation.cloud_quality import PointSet, Value
+from recon.validation.cloud_quality.plugin import PluginMeasure, checked_values
+from recon.validation.sampling import fibonacci_sphere
 
-__all__ = ["check_fusion", "check_matcher"]
+__all__ = ["check_fusion", "check_matcher", "check_measure"]
 
 HEIGHT, WIDTH = 40, 80  # pixels, of the pictures that are matched
 SHIFTS = ((0, 0), (5, 0), (-3, -6), (7, 4))  # pixels: a disparity, and the smallest one to search
@@ -31,6 +34,7 @@ LEAST_COSINE = 0.3  # between the line of sight and the normal of a point that i
 MEAN_ERROR_MM = 0.5  # a quarter of the points' spacing
 LEAST_AREA, MOST_AREA = 0.8, 2.2  # of what the sensors see: twice where each has a layer of its own
 COLOUR_ERROR = 8.0  # grey levels, on average
+N_MEASURED, MEASURED_NOISE = 500, 0.05  # points of the ball that is measured, and noise in radii
 
 
 def check_matcher(matcher: Matcher) -> None:
@@ -95,6 +99,38 @@ def check_fusion(fusion: Fusion) -> None:
     _expect_error(lambda: _mesh(fusion, [nothing], [empty]), NoSurfaceError, "clouds without points")
 
 
+def check_measure(measure: PluginMeasure) -> None:
+    """Check that a measure of the quality of clouds keeps its promises.
+
+    It returns a list of `Value` for clouds with and without colours and normals, or raises a ValueError that says what
+    is missing; the same for the same clouds; leaves the clouds as they are; and rates no noisy cloud better than the
+    reference itself.
+
+    Raises
+    ------
+    AssertionError
+        If it does not; it says what was seen and what was expected.
+    """
+    whole, noisy = _measured_ball(0.0), _measured_ball(MEASURED_NOISE)
+    bare = PointSet("bare", whole.points)
+    before = noisy.points.copy()
+    best, worse = _values(measure, whole, whole), _values(measure, whole, noisy)
+    _expect(len(best) > 0, "it returned no value for two equal clouds with colours and normals")
+    _expect(_values(measure, whole, noisy) == worse, "it gave other values for the same clouds")
+    _expect(np.array_equal(noisy.points, before), "it changed the points that it was given")
+    perfect = {(value.measure, value.direction): value.value for value in best}
+    for value in worse:
+        place = value.measure, value.direction
+        _expect(place in perfect, f"it gave {value.measure} for a noisy cloud, but not for two equal ones")
+        sign = 1 if value.better == "higher" else -1
+        _expect(
+            sign * value.value <= sign * perfect[place],
+            f"{value.measure} is {value.value:g} for a noisy cloud and {perfect[place]:g} for the reference itself, "
+            f"where {value.better} is better",
+        )
+    _values(measure, bare, bare)
+
+
 def _check_signature(method: Callable[..., Any]) -> None:
     try:
         default_parameters(method)
@@ -143,6 +179,27 @@ def _mesh(fusion: Fusion, clouds: Sequence[Cloud], views: Sequence[DepthView]) -
     mesh, _ = fused(fusion, clouds, default_parameters(fusion), views)
     _expect(isinstance(mesh, Mesh), f"it returned a {type(mesh).__name__}, expected a recon.geometry.mesh.Mesh")
     return mesh
+
+
+def _values(measure: PluginMeasure, reference: PointSet, distorted: PointSet) -> list[Value]:
+    try:
+        returned = measure(reference, distorted)
+    except ValueError:
+        return []
+    except Exception as error:
+        raise AssertionError(f"it raised {error!r}, expected a ValueError that says what is missing") from error
+    try:
+        return checked_values(returned)
+    except (TypeError, ValueError) as error:
+        raise AssertionError(f"{error}") from error
+
+
+def _measured_ball(noise: float) -> PointSet:
+    """Make a ball's points with normals and colours; noise in radii."""
+    normals = fibonacci_sphere(N_MEASURED)
+    points = normals + noise * np.random.default_rng(1).normal(size=normals.shape)
+    colours = np.rint(127 * (1 + normals)).astype(np.uint8)
+    return PointSet("ball", points.astype(np.float32), normals.astype(np.float32), colours)
 
 
 def _expect(is_so: bool, sentence: str) -> None:

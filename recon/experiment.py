@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from recon.approaches import DEPTH_METHODS
-from recon.capture.format import CAPTURE_FILE
+from recon.capture.format import CAPTURE_FILE, read_capture
 from recon.capture.masks.segment import segment_capture
 from recon.depth import DEFAULTS
 from recon.depth.census import WINDOW
@@ -30,9 +30,15 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.scenes import CUBOID_SIZE_MM, SPHERE_RADIUS_MM
 from recon.studio.truth import MESH as TRUE_MESH
+from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models
+from recon.validation.cloud_quality import CloudSettings, Sampling, find_compared, measure_clouds
+from recon.validation.cloud_quality.report import write_cloud_report
 from recon.validation.clouds import named_clouds
 from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
 from recon.validation.cuboid.report import write_cuboid_report
+from recon.validation.films.evaluation import FilmSettings, measure_films
+from recon.validation.films.report import write_films_report
+from recon.validation.films.stimuli import MANIFEST
 from recon.validation.measures import Subject
 from recon.validation.page import write_report_json
 from recon.validation.sphere.evaluation import measure_spheres
@@ -50,6 +56,10 @@ THRESHOLDS = tuple(2.5 * step for step in range(1, 41))  # mm, figure 6
 MESH_THRESHOLDS = tuple(float(mm) for mm in range(1, 21))
 MESH_THRESHOLD = 5.0  # mm, of the F-score that is compared with the votes
 OBJECT_NOISE, OBJECT_CALIBRATION_PX = 3.0, 0.05  # grey levels and pixels: with none, every point is an inlier
+CLOUD_MEASURES = ("d1", "pointssim")
+CLOUD_DENSITY = 0.01  # samples per mm^2 of the meshes, about 20 000 on a person
+CLOUD_PEAK = 1000.0  # mm, of the PSNR of D1, the same for all scenes
+FILM_STEP = 3  # every third frame is measured; in `small` a model stays for five
 REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 SEED = 1
 OBJECTIVE_FILE, REPORT = "objective.json", "report.json"
@@ -136,6 +146,8 @@ def steps(experiment: Experiment) -> list[Step]:
         ("measure the cuboid", partial(measure_cuboid, experiment)),
         ("compare with photographs", partial(compare_views, experiment)),
         ("compare with the truth", partial(compare_truth, experiment)),
+        ("compare as clouds with the truth", partial(compare_clouds, experiment)),
+        ("compare the videos with the truth's", partial(compare_films, experiment)),
         ("write down what was measured", partial(write_objective, experiment)),
     ]
 
@@ -173,7 +185,7 @@ def reconstruct_scene(experiment: Experiment, scene: str, progress: Progress) ->
 
 
 def render_scenes(experiment: Experiment, progress: Progress) -> None:
-    """Render the thirty videos and write their manifest."""
+    """Render the thirty videos, and one of the truth of each scene for `compare_films`; write their manifest."""
     scale = experiment.scale
     options = RenderOptions(
         scale.video_size,
@@ -183,7 +195,22 @@ def render_scenes(experiment: Experiment, progress: Progress) -> None:
         workers=experiment.workers,
         cluster=experiment.cluster,
     )
-    render([experiment.run(scene) for scene in SCENES], experiment.stimuli, options, progress)
+    folders = [folder for scene in SCENES for folder in (experiment.run(scene), _lay_out_truth(experiment, scene))]
+    render(folders, experiment.stimuli, options, progress)
+
+
+def _lay_out_truth(experiment: Experiment, scene: str) -> Path:
+    """Make the true meshes of a scene the models of the approach `truth`, unless they are; returns their folder."""
+    folder = experiment.out / TRUTH / scene
+
+    def write(_path: Path) -> None:
+        rmtree(folder, ignore_errors=True)
+        write_truth_models(read_capture(experiment.capture(scene)), folder)
+
+    artefacts = Artefacts(experiment.out)
+    recording = artefacts.digest(f"captures/{scene}/{CAPTURE_FILE}")
+    artefacts.make(f"{TRUTH}/{scene}/{SCENE_FILE}", {"recording": recording, "code": code_version(*RECORDING)}, write)
+    return folder
 
 
 def measure_sphere(experiment: Experiment, progress: Progress) -> None:
@@ -269,6 +296,38 @@ def _compare_model(experiment: Experiment, scene: str, approach: str) -> None:
         write_report_json(path.parent, measure_mesh(run / mesh, truth, settings))
 
     _make_report(experiment, f"truth/{scene}_{approach}", [(run, mesh)], asdict(settings), write)
+
+
+def compare_clouds(experiment: Experiment, progress: Progress) -> None:
+    """Compare every model of the first frame with the true surface, both sampled, by the measures of point clouds."""
+    for scene in SCENES:
+        _compare_clouds_of(experiment, scene, progress)
+
+
+def _compare_clouds_of(experiment: Experiment, scene: str, progress: Progress) -> None:
+    run, truth = experiment.run(scene), experiment.capture(scene) / TRUTH
+    sampling = Sampling(CLOUD_DENSITY, SEED)
+    settings = CloudSettings(measures=CLOUD_MEASURES, peak=CLOUD_PEAK, sampling=sampling)
+
+    def write(path: Path) -> None:
+        compared = find_compared([run], truth, frames=range(1))
+        write_cloud_report(measure_clouds(compared, settings, progress), path.parent)
+
+    models = [(run, mesh_name(approach, 0)) for approach in read_run(run).approaches]
+    told = {"measures": CLOUD_MEASURES, "peak": CLOUD_PEAK, "sampling": asdict(sampling)}
+    _make_report(experiment, f"clouds/{scene}", models, told, write)
+
+
+def compare_films(experiment: Experiment, progress: Progress) -> None:
+    """Compare every video with that of the scene's true models."""
+    settings = FilmSettings(TRUTH, every=FILM_STEP, workers=experiment.workers)
+
+    def write(path: Path) -> None:
+        write_films_report(*measure_films(experiment.stimuli, settings, progress), path.parent)
+
+    stimuli = read_json(experiment.stimuli / MANIFEST)["stimuli"]
+    films = [(experiment.stimuli, stimulus[name]) for stimulus in stimuli for name in ("video", "mask")]
+    _make_report(experiment, "films", films, {"reference": TRUTH, "every": FILM_STEP}, write)
 
 
 def _make_report(

@@ -47,7 +47,8 @@ class Table:
     def is_program(self) -> bool:
         """Tell a table with a command from one with a method; a ValueError says that it has both or neither."""
         if ("method" in self.content) == ("command" in self.content):
-            raise ValueError(f"{self.place}: expected either a method of this program or a command")
+            keys = " and ".join(self.content) or "nothing"
+            raise ValueError(f"{self.place} has {keys}, expected either method, one of this program's, or command")
         return "command" in self.content
 
     def method(self, known: Collection[str]) -> str:

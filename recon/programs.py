@@ -9,6 +9,7 @@ import os
 import shlex
 import signal
 import subprocess
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from shutil import rmtree
 from typing import ClassVar
 
 LOG = "log.txt"
+LONGEST_QUOTE = 160  # letters of what a program printed that a sentence quotes
 
 Value = str | int | float | list[str]  # what stands for a name in braces; a list becomes several arguments
 
@@ -63,19 +65,24 @@ class Program:
     def arguments(self, values: Mapping[str, Value]) -> list[str]:
         """Return the program and its arguments with the names in braces filled in.
 
-        A list, such as that of {clouds}, must be an argument of its own, and becomes as many as it has entries.
+        A list, such as that of {clouds}, must be an argument of its own, and becomes as many as it has entries. A file
+        beside the methods file may be named alone.
         """
         lists = {f"{{{name}}}": value for name, value in values.items() if isinstance(value, list)}
         single = {name: value for name, value in values.items() if not isinstance(value, list)}
         filled: list[str] = []
         try:
             for argument in shlex.split(self.command):
-                filled += lists.get(argument) or [argument.format_map({**single, "folder": self.folder})]
+                if _is_file(beside := Path(self.folder) / argument):
+                    filled.append(str(beside))
+                else:
+                    filled += lists.get(argument) or [argument.format_map({**single, "folder": self.folder})]
         except (ValueError, LookupError, AttributeError, TypeError) as error:
             names = ", ".join(f"{{{name}}}" for name in (*self.PLACEHOLDERS, *self.LISTS, "folder"))
             alone = "".join(f"; {{{name}}} must be an argument of its own" for name in self.LISTS)
+            reason = f"{{{error.args[0]}}} is unknown" if isinstance(error, KeyError) else str(error)
             raise ValueError(
-                f"command is {self.command!r}, which cannot be filled in ({error!r}); "
+                f"command is {self.command!r}, which cannot be filled in: {reason}; "
                 f"expected arguments with {names}{alone}"
             ) from error
         return filled
@@ -92,6 +99,7 @@ class Program:
         arguments = self.arguments(values)
         with (folder / LOG).open("w", encoding="utf-8") as printed:
             print("$", shlex.join(arguments), file=printed, flush=True)
+            start = printed.tell()
             try:
                 process = subprocess.Popen(
                     arguments,
@@ -102,7 +110,8 @@ class Program:
                     start_new_session=True,
                 )
             except (OSError, ValueError) as error:
-                raise ProgramError(f"the program could not be started: {error}") from error
+                reason = getattr(error, "strerror", None) or str(error)
+                raise ProgramError(f"the program {arguments[0]} could not be started: {reason.lower()}") from error
             try:
                 process.wait(self.timeout_s)
             except subprocess.TimeoutExpired as error:
@@ -112,7 +121,7 @@ class Program:
                     os.killpg(process.pid, signal.SIGKILL)
                     process.wait()
         if process.returncode:
-            raise ProgramError(f"the program ended with exit status {process.returncode}")
+            raise ProgramError(f"the program {_ending(process.returncode)}{_last_words(folder / LOG, start)}")
 
 
 @contextmanager
@@ -136,6 +145,32 @@ def check_written(path: Path) -> None:
     """Raise a ProgramError if a program did not write its file."""
     if not path.is_file():
         raise ProgramError(f"the program wrote no {path.name}")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # too long for a name
+        return False
+
+
+def _ending(returncode: int) -> str:
+    """Say how a program that failed ended; POSIX gives the number of a signal as a negative exit status."""
+    if returncode > 0:
+        return f"ended with exit status {returncode}"
+    advice = ", which the system sends where memory runs out" if returncode == -signal.SIGKILL else ""
+    return f"was ended by signal {-returncode} ({signal.strsignal(-returncode)}){advice}"
+
+
+def _last_words(log: Path, start: int) -> str:
+    """Quote the last line of a log after its first `start` bytes, or nothing if there is none."""
+    with log.open(encoding="utf-8", errors="replace") as printed:
+        printed.seek(start)
+        lines = deque(filter(str.strip, printed), maxlen=1)
+    last = "".join(filter(str.isprintable, "".join(lines))).strip()
+    if not last:
+        return ""
+    return f" and said: {last if len(last) <= LONGEST_QUOTE else last[:LONGEST_QUOTE] + '…'}"
 
 
 def _empty(folder: Path) -> None:

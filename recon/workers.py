@@ -26,6 +26,7 @@ Progress = Callable[[str, int, int], None]  # what is being done, how many are d
 
 N_CORES = os.cpu_count() or 1
 LOSSES = 3  # so often worker processes may die before the tasks are taken to be the cause
+INTERRUPTED = 130  # exit status, as shells give it
 RETRIES = 2  # how often a task on a cluster is tried again, unless its input is wrong
 CONNECT_S = 20  # to wait for a scheduler's answer, and for a worker
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
@@ -80,7 +81,7 @@ class LocalProcesses:
         """As `Pool.run`."""
         waiting = list(tasks)
         for losses in range(LOSSES):
-            futures = {self._executor.submit(task): task for task in waiting}
+            futures = {self._executor.submit(_unless_interrupted, task): task for task in waiting}
             try:
                 for future in as_completed(futures):
                     result = future.result()
@@ -203,6 +204,14 @@ def _become_worker() -> None:
     for name in ONE_THREAD:  # for what is not loaded yet
         os.environ[name] = "1"
     _use_one_thread()
+
+
+def _unless_interrupted(task: partial[Result]) -> Result:
+    """Run a task in a worker process, which an interrupt ends: else it would begin with the next task."""
+    try:
+        return task()
+    except KeyboardInterrupt:
+        os._exit(INTERRUPTED)
 
 
 def _use_one_thread() -> None:

@@ -67,6 +67,13 @@ def words(line: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_script_that_starts_workers_guards_them(page: Path) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    scripts = [block for block in blocks if "workers=" in block]
+    assert [script for script in scripts if 'if __name__ == "__main__":' not in script] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None:
     wrong = []
     for line in command_lines(page):

@@ -163,6 +163,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "cloud": (read_cloud, "cloud.ply", PLY.encode),
     "mesh": (read_mesh, "mesh.ply", PLY.encode),
     "disparity": (read_disparity, "disparity.pfm", lambda: PFM),
+    "disparity array": (read_disparity, "disparity.npy", lambda: NPY),
     "image": (read_image, "image.png", png),
     "depth map": (read_depth_values, "depth.npy", lambda: NPY),
     "model of COLMAP": (lambda path: colmap_with_cameras(path.parent), "images.bin", lambda: COLMAP_IMAGE),

@@ -151,10 +151,15 @@ def _factor_results(
 
 
 def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
-    """Name the items that the analysis by factor leaves out."""
+    """Name the items that the analysis by factor leaves out, those that lack the same factors together."""
+    items_by_lacking: dict[str, list[str]] = {}
+    for item, factors in items_without_levels(votes.items, settings.factors).items():
+        items_by_lacking.setdefault(" or ".join(factors), []).append(item)
     return [
-        f"{item} has no level of {', '.join(factors)}: the analysis by factor leaves it out"
-        for item, factors in items_without_levels(votes.items, settings.factors).items()
+        f"{items[0]} has no level of {factors}: the analysis by factor leaves it out"
+        if len(items) == 1
+        else f"{', '.join(items)} have no level of {factors}: the analysis by factor leaves them out"
+        for factors, items in items_by_lacking.items()
     ]
 
 

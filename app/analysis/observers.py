@@ -106,6 +106,7 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
         "repeats_consistent": consistent,
         "median_response_ms": _quantile(votes.response_ms, 0.5),
         "fastest_decile_ms": _quantile(votes.response_ms, 0.1),
+        "median_press_to_picture_ms": _quantile(votes.press_to_picture_ms, 0.5),
         "circular": sum(triad.circular for triad in triads),
         "circular_p_value": pooled_p_value(triads),
     }

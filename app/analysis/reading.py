@@ -18,7 +18,10 @@ from app.analysis.tabular import numbers, read_frame, refuse
 from app.analysis.votes_table import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
-OPTIONAL = ("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role", "both_seen")
+OPTIONAL = (
+    *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
+    *("both_seen", "press_to_picture_ms"),
+)
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,8 @@ def _votes_from_frame(
         first_shown=_first_shown(text.get("first_shown"), text["item_a"], text["item_b"]),
         both_seen=_both_seen(text.get("both_seen"), n),
         count=numbers(text["count"], "count", whole=True).astype(np.int64) if "count" in text else np.ones(n, np.int64),
-        response_ms=numbers(text["response_ms"], "response_ms") if "response_ms" in text else np.full(n, np.nan),
+        response_ms=_milliseconds(text, "response_ms", n),
+        press_to_picture_ms=_milliseconds(text, "press_to_picture_ms", n),
         practice=_flags(text.get("practice"), "practice", n),
         excluded=_flags(text.get("excluded"), "excluded", n),
         reason=text["reason"] if "reason" in text else np.full(n, "", object),
@@ -223,6 +227,11 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     flags = np.array([words.get(str(word).lower(), -1) for word in distinct])[codes]
     refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
     return flags.astype(bool)
+
+
+def _milliseconds(text: Mapping[str, NDArray[np.object_]], name: str, n: int) -> NDArray[np.float64]:
+    """Return a column of times; NaN for an empty cell or without the column."""
+    return numbers(text[name], name) if name in text else np.full(n, np.nan)
 
 
 def _both_seen(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:

@@ -140,7 +140,7 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
     rows.sort(key=lambda row: row["p_value"])
     if not rows:
         return []
-    rest = f", the {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
+    rest = f" The {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
     columns = [
         "measure_a",
         "measure_b",

@@ -11,8 +11,8 @@ Row = Mapping[str, Any]
 
 ROWS = 80  # rows of a table; the CSV files hold the rest
 HEADINGS = {  # of columns; others have their name in analysis.json
-    "auc_a": "its AUC",
-    "auc_b": "its AUC",
+    "auc_a": "AUC of it",
+    "auc_b": "of the other",
     "auc_better_worse": "AUC better/worse",
     "auc_different_similar": "AUC different/similar",
     "auc_p": "p, AUC",
@@ -55,8 +55,8 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "pairs_different": "pairs that differ",
     "pairs_similar": "pairs alike",
     "pearson": "Pearson",
-    "pearson_a": "its Pearson",
-    "pearson_b": "its Pearson",
+    "pearson_a": "Pearson of it",
+    "pearson_b": "of the other",
     "pearson_logistic": "PLCC",
     "pearson_monotone": "monotone",
     "pearson_x2": "Pearson X2",

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from app.analysis.votes_table import VotesError
 
+LONGEST_LINE = 80  # letters of a file that a message repeats
+
 
 def read_frame(path: Path) -> pd.DataFrame:
     """Read a table; the ending of the file's name, .csv, .parquet or .json, tells the format.
@@ -111,6 +113,9 @@ def _read_csv(path: Path) -> pd.DataFrame:
     text = _decode(path.read_bytes())
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
+    if "\0" in text:
+        row = text[: text.index("\0")].count("\n")
+        raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
     header = [name.strip() for name in next(csv.reader(io.StringIO(text.lstrip())))]
     if twice := [name for name in dict.fromkeys(header) if header.count(name) > 1]:
         raise VotesError(f"has {header.count(twice[0])} columns named {twice[0]!r}, expected one")
@@ -132,7 +137,7 @@ def _decode(content: bytes) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         start = content.rfind(b"\n", 0, error.start) + 1
-        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()
+        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()[:LONGEST_LINE]
         row = content[: error.start].count(b"\n")
         raise VotesError(f"row {row}: {line!r} is not UTF-8 (it may be Latin-1); save the file as UTF-8") from error
 

@@ -33,6 +33,7 @@ class VotesTable:
     both_seen : int8 (N,), 1 = both items were on screen, 0 = one was not, -1 = not recorded
     count : int64 (N,), number of votes that the row stands for
     response_ms : float64 (N,), NaN where not recorded
+    press_to_picture_ms : float64 (N,), median of the vote's switches, NaN where not recorded
     practice, excluded : bool (N,), rows that the table keeps and the analysis leaves out
     reason : object (N,), why a row was excluded, empty if it was not
     role : int8 (N,), 0 = a vote to score, 1 = a pair seen again, 2 = a stimulus against itself; the last two check the
@@ -51,6 +52,7 @@ class VotesTable:
     both_seen: NDArray[np.int8]
     count: NDArray[np.int64]
     response_ms: NDArray[np.float64]
+    press_to_picture_ms: NDArray[np.float64]
     practice: NDArray[np.bool_]
     excluded: NDArray[np.bool_]
     reason: NDArray[np.object_]
@@ -123,6 +125,7 @@ def votes_from_indices(
         both_seen=np.full(n, -1, np.int8),
         count=np.broadcast_to(np.int64(1), n) if count is None else count.astype(np.int64, copy=False),
         response_ms=np.full(n, np.nan),
+        press_to_picture_ms=np.full(n, np.nan),
         practice=np.zeros(n, bool),
         excluded=np.zeros(n, bool),
         reason=np.full(n, "", object),

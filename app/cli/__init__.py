@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from importlib.metadata import version
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -47,9 +48,23 @@ def main() -> None:
         advice = missing_extra(error)
         if "RECONSTUDY_DEBUG" in os.environ or (advice is None and isinstance(error, ModuleNotFoundError)):
             raise
-        _fail(f"{error}; {advice}" if advice else str(error))
+        _fail(f"{error}; {advice}" if advice else _sentence(error))
     except StudyError as error:
         _fail(error.detail)
+
+
+def _sentence(error: Exception) -> str:
+    """Say what failed; of the system's errors without their number, and with what is in the way."""
+    if not isinstance(error, OSError) or not isinstance(error.filename, str) or error.strerror is None:
+        return str(error)
+    path = Path(error.filename)
+    if isinstance(error, PermissionError):
+        return f"{path}: permission denied; look at who may read or write it"
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        for place in (path, *path.parents):
+            if place.is_file():
+                return f"{place}: is a file, expected a folder; choose another name"
+    return f"{path}: {error.strerror.lower()}"
 
 
 def _fail(sentence: str, code: int = 1) -> None:

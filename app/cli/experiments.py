@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 DEMO_SECONDS = 5.0
 DEMO_FRAMES = 6
+DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for five
 DEMO_TAKES = "about three minutes on two idle cores"
 EXPERIMENT_TAKES = {
-    "small": "about eight minutes on two idle cores",
+    "small": "about nine minutes on two idle cores",
     "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
 }
 
@@ -84,7 +85,7 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
     """List the demo's steps; each makes only what is missing."""
     from app.experiment.demo import demo_analysis, demo_study, demo_votes
     from app.main import running_server
-    from recon.capture.format import CAPTURE_FILE
+    from recon.capture.format import CAPTURE_FILE, read_capture
     from recon.capture.masks.segment import segment_capture
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.preview import write_stage_pictures
@@ -92,8 +93,13 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
     from recon.pipeline.run import read_run
     from recon.pipeline.stages import ReconstructOptions
     from recon.studio import SynthParameters, synthesise
+    from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models
+    from recon.validation.films.evaluation import FilmSettings, measure_films
+    from recon.validation.films.report import write_films_report
 
-    capture, run, stimuli = out / "capture", out / "run", out / "stimuli"
+    capture, run, truth, stimuli, measured = (
+        out / name for name in ("capture", "run", TRUTH, "stimuli", "validation/films")
+    )
 
     def record() -> None:
         if not (capture / CAPTURE_FILE).exists():
@@ -106,11 +112,17 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
         write_stage_pictures(read_run(run.resolve()), 0, out / "front")
 
     def film() -> None:
+        if not (truth / SCENE_FILE).exists():
+            write_truth_models(read_capture(capture), truth)
         options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
-        render([run], stimuli, options, progress)
+        render([run, truth], stimuli, options, progress)
+
+    def measure() -> None:
+        if not (measured / "report.html").exists():
+            write_films_report(*measure_films(stimuli, FilmSettings(TRUTH, every=DEMO_FILM_STEP), progress), measured)
 
     def make_study() -> None:
-        demo_study(settings, stimuli, DEMO_SECONDS, by_step(progress))
+        demo_study(settings, stimuli, measured, DEMO_SECONDS, by_step(progress))
 
     def take_votes() -> None:
         with running_server(settings) as url:
@@ -120,7 +132,8 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
     return [
         Step("record a moving person with three synthetic stereo sensors", record, f"{capture}/S2/left/0000.png"),
         Step("reconstruct it by six approaches: depth, clouds, models", make_models, f"{run}/previews/0000.png"),
-        Step("film every model from the same moving camera", film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("film every model, and the true one, from the same moving camera", film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("compare every film with that of the true model", measure, f"{measured}/report.html"),
         Step("make a study of the films: pairs, orders, an invitation", make_study),
         Step(
             f"let {participants} artificial people vote over HTTP, and turn votes into scores",

@@ -134,6 +134,10 @@ def study_create(
     reference: Annotated[
         str | None, typer.Option(help="Condition to show as reference beside every pair; it is not compared.")
     ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Condition of the set to leave out, such as truth, which measures alone need; repeatable."),
+    ] = None,
     second_codec: Annotated[
         str | None, typer.Option(help="vp9 or av1: also make every film in this codec, for browsers without H.264.")
     ] = None,
@@ -159,6 +163,7 @@ def study_create(
         "identical_pairs": identical_pairs,
         "free_exposure": free_exposure or None,
         "reference": reference,
+        "without": without or None,
         "second_codec": second_codec,
         "fallback": fallback,
         "break_every": break_every,
@@ -255,6 +260,10 @@ def study_attach(
         ),
     ],
     study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Measure to compare with the scores, once for each; default: all of them."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
@@ -262,7 +271,7 @@ def study_attach(
     from app.operations.manage import attach_results
     from app.settings import Settings
 
-    attached = attach_results(Settings(), results, study)
+    attached = attach_results(Settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
         sentences.append(
@@ -302,9 +311,11 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 
 def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     study["link"] = url + study["path"]
+    left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     sentences = (
         f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
-        f"{study['exposure_s']:g} s each.\nInvite participants with {study['link']} once `reconstudy serve` runs."
+        f"{study['exposure_s']:g} s each.{left_out}\nInvite participants with {study['link']} once `reconstudy serve` "
+        "runs."
     )
     print_result(study, sentences, as_json=as_json)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis import write_analysis
-from app.experiment.study import fetched
+from app.experiment.study import TRUTH, fetched
 from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
 from app.operations.create import create_study, read_options
-from app.operations.manage import add_experimenter, list_studies
+from app.operations.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
 from app.study.presets import QUICK
@@ -23,14 +23,15 @@ FUSION_ABILITIES = {"fa": -0.4, "fb": 0.4}
 ABILITIES = {f"{d}_{f}": round(x + y, 3) for d, x in DEPTH_ABILITIES.items() for f, y in FUSION_ABILITIES.items()}
 TIE_RATE = 0.2
 SEED = 1
+MEASURES = ("ssim_actor", "vmaf", "flicker")  # of the films, those that are compared with the scores
 
 
-def demo_study(settings: Settings, manifest: Path, exposure_s: float, progress: Progress) -> dict[str, Any]:
-    """Return the demo's study, and create it if it is not there."""
+def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: float, progress: Progress) -> None:
+    """Create the demo's study of all but the truth, with what was measured of its films, if it is not there."""
     if not list_studies(settings):
-        options = read_options(None, {}, QUICK)
+        options = read_options(None, {"without": [TRUTH]}, QUICK)
         create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
-    return list_studies(settings)[0]
+        attach_results(settings, [report], only=MEASURES)
 
 
 def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
@@ -62,9 +63,9 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
         "participant": f"/s/{study['invitations'][0]}",
         "experimenter": add_experimenter(settings, "demo")["path"],
     }
-    chart = out / "analysis" / "figures" / "scores.svg"
-    if chart.is_file():
-        write_bytes(folder / chart.name, chart.read_bytes())
+    for chart in (out / "analysis" / "figures" / f"{name}.svg" for name in ("scores", "measures")):
+        if chart.is_file():
+            write_bytes(folder / chart.name, chart.read_bytes())
     made = sorted(path.stem for path in folder.glob("*.webp"))
     pictures = {
         "recording": [name for name in made if name.startswith("recording_")],

@@ -26,7 +26,7 @@ AGREEMENT = 0.8  # least rank correlation of what was put in and what came out t
 
 def read_results(study: StudyPart, seconds: Mapping[str, float]) -> Results:
     """Read the results from an experiment's folder, once its steps are done."""
-    return Results(study.out, study.answers(), read_json(study.out / OBJECTIVE_FILE), seconds)
+    return Results(study.out, study.answers(), read_json(study.out / OBJECTIVE_FILE), study.measures(), seconds)
 
 
 def write_experiment_report(results: Results, name: str) -> dict[str, Any]:

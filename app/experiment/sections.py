@@ -13,10 +13,12 @@ from typing import Any
 
 from app.analysis.charts import chart_svg, scores_chart, triads_chart
 from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.objective.charts import measure_chart
-from app.experiment.study import N_PEOPLE, QUALITY
+from app.analysis.objective.charts import measure_chart, ranking_chart
+from app.analysis.objective.prediction import measures_by_rank
+from app.experiment.study import N_PEOPLE, QUALITY, TRUTH
 from app.files import read_json
 from app.films.strips import write_still
+from app.intake.reports import BETTER, Measure
 from app.intake.stimuli import MANIFEST
 
 LIKED = {"depth": "depth reconstruction", "fusion": "view fusion"}
@@ -74,13 +76,15 @@ class Results:
     ----------
     out : the experiment's folder
     answers : what the people answered, with the truth that was put in
-    objective : what was measured, and with which parameters
+    objective : how it was measured, with which parameters
+    measures : what was measured of the approaches
     seconds : that each step took
     """
 
     out: Path
     answers: Mapping[str, Any]
     objective: Mapping[str, Any]
+    measures: Sequence[Measure]
     seconds: Mapping[str, float]
 
     @property
@@ -136,14 +140,15 @@ def _material(results: Results, published: Mapping[str, Any]) -> Section:
     best, worst = (list(results.truth("all", "all"))[place] for place in (0, -1))
     stimuli = read_json(results.out / "stimuli" / MANIFEST)["stimuli"]
     figures = []
-    for approach in (best, worst):
+    for approach in (best, worst, TRUTH):
         videos = [stimulus for stimulus in stimuli if stimulus["approach"] == approach]
         pictures = [_still(results.out / "stimuli", video) for video in videos]
         names = ", ".join(video["dataset"] for video in videos)
-        figures.append(Figure(f"Figure 2. {names}, by {approach}.", pictures=pictures))
+        how = "the truth, which nobody votes on" if approach == TRUTH else f"by {approach}"
+        figures.append(Figure(f"Figure 2. {names}, {how}.", pictures=pictures))
     trials = published["trials"]
     rows = [
-        ("videos", str(trials["videos"]), str(len(stimuli))),
+        ("videos", str(trials["videos"]), str(sum(stimulus["approach"] != TRUTH for stimulus in stimuli))),
         ("seconds each", f"{trials['seconds']}", f"{results.objective['scale']['seconds']:g}"),
         ("comparisons of a participant", str(trials["comparisons"]), str(results.answers["study"]["n_pairs"])),
     ]
@@ -295,22 +300,27 @@ def _cuboid(results: Results) -> Section:
 
 def _models(results: Results) -> Section:
     values: dict[str, dict[str, list[float]]] = {}
-    for name in results.objective["reports"]:
-        if name.split("/")[1] in ("views", "truth"):
-            for row in read_json(results.out / name / "report.json")["measures"]:
-                values.setdefault(row["measure"], {}).setdefault(row["approach"], []).append(row["value"])
+    for measure in results.measures:
+        values.setdefault(measure.measure, {}).setdefault(measure.approach, []).append(measure.value)
+    described = {measure.measure: measure for measure in results.measures}
     approaches = list(results.truth("all", "all"))
-    shown = [
-        measure
-        for measure, measured in values.items()
-        if not measure.startswith("sensors") and measured.keys() >= set(approaches)
+    rows = [
+        (name, described[name].unit, BETTER[described[name].direction], *(
+            f"{fmean(measured[approach]):.3g}" if approach in measured else "–" for approach in approaches
+        ))
+        for name, measured in values.items()
+    ]  # fmt: skip
+    text = [
+        "Means over the scenes; approaches best liked first. Every model of the first frame is compared with "
+        "photographs that no sensor uses (novel view), with the true surface (accuracy, completeness), and as a cloud "
+        "with samples of the true surface (d1, pointssim). Completeness, d1 and pointssim also count the surface that "
+        "no sensor sees. Every video is compared with that of the true models: ssim_actor and flicker inside the "
+        "actor's outline, vmaf over the whole frame.",
+        f"The artificial people see “{QUALITY}”. These measures are a few of many: the reports in validation/ have "
+        "all, and the documentation says on the page “Measures” what each sees and what it is blind to.",
     ]
-    rows = [(approach, *(f"{fmean(values[measure][approach]):.3g}" for measure in shown)) for approach in approaches]
-    text = (
-        "Every model of the first frame, means over the scenes, best liked first: against photographs that no sensor "
-        f"uses, and against the true surface (mm). The artificial people see “{QUALITY}”."
-    )
-    return Section("Objective evaluation: models", [text], [Table("models", "", ("", *shown), rows)])
+    columns = ("measure", "unit", "better", *approaches)
+    return Section("Objective evaluation: models and videos", text, [Table("models", "", columns, rows)])
 
 
 def _subjective(results: Results, published: Mapping[str, Any]) -> Section:
@@ -343,21 +353,26 @@ def _subjective(results: Results, published: Mapping[str, Any]) -> Section:
 
 
 def _objective_against_subjective(results: Results) -> Section:
-    overall = [row for row in results.analysis["measures"] if row["dataset"] == "all"]
-    overall.sort(key=lambda row: -abs(row["spearman"] or 0.0))
+    overall = {row["measure"]: row for row in results.analysis["measures"] if row["dataset"] == "all"}
+    ranked = [overall[name] for name in measures_by_rank(results.analysis["measures"]) if name in overall]
     rows = [
-        (row["measure"], _signed(row["spearman"]), _between(row, "spearman"), _signed(row["pearson"]),
+        (row["measure"], row["better"], _signed(row["spearman"]), _between(row, "spearman"),
+         _signed(row["pearson_logistic"]),
          f"{row['pairs_correct']:.0%} of {row['pairs_different']}" if row["pairs_correct"] is not None else "–")
-        for row in overall
+        for row in ranked
     ]  # fmt: skip
-    columns = ("measure", "rank correlation", "95 % interval", "linear correlation", "clear pairs in order")
+    columns = ("measure", "better", "rank correlation", "95 % interval", "PLCC", "clear pairs in order")
     text = (
-        "Which measure would have predicted the votes? Rank correlations over all scenes, each relative to its mean; "
-        f"negative where less of a measure is better. “{QUALITY}” is what the people were told to see."
+        "Which measure would have predicted the votes? Correlations over all scenes, each relative to its mean; PLCC "
+        "is after a logistic fit; negative where less of a measure is better. The intervals hold for measures: one of "
+        f"random numbers excludes zero in 5 % of experiments. “{QUALITY}” is what the people were told to see."
     )
-    best = next((row["measure"] for row in overall if row["measure"] != QUALITY), QUALITY)
-    charts = [(name, measure_chart(results.analysis, name)) for name in dict.fromkeys((QUALITY, best))]
-    figures = [Figure(f"Scores against {name}.", chart_svg(chart)) for name, chart in charts if chart is not None]
+    best = next((row["measure"] for row in ranked if row["measure"] != QUALITY), QUALITY)
+    charts = [("How well each measure predicts the scores.", ranking_chart(results.analysis))]
+    charts += [
+        (f"Scores against {name}.", measure_chart(results.analysis, name)) for name in dict.fromkeys((QUALITY, best))
+    ]
+    figures = [Figure(caption, chart_svg(chart)) for caption, chart in charts if chart is not None]
     return Section("Objective against subjective", [text], [Table("measures", "", columns, rows)], figures)
 
 

@@ -32,6 +32,20 @@ NAME = "The paper's study"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
 TABLES = ("analysis", "screening", "questionnaire", "participants")
 QUALITY = "novel view SSIM"  # what the artificial people see of a model: its likeness to photographs
+COMPARISONS = ("views", "truth", "clouds", "films")  # the reports that compare the approaches
+MEASURES = (  # those of all in the reports that are compared with the scores
+    QUALITY,
+    "novel view PSNR",
+    "novel view coverage",
+    "accuracy",
+    "completeness",
+    "d1_psnr_db",
+    "pointssim_colour",
+    "ssim_actor",
+    "vmaf",
+    "flicker",
+)
+TRUTH = "truth"  # filmed to be measured against, not to be voted on
 LOG_ODDS_PER_OCTAVE = 5.0  # a model half as unlike the photographs as another one wins 148 : 1
 SENSITIVITY_SPREAD = 0.3  # between people: standard deviation of the logarithm of how much quality moves them
 TASTE_SPREAD = 0.3  # between people: standard deviation of their liking for an approach apart from quality, log-odds
@@ -64,20 +78,22 @@ class StudyPart:
         return Settings(data_dir=self.out / f"study-{self.digest()[:8]}", database_url=None, media_url=None)
 
     def digest(self) -> str:
-        """Digest everything that the votes depend on."""
+        """Digest everything that the votes and their comparison with measures depend on."""
         manifest = read_json(self.out / "stimuli" / MANIFEST)
         shown = [(entry["dataset"], entry["approach"], entry["sha256"]) for entry in manifest["stimuli"]]
-        truth = list(true_abilities(self.measures()).items())
+        measured = [(*measure.place, measure.value) for measure in self.measures()]
         model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED]
-        return hashlib.sha256(json.dumps([shown, truth, model, study_options().as_json()]).encode()).hexdigest()
+        return hashlib.sha256(json.dumps([shown, measured, model, study_options().as_json()]).encode()).hexdigest()
 
     def reports(self) -> list[Path]:
         """List the validation reports that compare the approaches."""
         listed = read_json(self.out / OBJECTIVE_FILE)["reports"]
-        return [self.out / name for name in listed if name.split("/")[1] in ("views", "truth")]
+        return [self.out / name for name in listed if name.split("/")[1] in COMPARISONS]
 
     def measures(self) -> list[Measure]:
-        return [measure for report in self.reports() for measure in read_report(report).measures]
+        """Read what was measured of the approaches: the few measures that are compared with the scores."""
+        read = [measure for report in self.reports() for measure in read_report(report).measures]
+        return [measure for measure in read if measure.measure in MEASURES]
 
     def take(self, progress: Progress) -> None:
         """Create the study, let the people take it, and keep what they answered, unless that was done before."""
@@ -93,7 +109,7 @@ class StudyPart:
         with running_server(settings) as url:
             crowd = people(abilities)
             result = simulate_study(settings, url, study["slug"], crowd, abilities, TIE_RATE, SEED, progress=progress)
-            attach_results(settings, self.reports(), study["slug"])
+            attach_results(settings, self.reports(), study["slug"], only=MEASURES)
             tables = fetched(settings, url, study["slug"], TABLES)
         write_json(answers, {"abilities": abilities, "study": study, "votes": result["votes"], **tables})
 
@@ -103,8 +119,8 @@ class StudyPart:
 
 
 def study_options() -> StudyOptions:
-    """Return the options of the paper's study, with a screening that stops those who fail."""
-    return read_options(None, {"screening": SCREENING}, PAPER)
+    """Return the options of the paper's study, without the truth, and with a screening that stops those who fail."""
+    return read_options(None, {"screening": SCREENING, "without": [TRUTH]}, PAPER)
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:

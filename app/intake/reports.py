@@ -24,7 +24,7 @@ DIRECTIONS: Mapping[str, Literal["less is better", "more is better"]] = {
     "lower": "less is better",
     "higher": "more is better",
 }
-BETTER = {direction: better for better, direction in DIRECTIONS.items()}
+BETTER: Mapping[str, str] = {direction: better for better, direction in DIRECTIONS.items()}
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -203,13 +203,18 @@ def check_agreement(measures: Sequence[Measure], attached: Sequence[Mapping[str,
     rows = [*(measure.model_dump() for measure in measures), *(row for row in kept if row["measure"] in told)]
     for row in rows:
         first = told[str(row["measure"])].model_dump()
-        for name in ("direction", "unit"):
-            if row[name] != first[name]:
+        for (column, expected), value in zip(_meaning(first).items(), _meaning(row).values(), strict=True):
+            if value != expected:
                 raise ValueError(
-                    f"{name} of {row['measure']} is {first[name]!r} for {first['dataset']}/{first['approach']} and "
-                    f"{row[name]!r} for {row['dataset']}/{row['approach']}; expected the same for all values of a "
-                    "measure: correct one, attach both again together, or give one another name"
+                    f"{column} of {row['measure']} is {expected!r} for {first['dataset']}/{first['approach']} and "
+                    f"{value!r} for {row['dataset']}/{row['approach']}; expected the same for all values of a measure: "
+                    "correct one, attach both again together, or give one another name"
                 )
+
+
+def _meaning(row: Mapping[str, object]) -> dict[str, object]:
+    """Return what is the same for all values of a measure, by its column in tables."""
+    return {"better": BETTER[str(row["direction"])], "unit": row["unit"]}
 
 
 def by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, dict[str, dict[str, float]]]:

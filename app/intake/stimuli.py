@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from app.errors import StimuliError
 from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest
+from app.study.text import check_text
 
 MANIFEST = "manifest.json"
 TOGETHER = "all"  # name of all datasets, or of all items, in results
@@ -87,9 +88,11 @@ class StimulusSet:
     def conditions(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(stimulus.approach for stimulus in self.stimuli))
 
-    def without(self, condition: str) -> StimulusSet:
-        """Return the set without a condition."""
-        return replace(self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach != condition))
+    def without(self, *conditions: str) -> StimulusSet:
+        """Return the set without some conditions."""
+        return replace(
+            self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach not in conditions)
+        )
 
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
         return tuple(stimulus for stimulus in self.stimuli if stimulus.dataset == dataset)
@@ -189,7 +192,9 @@ def check_videos(stimulus_set: StimulusSet, progress: Progress = no_progress) ->
 def _read_manifest(path: Path) -> tuple[_Manifest, str]:
     try:
         content = path.read_bytes()
-        manifest = _Manifest.model_validate(json.loads(content))
+        facts = json.loads(content)
+        check_text(facts)
+        manifest = _Manifest.model_validate(facts)
     except FileNotFoundError as error:
         raise StimuliError(f"{path}: there is no such file; a stimulus set is a folder with a {MANIFEST}") from error
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -198,6 +203,10 @@ def _read_manifest(path: Path) -> tuple[_Manifest, str]:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the whole file"
         raise StimuliError(f"{path}: {where}: {first['msg']}, found {first['input']!r:.120}") from error
+    except RecursionError as error:
+        raise StimuliError(f"{path}: holds too many lists within one another") from error
+    except ValueError as error:
+        raise StimuliError(f"{path}: {error}") from error
     return manifest, hashlib.sha256(content).hexdigest()
 
 

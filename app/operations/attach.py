@@ -49,7 +49,14 @@ class Compared:
 
 
 def attach(
-    settings: Settings, database: Database, study: Study, paths: Sequence[Path], *, by: str, now: datetime
+    settings: Settings,
+    database: Database,
+    study: Study,
+    paths: Sequence[Path],
+    *,
+    only: Sequence[str] = (),
+    by: str,
+    now: datetime,
 ) -> dict[str, Any]:
     """Attach reports, tables of measures and folders of models, replacing earlier ones of the same subject; those of
     other studies are left out.
@@ -60,6 +67,7 @@ def attach(
     Parameters
     ----------
     paths : folders that `reconstudy validate` or `reconstudy models` wrote, a report.json, or a CSV table of measures
+    only : names of the measures to attach; none for all. Tables and figures of reports are attached whole
     by : the person's name, for the audit log
 
     Returns
@@ -69,7 +77,8 @@ def attach(
     Raises
     ------
     ValueError
-        If a path cannot be read, or none of its content is what the study compares. Then nothing is attached.
+        If a path cannot be read, none of its content is what the study compares, or a measure of `only` is not there.
+        Then nothing is attached.
     """
     with database.reading() as connection:
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
@@ -77,7 +86,7 @@ def attach(
     compared = Compared(study, datasets, conditions)
     reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
     _check_distinct([report for _, report in reports])
-    measures, strangers = _suited_measures(compared, [report for _, report in reports])
+    measures, strangers = _suited_measures(compared, _chosen([report for _, report in reports], only))
     check_agreement(measures, attached)
     models, foreign = _suited_models(compared, [path for path in paths if holds_models(path)])
     kept = [(report, _keep_report(settings, path)) for path, report in reports]
@@ -139,8 +148,17 @@ def _check_distinct(reports: Sequence[Report]) -> None:
         )
 
 
-def _suited_measures(compared: Compared, reports: Sequence[Report]) -> tuple[list[Measure], list[str]]:
+def _chosen(reports: Sequence[Report], only: Sequence[str]) -> list[Measure]:
     measures = [measure for report in reports for measure in report.measures]
+    known = list(dict.fromkeys(measure.measure for measure in measures))
+    if missing := [name for name in only if name not in known]:
+        raise ValueError(
+            f"there is no measure {missing[0]!r} in what is attached; there are {', '.join(known) or 'none'}"
+        )
+    return [measure for measure in measures if not only or measure.measure in only]
+
+
+def _suited_measures(compared: Compared, measures: Sequence[Measure]) -> tuple[list[Measure], list[str]]:
     suited, strangers = expanded(measures, compared.datasets, compared.conditions)
     if measures and not suited:
         raise compared.refusal(strangers)

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.errors import StimuliError
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
 from app.films.object_store import MediaStore
@@ -33,7 +34,7 @@ from app.store.engine import Database
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.study.adaptive import check_adaptive
-from app.study.options import StudyOptions, parse_options
+from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.presets import QUICK, read_preset
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
@@ -74,18 +75,21 @@ def create_study(
     slug = slugify(name)
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
-        stimulus_set = read_stimulus_set(manifest_path, progress)
+        options = options or StudyOptions()
+        stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
+        exposure = _exposure(stimulus_set, exposure_s)
+        check_minimum_viewing(options, exposure)
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
-            "exposure_s": _exposure(stimulus_set, exposure_s),
+            "exposure_s": exposure,
             "seed": _seed(seed),
             "factors": stimulus_set.factors,
-            "options": (options or StudyOptions()).as_json(),
+            "options": options.as_json(),
             "manifest_sha256": stimulus_set.sha256,
         }
-        films = _prepare_films(settings, stimulus_set, options or StudyOptions(), progress)
+        films = _prepare_films(settings, stimulus_set, options, progress)
         row["created_at"] = created_at = utc_now()
         row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
@@ -102,6 +106,7 @@ def create_study(
         "path": f"/s/{code}",
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
         **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
+        "without": list(options.without),
     }
 
 
@@ -211,6 +216,28 @@ def _refuse_second(database: Database, slug: str, name: str) -> None:
         is_taken = studies.slug_exists(connection, slug)
     if is_taken:
         raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
+
+
+def _left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusSet:
+    """Return the set without conditions that a study neither shows nor compares.
+
+    Raises
+    ------
+    StimuliError
+        If the set has no such condition, or a dataset has one other stimulus, or none.
+    """
+    if unknown := [condition for condition in conditions if condition not in stimulus_set.conditions]:
+        raise StimuliError(
+            f"{unknown[0]!r} cannot be left out: it is none of the set's conditions, "
+            f"{', '.join(stimulus_set.conditions)}"
+        )
+    kept = stimulus_set.without(*conditions)
+    for dataset in stimulus_set.datasets:
+        if (n := len(kept.of_dataset(dataset))) < 2:
+            raise StimuliError(
+                f"dataset {dataset} has {n} stimuli without {', '.join(conditions)}, expected at least two to compare"
+            )
+    return kept
 
 
 @dataclass(frozen=True)

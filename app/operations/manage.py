@@ -110,12 +110,14 @@ def study_summary(study: studies.Study, progress: studies.StudyCounts) -> dict[s
     }
 
 
-def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None = None) -> dict[str, Any]:
+def attach_results(
+    settings: Settings, paths: Sequence[Path], slug: str | None = None, *, only: Sequence[str] = ()
+) -> dict[str, Any]:
     """Attach reports of objective evaluation, and models, to a study; earlier ones of the same subject are replaced.
 
     Parameters
     ----------
-    paths : as in `attach`
+    paths, only : as in `attach`
     slug : of the study; None: the only study there is
 
     Raises
@@ -125,7 +127,7 @@ def attach_results(settings: Settings, paths: Sequence[Path], slug: str | None =
     """
     with opened_store(settings) as database:
         study = _study(database, slug) if slug else _only_study(database)
-        return attach(settings, database, study, paths, by=COMMAND_LINE, now=utc_now())
+        return attach(settings, database, study, paths, only=only, by=COMMAND_LINE, now=utc_now())
 
 
 def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:

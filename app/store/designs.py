@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Table, exists, insert, or_, select
+from sqlalchemy import ColumnElement, Connection, Table, exists, func, insert, or_, select
 
 from app.films.pairs import FilmFile, PairVideo
 from app.films.strips import H264, SINGLE
@@ -167,6 +167,13 @@ def has_single_films(connection: Connection, study_id: int) -> bool:
     """Whether a study was made with films of each stimulus alone."""
     pairs = select(pair.c.id).join(dataset).where(dataset.c.study_id == study_id, has_singles(pair.c.media))
     return connection.execute(pairs.limit(1)).first() is not None
+
+
+def largest_film(connection: Connection, study_id: int) -> tuple[int, int]:
+    """Return the largest width and the largest height of a study's films of one stimulus, pixels."""
+    pairs = select(func.max(pair.c.width), func.max(pair.c.height)).join(dataset).where(dataset.c.study_id == study_id)
+    width, height = connection.execute(pairs).one()
+    return int(width), int(height)
 
 
 def film_files(connection: Connection) -> dict[str, str]:

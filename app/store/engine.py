@@ -9,6 +9,7 @@ while somebody is let in, a session's while its stage, trials or votes change, t
 from __future__ import annotations
 
 import fcntl
+import json
 import logging
 import os
 import threading
@@ -37,6 +38,7 @@ from sqlalchemy.exc import DataError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
+from app.study.text import storable_content
 
 log = logging.getLogger(__name__)
 
@@ -149,7 +151,7 @@ def _new_engine(address: URL) -> Engine:
             f"{address}: a study needs a database on disk, for example sqlite:////var/lib/reconstudy/study.sqlite"
         )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S})
+    engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S}, json_deserializer=read_json_column)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
@@ -160,10 +162,23 @@ def _postgresql(address: URL) -> Engine:
         return create_engine(
             address.set(drivername="postgresql+psycopg"),
             pool_pre_ping=True,
+            json_deserializer=read_json_column,
             connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "options": POSTGRESQL_OPTIONS},
         )
     except ModuleNotFoundError as error:
         raise ValueError(f"{address}: PostgreSQL needs an extra package: {error}") from error
+
+
+def read_json_column(content: str | bytes) -> Any:
+    """Read JSON from the database; characters that no file can hold, from before they were refused, become U+FFFD."""
+    raw = content.decode() if isinstance(content, bytes) else content
+    held = json.loads(raw)
+    if "\\ud" not in raw and "\\u0000" not in raw:  # the common case: json escapes what is not ASCII in lower case
+        return held
+    readable = storable_content(held)
+    if readable != held:
+        log.warning("a stored text holds characters that no file can hold; they are shown as U+FFFD")
+    return readable
 
 
 def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:

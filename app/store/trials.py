@@ -29,7 +29,7 @@ from app.store.tables import (
 )
 from app.study.technique import is_frame_locked
 from app.study.trial import LEFT_THE_PAGE, reveal
-from app.study.valid_vote import has_seen_both
+from app.study.valid_vote import has_seen_both, press_to_picture_ms
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
 MOST_LOOKS = 100  # a trial whose page is left comes again each time
@@ -255,6 +255,7 @@ def _described(row: Row[Any]) -> dict[str, Any]:
         "response_ms": row.response_ms,
         "n_switches": row.n_switches,
         "both_seen": has_seen_both(viewing) if viewing else None,
+        "press_to_picture_ms": press_to_picture_ms(viewing) if viewing else None,
         "technique": technique,
         "frame_locked": is_frame_locked(technique),
         "n_mismatches": (viewing or {}).get("n_mismatches"),

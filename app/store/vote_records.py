@@ -193,4 +193,5 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "frame_locked": record["frame_locked"],
                 "both_seen": record["both_seen"],
                 "looks_before": record["looks_before"],
+                "press_to_picture_ms": record["press_to_picture_ms"],
             }

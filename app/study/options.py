@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
@@ -30,6 +30,10 @@ BREAK_EVERY = 25  # trials
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
+Pixels = Literal["fit", "1:1"]
+FullScreen = Literal["asked", "required"]
+LONGEST_MINIMUM_S = 600.0  # of looking at each of both
+LARGEST_WINDOW = 10_000  # CSS pixels
 ABANDONED_AFTER_H = 24.0  # without an answer; a participant who returns the next day keeps the slot
 
 
@@ -51,9 +55,16 @@ class StudyOptions:
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
     see_both : the vote waits until both of a pair were on screen; the page shows the pair again
+    minimum_viewing_s : seconds for which A and B must each have been on screen before the vote; the page shows the pair
+        again until they were
     void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
         screen left, another window in front (blur), the window resized; what is not named here is recorded only
+    full_screen : asked for only (asked), or no film is shown without it (required)
+    minimum_window : width and height, CSS pixels, of the smallest window in which films are shown; empty: any
+    phones : are phones and tablets let in?
+    pixels : the films are as large as the window allows (fit), or a pixel of a film is a pixel of the display (1:1)
     reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
+    without : conditions of the stimulus set that are left out: neither shown nor compared
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
@@ -78,8 +89,14 @@ class StudyOptions:
     adaptive_pairs: int = 0
     free_exposure: bool = False
     see_both: bool = True
+    minimum_viewing_s: float = 0.0
     void_on: tuple[Disturbance, ...] = VOID_ON
+    full_screen: FullScreen = "asked"
+    minimum_window: tuple[int, ...] = ()
+    phones: bool = True
+    pixels: Pixels = "fit"
     reference: str = ""
+    without: tuple[str, ...] = ()
     second_codec: str = ""
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
@@ -92,6 +109,12 @@ class StudyOptions:
     def repetition(self) -> Repetition:
         """Trials shown besides every pair once."""
         return Repetition(self.both_orders, self.repeated_pairs, self.identical_pairs)
+
+    @property
+    def disturbances(self) -> tuple[Disturbance, ...]:
+        """What voids a look: `void_on`, and leaving a full screen that is required."""
+        needed: tuple[Disturbance, ...] = ("full screen",) if self.full_screen == "required" else ()
+        return tuple(dict.fromkeys((*needed, *self.void_on)))
 
     @property
     def way(self) -> tuple[str, ...]:
@@ -109,6 +132,8 @@ class StudyOptions:
             **content,
             "optional_stages": list(self.optional_stages),
             "void_on": list(self.void_on),
+            "without": list(self.without),
+            "minimum_window": list(self.minimum_window),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
             "questions": [asdict(q) for q in self.questions],
@@ -150,8 +175,14 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
         free_exposure=_flag(content, "free_exposure"),
         see_both=_flag(content, "see_both", default=True),
+        minimum_viewing_s=_minimum_viewing(content),
         void_on=_disturbances(content.get("void_on", VOID_ON)),
+        full_screen=_choice(content, "full_screen", get_args(FullScreen)),
+        minimum_window=_minimum_window(content),
+        phones=_flag(content, "phones", default=True),
+        pixels=_choice(content, "pixels", get_args(Pixels)),
         reference=_text(content, "reference"),
+        without=_names(content, "without"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
@@ -160,6 +191,26 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         limits=parse_limits(content.get("limits", {})),
         lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
     )
+
+
+def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:
+    """Check that one showing of a pair can be enough.
+
+    Parameters
+    ----------
+    options : the study's
+    exposure_s : how long a pair is shown
+
+    Raises
+    ------
+    ValueError
+        If A and B cannot both be on screen for the minimum viewing time.
+    """
+    if not options.free_exposure and 2 * options.minimum_viewing_s > exposure_s:
+        raise ValueError(
+            f"minimum_viewing_s is {options.minimum_viewing_s:g}, and a pair is shown for {exposure_s:g} s: "
+            f"expected at most half of it, {exposure_s / 2:g}"
+        )
 
 
 def _flag(content: Mapping[str, Any], name: str, *, default: bool = False) -> bool:
@@ -183,6 +234,29 @@ def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str], default
     return str(value)
 
 
+def _choice(content: Mapping[str, Any], name: str, known: Sequence[str]) -> Any:
+    """Return one of the known values; the first is the default."""
+    value = content.get(name, known[0])
+    if value not in known:
+        raise ValueError(f"{name} is {value!r}, expected {' or '.join(known)}")
+    return value
+
+
+def _minimum_viewing(content: Mapping[str, Any]) -> float:
+    value = content.get("minimum_viewing_s", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST_MINIMUM_S:
+        raise ValueError(f"minimum_viewing_s is {value!r}, expected seconds from 0 to {LONGEST_MINIMUM_S:.0f}")
+    return float(value)
+
+
+def _minimum_window(content: Mapping[str, Any]) -> tuple[int, ...]:
+    value = content.get("minimum_window", ())
+    is_list = isinstance(value, list | tuple) and len(value) in (0, 2)
+    if not is_list or not all(type(length) is int and 0 < length <= LARGEST_WINDOW for length in value):
+        raise ValueError(f"minimum_window is {value!r}, expected [width, height] in CSS pixels, or [] for any window")
+    return tuple(value)
+
+
 def _count(content: Mapping[str, Any], name: str, default: int, most: int) -> int:
     value = content.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
@@ -195,6 +269,13 @@ def _hours(content: Mapping[str, Any], name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
         raise ValueError(f"{name} is {value!r}, expected hours, more than 0")
     return float(value)
+
+
+def _names(content: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    value = content.get(name, ())
+    if not isinstance(value, Sequence) or isinstance(value, str) or not all(isinstance(each, str) for each in value):
+        raise ValueError(f"{name} is {value!r:.120}, expected a list of names")
+    return tuple(dict.fromkeys(value))
 
 
 def _text(content: Mapping[str, Any], name: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from app.study.options import StudyOptions, parse_options
+from app.study.text import check_text
 
 KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
@@ -44,7 +45,11 @@ def parse_study_file(text: str) -> StudyFile:
     ValueError
         If it is not TOML, a key is unknown or missing, or a value is invalid: names it.
     """
-    content = tomllib.loads(text)
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("the file holds too many lists within one another") from error
+    check_text(content)
     if unknown := sorted(set(content) - set(KEYS)):
         raise ValueError(f"{unknown[0]!r} is not known; expected some of {', '.join(KEYS)}")
     if not isinstance(content.get("name"), str):

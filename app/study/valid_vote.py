@@ -7,6 +7,7 @@ client knows; times count from the first frame shown, `response_ms` from the vot
 from __future__ import annotations
 
 from collections.abc import Mapping
+from statistics import median
 from typing import Any, Literal
 
 from app.study.trial import Label
@@ -67,3 +68,10 @@ def _without_nulls(record: Mapping[str, Any]) -> dict[str, Any]:
 def has_seen_both(viewing: Mapping[str, Any]) -> bool:
     """Were both A and B on screen according to the viewing record?"""
     return {"a", "b"} <= {viewing["first_shown"], *(switch["to"] for switch in viewing["switches"])}
+
+
+def press_to_picture_ms(viewing: Mapping[str, Any]) -> float | None:
+    """Return the median time from a press to the presented picture of a record's switches; None where none tells it."""
+    told = [switch for switch in viewing["switches"] if switch.get("presented_ms", -1.0) >= switch["at_ms"]]
+    delays = [switch["presented_ms"] - switch["at_ms"] for switch in told]
+    return round(median(delays), 1) if delays else None

@@ -7,13 +7,14 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from json import JSONDecodeError
 from secrets import compare_digest
 from typing import Annotated
 
 from fastapi import Depends, Form, Header, Request
 from limits import RateLimitItemPerMinute
 
-from app.errors import ForbiddenError, NoSessionError, NotFoundError, StudyError, UnauthorisedError
+from app.errors import ForbiddenError, InvalidError, NoSessionError, NotFoundError, StudyError, UnauthorisedError
 from app.settings import Settings
 from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.engine import Database
@@ -23,6 +24,7 @@ from app.store.sessions import Session, end_overdue, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
+from app.study.text import check_text
 from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
 log = logging.getLogger(__name__)
@@ -52,6 +54,20 @@ class SignedIn:
 
     session: Session
     token: str
+
+
+async def check_request_text(request: Request) -> None:
+    """Refuse a request whose JSON or form holds text that cannot be stored, before anything reads it."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    try:
+        if kind == "application/x-www-form-urlencoded":
+            check_text({name: text for name, text in (await request.form()).multi_items() if isinstance(text, str)})
+        elif kind.endswith("json"):
+            check_text(await request.json())  # kept by the request, so nothing is read twice
+    except (JSONDecodeError, UnicodeDecodeError):
+        return  # the route refuses it
+    except ValueError as error:
+        raise InvalidError(f"This cannot be stored: {error}.") from error
 
 
 def database(request: Request) -> Database:

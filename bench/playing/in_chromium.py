@@ -114,7 +114,7 @@ async def used(page: Page, of: Study, n: int) -> dict[str, Any]:
         "stalls": viewing["n_stalls"],
         "record": {
             **{name: viewing[name] for name in ("technique", "n_mismatches") if name in viewing},
-            "press_to_animation_frame_ms": summary([s["frame_ms"] - s["at_ms"] for s in viewing["switches"]]),
+            "press_to_presented_ms": summary([s["presented_ms"] - s["at_ms"] for s in viewing["switches"]]),
         },
     }
 

@@ -65,7 +65,7 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
         "switches": len(viewing["switches"]),
         **timed,
         **difference(pairs),
-        "press_to_animation_frame_ms": summary([s["frame_ms"] - s["at_ms"] for s in viewing["switches"][:n]]),
+        "press_to_presented_ms": summary([s["presented_ms"] - s["at_ms"] for s in viewing["switches"][:n]]),
         "black": sum(window is None for window, _ in pairs),
         "backward": sum(goes_back(one.frame, other.frame) for one, other in pairwise(seen)),
     }

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import cv2
@@ -21,6 +20,7 @@ from recon.capture.format import DepthMaps, SensorStream, depth_path
 from recon.capture.images import CaptureError, read_stored_image
 from recon.capture.rectify import Rectification, rectify, rectify_depth, scaled_camera, undistortion_maps
 from recon.rig import Camera
+from recon.storage.npy import read_npy
 from recon.storage.remote import fetched
 
 EXR_CHANNELS = ("Z", "depth", "V", "Y", "R")  # in use for depth, alone or after a layer's name, the clearest first
@@ -142,10 +142,9 @@ def _read_png(path: Path) -> NDArray[np.generic]:
 
 def _read_npy(path: Path) -> NDArray[np.generic]:
     try:
-        with path.open("rb") as file:
-            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
-    except (ValueError, EOFError, OSError, MemoryError, SyntaxError, TokenError) as error:  # of its header, too
-        raise CaptureError(f"{path}: is not readable as NPY: {error}") from error
+        return read_npy(path)
+    except ValueError as error:
+        raise CaptureError(str(error)) from error
 
 
 def _read_exr(path: Path) -> NDArray[np.generic]:

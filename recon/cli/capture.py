@@ -262,7 +262,7 @@ def capture_check(
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:
     lines = [
-        f"{folder}: {report.n_frames} frames, {len(report.sensors)} sensors",
+        f"{folder}: {report.n_frames or 'no'} frames, {len(report.sensors)} sensors",
         report.as_text(),
         *(f"problem: {problem}" for problem in report.problems),
         *(f"warning: {warning}" for warning in report.warnings),

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.storage.files import whole_file
+from recon.storage.npy import read_npy
 
 PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
@@ -113,11 +113,7 @@ def _read_values(path: Path) -> NDArray[np.generic]:
     if path.suffix == ".pfm":
         return _read_pfm(path)
     if path.suffix == ".npy":
-        try:
-            with path.open("rb") as file:  # numpy leaves the file of a damaged archive open
-                return np.asarray(np.load(file, allow_pickle=False))
-        except (ValueError, EOFError, OSError, BadZipFile) as error:
-            raise ValueError(f"{path}: is not readable as NPY: {error}") from error
+        return read_npy(path)
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ValueError(f"{path}: is not readable as TIFF")

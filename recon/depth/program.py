@@ -95,5 +95,8 @@ def _read_result(out: Path, read: Callable[[Path], NDArray[np.float32]], pair: S
         raise ProgramError(f"the program's disparities cannot be read: {error}") from error
     if disparity.shape != pair.left.shape[:2]:
         height, width = disparity.shape
-        raise ProgramError(f"the program wrote {width}x{height} disparities of pictures of {pair.width}x{pair.height}")
+        raise ProgramError(
+            f"the program wrote {width}x{height} disparities, expected {pair.width}x{pair.height}, "
+            "as many as the left picture has pixels"
+        )
     return disparity

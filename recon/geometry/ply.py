@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyParseError
 
+from recon.storage.files import refused
+
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
 FACE_LISTS = ("vertex_indices", "vertex_index")
@@ -63,6 +65,8 @@ def read_ply(path: Path) -> PlyData:
         raise ValueError(f"{path}: there is no such file")
     try:
         ply = _parsed(path)
+    except OSError as error:
+        raise refused(path, error) from error
     except Exception as error:  # numpy's own errors come through where values do not fit a property
         raise ValueError(f"{path}: is not a whole PLY file: {str(error) or type(error).__name__}") from error
     if "vertex" not in ply or not ply["vertex"].count:

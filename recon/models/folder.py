@@ -64,7 +64,7 @@ def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
 
 def _frames(folder: Path, problems: list[str]) -> tuple[Path, ...]:
     """Return the models of an approach in order, and add to `problems` what is wrong with their names."""
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
+    files = [path for path in sorted(folder.iterdir()) if not path.is_dir() and not path.name.startswith(".")]
     frames = [path for path in files if path.suffix.lower() in READERS]
     if not frames:
         if not files or any(path.suffix.lower() not in BESIDE for path in files):

@@ -1,7 +1,7 @@
 """Models as glTF 2.0, in one file (GLB) or several: every mesh of the scene at its place, in its rest pose.
 
-trimesh's reader is not used, because it takes glTF's linear vertex colours for sRGB, rounds them to bytes, and goes on
-in silence where a picture is missing.
+trimesh's reader (5.2) is not used, because it takes glTF's linear vertex colours for sRGB, rounds them to bytes, and
+goes on in silence where a picture is missing.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Models as Wavefront OBJ with MTL: vertex colours, several materials, textures, polygons, negative indices.
 
-trimesh's reader is not used, because it goes on in silence where an MTL file or a texture is missing.
+trimesh's reader (5.2) is not used, because it goes on in silence where an MTL file or a texture is missing.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -70,7 +70,7 @@ def read_obj_model(path: Path) -> Contents:
         raise ValueError("there is no such file")
     lines = _lines(path)
     contents = Contents([path])
-    materials = _materials(contents, lines.libraries)
+    materials = _materials(contents, lines.libraries, {faces.material for faces in lines.faces})
     vertices = _numbers(lines.vertices, "v", (3, 4, 6, 7, 8))
     places, normals = _numbers(lines.places, "vt", (1, 2, 3)), _numbers(lines.normals, "vn", (3,))
     colours = colours_from(vertices[:, 3:6]) if vertices.shape[1] >= 6 else None
@@ -236,20 +236,21 @@ def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDAr
     return fan(inverse, counts), corners[first]
 
 
-def _materials(contents: Contents, libraries: Sequence[str]) -> dict[str, _Material]:
+def _materials(contents: Contents, libraries: Sequence[str], used: Collection[str]) -> dict[str, _Material]:
+    """Read MTL files, and the textures of the materials that faces use."""
     materials: dict[str, _Material] = {}
     for library in libraries:
         folder = Path(library.replace("\\", "/")).parent
         text = contents.beside(library, "material file").decode("utf-8", "replace")
-        current = _Material()
+        name, current = "", _Material()
         for line in text.splitlines():
             keyword, _, rest = line.strip().partition(" ")
             rest = rest.strip()
             if keyword == "newmtl":
-                current = materials.setdefault(rest, _Material())
+                name, current = rest, materials.setdefault(rest, _Material())
             elif keyword.lower() == "kd" and rest:
                 current.colour = _colour(rest, library)
-            elif keyword.lower() == "map_kd" and rest:
+            elif keyword.lower() == "map_kd" and rest and name in used:
                 current.picture = _picture(contents, folder, rest)
             elif keyword == "map_d" or (keyword == "d" and _is_below_one(rest)):
                 contents.warn(OPAQUE)

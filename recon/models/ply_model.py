@@ -17,7 +17,7 @@ COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r",
 PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 CORNER_PLACES = "texcoord"  # six numbers a face, as MeshLab writes them
 TEXTURE_FILE = "texturefile"
-GAUSSIAN = "f_dc_0"  # a Gaussian splat's first colour
+GAUSSIANS = {"f_dc_0", "packed_position"}  # what points of Gaussian splats have, plain and compressed
 
 
 def read_ply_model(path: Path) -> Contents:
@@ -30,7 +30,7 @@ def read_ply_model(path: Path) -> Contents:
     """
     ply = read_ply(path)
     contents = Contents([path])
-    if GAUSSIAN in ply["vertex"]:
+    if any(name in ply["vertex"] for name in GAUSSIANS):
         raise ValueError(
             "it holds Gaussians, which only their own program draws; let that film them along SET/paths/DATASET.json, "
             "and bring the video in by `reconstudy stimuli import`"

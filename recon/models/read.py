@@ -18,6 +18,7 @@ from recon.models.obj_model import read_obj_model
 from recon.models.part import Contents, Part
 from recon.models.ply_model import read_ply_model
 from recon.storage.artefacts import file_digest
+from recon.storage.files import refused
 
 READERS: dict[str, Callable[[Path], Contents]] = {
     ".ply": read_ply_model,
@@ -85,7 +86,9 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
         else:
             clouds = [_placed(part, placement) for part in contents.parts if len(part.vertices)]
             model = _splats(clouds, contents, placement.splat_mm)
-    except (ValueError, OSError) as error:
+    except OSError as error:
+        raise refused(path, error) from error
+    except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
     return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
 
@@ -109,7 +112,10 @@ def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> S
     if not parts:
         raise ValueError("holds neither faces nor points")
     if radius_mm is None:
-        raise ValueError('is a point cloud; state the radius of its points in scene.json, for example "splat_mm": 3')
+        raise ValueError(
+            "has points and no faces; state the radius to draw points by in scene.json, for example "
+            '"splat_mm": 3, or add the faces'
+        )
     if any(part.colours is None for part in parts):
         contents.warn("has no colours and is shown in neutral grey")
     parts = [_coloured(part) for part in parts]

@@ -90,7 +90,7 @@ def planned_films(
     facts = _inspect(sequences, pool, progress)
     raise_problems([fact.problem for fact in facts.values() if fact.problem is not None])
     films: list[Film] = []
-    problems: list[str] = []
+    problems = list(_without_faces(sequences, facts))
     warnings = list(_warnings(sequences, facts))
     for dataset in dict.fromkeys(source.dataset for source in sources):
         of_scene = [item for item in sequences if item.dataset == dataset]
@@ -132,6 +132,15 @@ def _foreign(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) ->
 
 def _with_digests(sequence: ModelSequence, facts: Mapping[Path, Facts]) -> ModelSequence:
     return replace(sequence, digests=tuple(facts[file].digest for file in sequence.files))
+
+
+def _without_faces(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) -> Iterator[str]:
+    """Yield a sentence for each cloud in a sequence of meshes: it would be drawn in another way than they."""
+    for item in sequences:
+        clouds = [file for file in item.files if facts[file].is_cloud]
+        if len(clouds) < len(item.files):
+            for file in clouds:
+                yield f"{file}: has points and no faces, but other models of {item.approach} have faces; add the faces"
 
 
 def _unlike(sequences: Sequence[ModelSequence]) -> Iterator[str]:

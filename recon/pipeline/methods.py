@@ -100,7 +100,10 @@ class Methods:
         for kind, names, known in (("depth", depths, self.depth), ("fusion", fusions, self.fusion)):
             for name in names:
                 if name not in known:
-                    raise ValueError(f"unknown {kind} method {name!r}, expected one of {', '.join(known)}")
+                    raise ValueError(
+                        f"unknown {kind} method {name!r}, expected one of {', '.join(known)}, "
+                        "or one of a methods file (--methods)"
+                    )
                 method = known[name]
                 if isinstance(method, Installed):
                     method.load()

@@ -60,14 +60,21 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object, or raise a ValueError if the file is missing, is not JSON, or holds something else."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except OSError as error:
+        raise refused(path, error) from error
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: is not readable as JSON: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
     return content
+
+
+def refused(path: Path, error: OSError) -> ValueError:
+    """Make the sentence for a file that the system does not give."""
+    return ValueError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}")
 
 
 def _check_space(path: Path, error: Exception) -> None:

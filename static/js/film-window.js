@@ -1,4 +1,4 @@
-/** The window in which a film is seen: as large as the screen allows, in whole pixels. */
+/** The window in which a film is seen: as large as the screen allows, in whole pixels, or pixel by pixel. */
 
 /** @typedef {import("./session.js").Media} Media */
 
@@ -11,7 +11,8 @@ export function stripsOf(media) {
 
 /**
  * Keeps the film as large as the page allows, less a fraction of a pixel, so that the step from one strip to the next is a
- * whole number of the display's pixels. Browsers round it to that; B would otherwise be shifted against A.
+ * whole number of the display's pixels. Browsers round it to that; B would otherwise be shifted against A. Where the study
+ * wants it 1:1, a pixel of the film is a pixel of the display, however the page is zoomed.
  * @param {HTMLElement} film @param {Media} media @param {AbortSignal} signal
  */
 export function fitToPage(film, media, signal) {
@@ -22,10 +23,11 @@ export function fitToPage(film, media, signal) {
 
 /** @param {HTMLElement} film @param {Media} media */
 function fitOnce(film, media) {
-  const { width, height, guard_rows } = media;
+  const { width, height, guard_rows, pixels } = media;
   const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (film.parentElement);
   const largest = Math.min(clientWidth / width, clientHeight / height);
-  const scale = wholePixels(largest * (height + guard_rows), Math.floor) / (height + guard_rows);
+  const fitting = wholePixels(largest * (height + guard_rows), Math.floor) / (height + guard_rows);
+  const scale = pixels === "1:1" ? 1 / devicePixelRatio : fitting;
   const measures = {
     "--scale": scale,
     "--width": `${width}px`,
@@ -36,6 +38,14 @@ function fitOnce(film, media) {
     "--top": `${wholePixels((clientHeight - scale * height) / 2, Math.round)}px`,
   };
   for (const [name, value] of Object.entries(measures)) film.style.setProperty(name, String(value));
+}
+
+/** Whether a film cannot be shown as the study wants. @param {HTMLElement} screen from edge to edge of the window @param {Media} media @param {number[]} least width and height, CSS pixels; empty: any @returns {boolean} */
+export function isTooSmallFor(screen, { width, height, pixels }, [leastWidth = 0, leastHeight = 0]) {
+  const room = screen.getBoundingClientRect();
+  const scale = pixels === "1:1" ? 1 / devicePixelRatio : 0;
+  const needed = [Math.max(leastWidth, scale * width), Math.max(leastHeight, scale * height)];
+  return room.width + FLOAT_ERROR < needed[0] || room.height + FLOAT_ERROR < needed[1];
 }
 
 /** The height of a film that holds all strips. @param {Media} media @returns {number} pixels */

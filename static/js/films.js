@@ -2,7 +2,7 @@
 
 import { Unreachable, patiently, request } from "./connection.js";
 
-/** @typedef {{received: number, size: number, whole: Promise<Blob[]>}} Film bytes received, bytes in all (0: unknown), and its files */
+const FEWEST_BYTES = 20_000; // of a film before its speed says anything
 
 export class Films {
   constructor() {
@@ -15,25 +15,61 @@ export class Films {
     const key = urls.join(" ");
     const known = this.films.get(key);
     if (known) return known;
-    const parts = urls.map((url) => new Part(url));
-    const film = {
-      get received() {
-        return parts.reduce((sum, part) => sum + part.received, 0);
-      },
-      get size() {
-        return parts.some((part) => part.size === 0) ? 0 : parts.reduce((sum, part) => sum + part.size, 0);
-      },
-      whole: Promise.all(parts.map((part) => patiently(() => part.download()))),
-    };
+    const film = new Film(urls);
     film.whole.catch(() => this.films.delete(key)); // who shows the film handles the error
     this.films.set(key, film);
     return film;
+  }
+
+  /** The film asked for last whose speed is known. @returns {Film | undefined} */
+  get latest() {
+    return [...this.films.values()].filter((film) => !Number.isNaN(film.mbit_s)).at(-1);
   }
 
   /** Forgets all films but these. @param {string[][]} kept */
   keepOnly(kept) {
     const keys = kept.map((urls) => urls.join(" "));
     for (const key of this.films.keys()) if (!keys.includes(key)) this.films.delete(key);
+  }
+}
+
+/** The files of a trial, which are fetched at the same time. */
+export class Film {
+  /** @param {string[]} urls */
+  constructor(urls) {
+    this.parts = urls.map((url) => new Part(url));
+    this.begunAt = performance.now();
+    this.took_ms = NaN; // until it was whole
+    this.whole = Promise.all(this.parts.map((part) => patiently(() => part.download()))).then((blobs) => {
+      this.took_ms = performance.now() - this.begunAt;
+      return blobs;
+    });
+  }
+
+  /** Bytes so far. */
+  get received() {
+    return this.parts.reduce((sum, part) => sum + part.received, 0);
+  }
+
+  /** Bytes in all; 0: unknown. */
+  get size() {
+    return this.parts.some((part) => part.size === 0) ? 0 : this.parts.reduce((sum, part) => sum + part.size, 0);
+  }
+
+  /** The line's speed so far, megabits a second; NaN: not known yet. */
+  get mbit_s() {
+    const took_ms = Number.isNaN(this.took_ms) ? performance.now() - this.begunAt : this.took_ms;
+    return this.received < FEWEST_BYTES ? NaN : (8 * this.received) / 1000 / took_ms;
+  }
+
+  /** Seconds for the whole film at this speed; NaN: not known yet. */
+  get seconds() {
+    return this.size ? (8 * this.size) / 1e6 / this.mbit_s : NaN;
+  }
+
+  /** Seconds until it is here; NaN: not known yet. */
+  get secondsLeft() {
+    return this.size ? this.seconds * (1 - this.received / this.size) : NaN;
   }
 }
 

@@ -3,11 +3,12 @@
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
+import { obstacleOf } from "./door.js";
 import { byId, required } from "./elements.js";
 import { endingOnPage, showEnding } from "./ending.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
-import { enterFullScreen, stayOnSubmit } from "./page.js";
+import { enterFullScreen, fill, stayOnSubmit } from "./page.js";
 import { OpenLook } from "./open-look.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
@@ -22,6 +23,8 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 
 const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
+const SHORTEST_WAIT_S = 2; // that is announced
+const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
@@ -66,7 +69,7 @@ byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
 byId("no-codec").hidden = technique !== null;
 byId("begin").hidden = technique === null;
-if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code).catch(() => {}); // it is for the log only
+if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code, "films").catch(() => {}); // it is for the log only
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
@@ -83,8 +86,17 @@ questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.o
 for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => openDialog("withdraw"));
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
-if (page.dataset.state === "mine") guarded(resume);
+const obstacle = obstacleOf(page.dataset);
+if (obstacle) turnAway(obstacle);
+else if (page.dataset.state === "mine") guarded(resume);
 else welcome();
+
+/** @param {import("./door.js").Obstacle} why */
+function turnAway(why) {
+  required(HTMLElement, `[data-obstacle=${why}]`, page).hidden = false;
+  show("turned-away");
+  tellTurnedAway(page.dataset.slug ?? "", code, why).catch(() => {}); // it is for the log only
+}
 
 function welcome() {
   byId("begin").toggleAttribute("disabled", false);
@@ -126,6 +138,21 @@ async function resume() {
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
+}
+
+/** Fetches the films to come while the participant reads. @param {Session} session */
+async function fetchFilms({ stage, stages }) {
+  const isPractised = stages.includes("practice") && stages.indexOf(stage) <= stages.indexOf("practice");
+  const practice = isPractised ? await readPractice() : [];
+  await trials.fetchAhead(practice.map(({ media }) => media));
+}
+
+/** Says on the last page of the instructions how long the waits will be, where the line is slow. @param {Session["study"]} study */
+function tellSlowLine({ exposure_s }) {
+  const notice = byId("slow-line");
+  const seconds = Math.ceil(trials.filmSeconds - exposure_s - VOTING_S); // the next film comes during a trial
+  notice.hidden = !(seconds >= SHORTEST_WAIT_S);
+  notice.textContent = fill(notice.dataset.slow, { seconds });
 }
 
 /** @param {Session} session */
@@ -215,6 +242,7 @@ async function endIntroduction(more = {}) {
   await completed("introduction", {
     language: document.documentElement.lang,
     technique,
+    line_mbit_s: trials.line_mbit_s,
     ...display(),
     ...(given && { consent: given }),
     ...more,
@@ -371,6 +399,13 @@ async function enterSession(session) {
   if (agreedText) inTab.set(consentKey, agreedText);
   if (questionnaire) restoreDraft(questionnaire, session.session);
   tellSession(session);
+  if (ON_THE_WAY.has(session.stage)) {
+    fetchFilms(session).catch(() => {}); // they are fetched when they are shown
+    const timer = window.setInterval(() => {
+      tellSlowLine(session.study);
+      if (page.dataset.stage !== "introduction") clearInterval(timer);
+    }, 1000);
+  }
   if (await claim(session.session, yieldToOther)) return;
   show("elsewhere");
   await new Promise((resolve) => byId("here").addEventListener("click", resolve, { once: true }));

@@ -34,6 +34,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {boolean} reference whether it lies below both, after as many guard rows
  * @property {number} fps
  * @property {number} n_frames
+ * @property {"fit" | "1:1"} pixels how large it is shown
  *
  * @typedef {object} TrialDescription
  * @property {string} trial
@@ -43,7 +44,10 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} exposure_s
  * @property {boolean} free_exposure the participant ends it
  * @property {boolean} see_both the vote waits until A and B were both on screen
+ * @property {number} minimum_viewing_s the vote waits until A and B were each on screen as long
  * @property {Reason[]} void_on what interrupts a look
+ * @property {"asked" | "required"} full_screen required: nothing is shown without it
+ * @property {number[]} minimum_window width and height, CSS pixels; empty: any
  * @property {Letter} first_shown
  * @property {Media} media
  * @property {string | null} [next_media]
@@ -60,7 +64,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} [wait_ms] from when the participant was ready to the fixation
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
- * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number, frame_ms?: number}[]} switches press, frame of the film, and the animation frame that showed it
+ * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number, frame_ms?: number, presented_ms?: number}[]} switches press, frame of the film, the animation frame that drew it, and the refresh at which the display had it
  * @property {{a: number, b: number, reference?: number}} [dwell_ms] how long each was on screen
  * @property {number} [n_changes] of the choice, before Next
  * @property {number} [n_frames] decoded
@@ -173,6 +177,11 @@ export function readNextTrial() {
   return call("GET", "/session/trials/next");
 }
 
+/** @returns {Promise<Media[]>} of the next trials, to be fetched before they are due */
+export function readFilmsAhead() {
+  return call("GET", "/session/films");
+}
+
 /** @param {string} trial @param {Vote} vote */
 export function sendVote(trial, vote) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/vote`, vote);
@@ -196,9 +205,9 @@ export async function readPicture(url) {
   });
 }
 
-/** Reports a browser that cannot show the study, for the server's log. @param {string} slug @param {string} invitation */
-export function tellTurnedAway(slug, invitation) {
-  return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation });
+/** Reports a browser that cannot show the study, for the server's log. @param {string} slug @param {string} invitation @param {"films" | import("./door.js").Obstacle} why */
+export function tellTurnedAway(slug, invitation, why) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation, why });
 }
 
 /** The header that names this page's session: another tab may have begun another one since. @returns {Record<string, string>} */

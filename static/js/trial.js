@@ -1,15 +1,18 @@
 /**
  * One trial: loading -> fixation -> exposure -> voting -> done; interrupted when the participant looks away; or failed.
- * Where both are to be seen and only one was, the exposure is followed by `unseen`, which leads back to loading.
+ * Before the fixation it is `unready` while the window is too small or the full screen is missing. Where the two were not
+ * seen for long enough, the exposure is followed by `unseen`, which leads back to loading.
  * A state lives as long as its AbortSignal: leaving it ends its timers and listeners.
  */
 
 import { required } from "./elements.js";
+import { isTooSmallFor } from "./film-window.js";
+import { watchPage } from "./happenings.js";
 import { newId } from "./outbox.js";
 import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
-import { display, dwell, hasSeenBoth, tenths } from "./viewing.js";
+import { display, dwell, hasSeenBoth, hasSeenEachFor, tenths } from "./viewing.js";
 import { askForChoice } from "./vote-form.js";
 
 /**
@@ -20,12 +23,13 @@ import { askForChoice } from "./vote-form.js";
  * @typedef {import("./session.js").Reason} Reason
  * @typedef {import("./session.js").Happening} Happening
  * @typedef {import("./outbox.js").Interruption} Interruption
- * @typedef {"loading" | "fixation" | "exposure" | "unseen" | "voting" | "done" | "interrupted" | "failed"} State
+ * @typedef {"loading" | "unready" | "fixation" | "exposure" | "unseen" | "voting" | "done" | "interrupted" | "failed"} State
  * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome a vote or an interruption
  */
 
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
+const PROGRESS_EVERY_MS = 250;
 const REFERENCE_KEY = "r";
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
@@ -41,7 +45,8 @@ window.addEventListener("pagehide", () => (pageIsLeft = true));
 
 /** @type {Record<State, State[]>} */
 const FOLLOWERS = {
-  loading: ["fixation", "failed"],
+  loading: ["unready", "fixation", "failed"],
+  unready: ["fixation"],
   fixation: ["exposure", "failed"],
   exposure: ["voting", "unseen", "interrupted", "failed"],
   unseen: ["loading"],
@@ -57,14 +62,15 @@ export class Trial {
    * @param {TrialDescription} description
    * @param {import("./films.js").Film} film
    * @param {import("./session.js").Technique} technique
+   * @param {Vote["viewing"]["happened"]} happened since the trial before it, at times of performance.now()
    */
-  constructor(screen, description, film, technique) {
+  constructor(screen, description, film, technique, happened) {
     this.screen = screen;
     this.description = description;
     this.film = film;
     this.player = newPlayer(technique, required(HTMLElement, ".film", screen));
     /** @type {Vote["viewing"]} */
-    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [], happened: [] };
+    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [], happened };
     this.askedAt = NaN; // performance.now() when the participant was ready for it
     this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
     /** @type {Record<string, number>} of frames and stalls in earlier exposures of this trial */
@@ -82,7 +88,7 @@ export class Trial {
   run(askedAt) {
     this.askedAt = askedAt;
     labelTrial(this.screen, this.description);
-    this.#watch(this.lasting.signal);
+    watchPage(this.lasting.signal, (what) => this.#note(what));
     const outcome = new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
@@ -119,6 +125,7 @@ export class Trial {
     const { signal } = this.leaving;
     this.screen.dataset.state = state;
     if (state === "loading") this.#load(signal);
+    else if (state === "unready") this.#awaitRoom(signal);
     else if (state === "fixation") this.#fixate(signal);
     else if (state === "exposure") this.#expose(signal);
     else if (state === "unseen") this.#offerAgain(signal);
@@ -140,7 +147,31 @@ export class Trial {
     showProgress(this.screen, this.film, signal);
     this.film.whole
       .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, this.#shown, signal)))
-      .then(() => signal.aborted || this.#go("fixation"), (error) => signal.aborted || this.#go("failed", error));
+      .then(() => signal.aborted || this.#go(this.#missing ? "unready" : "fixation"), (error) => signal.aborted || this.#go("failed", error));
+  }
+
+  /** What the film cannot be shown without; empty when it can. @returns {"" | "fullScreen" | "room"} */
+  get #missing() {
+    const { full_screen, minimum_window, media } = this.description;
+    if (full_screen === "required" && !document.fullscreenElement) return "fullScreen";
+    return isTooSmallFor(this.screen, media, minimum_window) ? "room" : "";
+  }
+
+  /** Asks for the full screen or a larger window, and goes on by itself once the film can be shown. @param {AbortSignal} signal */
+  #awaitRoom(signal) {
+    const text = required(HTMLElement, "#unready", this.screen);
+    const button = required(HTMLButtonElement, ".enlarge", this.screen);
+    const look = () => {
+      const missing = this.#missing;
+      if (!missing) this.#go("fixation");
+      else text.textContent = text.dataset[missing] ?? "";
+      button.hidden = document.fullscreenElement !== null || !document.fullscreenEnabled;
+    };
+    settle();
+    look();
+    window.addEventListener("resize", look, { signal });
+    document.addEventListener("fullscreenchange", look, { signal });
+    pressedByEnter(button, signal, enterFullScreen);
   }
 
   /** @param {AbortSignal} signal */
@@ -208,17 +239,6 @@ export class Trial {
     required(HTMLElement, ".end-exposure", this.screen).addEventListener("click", () => this.#endExposure(), { signal });
   }
 
-  /** Notes what happens to the page as long as the trial lasts. @param {AbortSignal} signal */
-  #watch(signal) {
-    /** @param {EventTarget} target @param {string} type @param {() => Happening} happening */
-    const on = (target, type, happening) => target.addEventListener(type, () => this.#note(happening()), { signal });
-    on(document, "visibilitychange", () => (document.visibilityState === "hidden" ? "hidden" : "visible"));
-    on(document, "fullscreenchange", () => (document.fullscreenElement ? "full screen" : "full screen left"));
-    on(window, "blur", () => "blur");
-    on(window, "focus", () => "focus");
-    on(window, "resize", () => "resize");
-  }
-
   /** Notes what happened to the page; it interrupts what is seen where the study says so. @param {Happening} what */
   #note(what) {
     if (pageIsLeft) return;
@@ -243,28 +263,32 @@ export class Trial {
 
   /** Whether the pair is about to be shown again: meanwhile the clock of the record stands. */
   get #isBetweenExposures() {
-    return !Number.isNaN(this.firstShownAt) && ["unseen", "loading", "fixation"].includes(this.state);
+    return !Number.isNaN(this.firstShownAt) && ["unseen", "loading", "unready", "fixation"].includes(this.state);
   }
 
   #endExposure() {
     this.#closeRecord();
-    this.#go(this.description.see_both && !hasSeenBoth(this.viewing) ? "unseen" : "voting");
+    this.#go(this.#unseen ? "unseen" : "voting");
     this.player.pause();
   }
 
-  /** Shows the pair again once the participant is ready: only one of the two was seen. @param {AbortSignal} signal */
+  /** Why the pair is to be shown again before the vote; empty when it is not. @returns {"" | "unseen" | "brief"} */
+  get #unseen() {
+    const { see_both, minimum_viewing_s } = this.description;
+    if (see_both && !hasSeenBoth(this.viewing)) return "unseen";
+    return hasSeenEachFor(1000 * minimum_viewing_s, this.viewing) ? "" : "brief";
+  }
+
+  /** Shows the pair again once the participant is ready. @param {AbortSignal} signal */
   #offerAgain(signal) {
     this.counts = this.#quality;
-    const button = required(HTMLButtonElement, ".show-again", this.screen);
+    const text = required(HTMLElement, "#unseen", this.screen);
+    text.textContent = fill(text.dataset[this.#unseen || "unseen"], { seconds: this.description.minimum_viewing_s });
     settle(); // a press meant to switch comes too late
-    button.focus({ preventScroll: true });
-    button.addEventListener("click", () => {
+    pressedByEnter(required(HTMLButtonElement, ".show-again", this.screen), signal, () => {
       enterFullScreen();
       this.#go("loading");
-    }, { signal });
-    document.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
-    }, { signal });
+    });
   }
 
   /** Counts of frames and stalls in all exposures so far. @returns {Record<string, number>} */
@@ -302,7 +326,10 @@ export class Trial {
     /** @type {Vote["viewing"]["switches"][number]} */
     const record = { to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) };
     switches.push(record);
-    requestAnimationFrame((now) => (record.frame_ms = this.#since(now)));
+    requestAnimationFrame((drawn) => {
+      record.frame_ms = this.#since(drawn);
+      requestAnimationFrame((presented) => (record.presented_ms = this.#since(presented))); // the display has it by now
+    });
   }
 
   /** @param {Shown} which */
@@ -346,16 +373,29 @@ function labelTrial(screen, { number, total, free_exposure, media }) {
   required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }
 
+/** Gives a button the focus, and lets Enter press it, too. @param {HTMLButtonElement} button @param {AbortSignal} signal @param {() => void} action */
+function pressedByEnter(button, signal, action) {
+  button.focus({ preventScroll: true });
+  button.addEventListener("click", action, { signal });
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
+  }, { signal });
+}
+
 /** Shows how far the loading is, once it lasts. @param {HTMLElement} screen @param {import("./films.js").Film} film @param {AbortSignal} signal */
 function showProgress(screen, film, signal) {
   const loading = required(HTMLElement, ".loading", screen);
   const bar = required(HTMLProgressElement, "progress", loading);
+  const left = required(HTMLElement, "[data-left]", loading);
+  left.textContent = "";
   loading.classList.remove("is-told");
   bar.value = 0;
   const update = () => {
     loading.classList.add("is-told");
     bar.value = film.size ? film.received / film.size : 0;
-    after(100, signal, update);
+    const seconds = Math.ceil(film.secondsLeft);
+    if (seconds > 0) left.textContent = fill(left.dataset.left, { seconds });
+    after(PROGRESS_EVERY_MS, signal, update);
   };
   after(LOADING_IS_TOLD_AFTER_MS, signal, update);
 }

@@ -2,7 +2,8 @@
 
 import { patiently } from "./connection.js";
 import { Films } from "./films.js";
-import { readNextTrial, sendVoid, tellTrouble } from "./session.js";
+import { watchPage } from "./happenings.js";
+import { readFilmsAhead, readNextTrial, sendVoid, tellTrouble } from "./session.js";
 import { filmsOf } from "./technique.js";
 import { Trial } from "./trial.js";
 import { tell } from "./views.js";
@@ -16,6 +17,7 @@ import { tell } from "./views.js";
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
+const MOST_BETWEEN = 100; // happenings between two trials; a record has room for 500
 const NOTED_EVERY_MS = 500; // what a browser that crashes loses of a look
 /** @type {Promise<never>} for what was under way when the study was abandoned */
 const NEVER = new Promise(() => {});
@@ -33,6 +35,10 @@ export class Trials {
     /** @type {Trial | null} */
     this.current = null;
     this.isAbandoned = false;
+    this.n_fetches = 0; // calls of `fetchAhead`, of which the last goes on
+    this.between = new AbortController(); // ends when the next trial begins
+    /** What happened to the page since the last trial. @type {import("./session.js").Viewing["happened"]} */
+    this.happened = [];
   }
 
   #stopNoting = () => {};
@@ -56,7 +62,8 @@ export class Trials {
   /** Shows a trial, of the study or to practise. @param {TrialDescription} description @param {number} askedAt performance.now() when the participant was ready for it */
   async show(description, askedAt) {
     if (this.isAbandoned) return NEVER;
-    this.current = new Trial(this.screen, description, this.#film(description), this.#knownTechnique());
+    this.between.abort();
+    this.current = new Trial(this.screen, description, this.#film(description), this.#knownTechnique(), this.happened);
     try {
       return await this.current.run(askedAt);
     } catch (error) {
@@ -64,7 +71,49 @@ export class Trials {
       throw error;
     } finally {
       this.current = null;
+      this.#watchUntilNext();
     }
+  }
+
+  /** Keeps what happens between two trials for the record of the next. */
+  #watchUntilNext() {
+    this.between = new AbortController();
+    this.happened = [];
+    watchPage(this.between.signal, (what) => {
+      if (this.happened.length < MOST_BETWEEN) this.happened.push({ what, at_ms: performance.now() });
+    });
+  }
+
+  /**
+   * Fetches films, one after the other: these first, then those of the next trials as long as there is time. Others are
+   * forgotten.
+   * @param {import("./session.js").Media[]} first
+   */
+  async fetchAhead(first) {
+    this.n_fetches += 1;
+    const number = this.n_fetches;
+    const isOver = () => this.isAbandoned || number !== this.n_fetches;
+    try {
+      for (const media of first) if (!isOver()) await this.#filmOf(media).whole;
+      if (isOver()) return;
+      const next = await readFilmsAhead();
+      if (isOver()) return;
+      this.films.keepOnly([...first, ...next].map((media) => filmsOf(this.#knownTechnique(), media)));
+      for (const media of next) if (!isOver()) await this.#filmOf(media).whole;
+    } catch {
+      // What could not be fetched ahead is fetched when it is shown.
+    }
+  }
+
+  /** Seconds that the line needs for a film; NaN: not known yet. */
+  get filmSeconds() {
+    return this.films.latest?.seconds ?? NaN;
+  }
+
+  /** The line's speed, to a tenth; null: not known yet. */
+  get line_mbit_s() {
+    const speed = this.films.latest?.mbit_s ?? NaN;
+    return Number.isNaN(speed) ? null : Math.round(10 * speed) / 10;
   }
 
   /** Stops the present trial for good, and any whose description or film is still on its way. */
@@ -96,8 +145,7 @@ export class Trials {
   /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<boolean>} false when it was interrupted */
   async #take(description, askedAt, outbox, openLook) {
     const { following } = description;
-    this.films.keepOnly([description, following].flatMap((trial) => (trial ? [this.#addresses(trial)] : [])));
-    if (following) this.#film(description).whole.then(() => this.isAbandoned || this.#film(following)).catch(() => {});
+    this.fetchAhead([description, following].flatMap((trial) => (trial ? [trial.media] : [])));
     const outcome = await this.#showNoted(description, askedAt, openLook);
     const { vote, interruption } = outcome;
     openLook.note(description.trial, outcome); // until the outbox has it
@@ -143,13 +191,13 @@ export class Trials {
   }
 
   /** @param {TrialDescription} description @returns {import("./films.js").Film} perhaps still on its way */
-  #film(description) {
-    return this.films.get(this.#addresses(description));
+  #film({ media }) {
+    return this.#filmOf(media);
   }
 
-  /** @param {TrialDescription} description @returns {string[]} of its films */
-  #addresses({ media }) {
-    return filmsOf(this.#knownTechnique(), media);
+  /** @param {import("./session.js").Media} media */
+  #filmOf(media) {
+    return this.films.get(filmsOf(this.#knownTechnique(), media));
   }
 
   /** @returns {Technique} */

@@ -33,6 +33,11 @@ export function hasSeenBoth({ first_shown, switches }) {
   return seen.has("a") && seen.has("b");
 }
 
+/** @param {number} least_ms @param {Viewing} viewing whose exposure has ended @returns {boolean} whether A and B were each on screen as long */
+export function hasSeenEachFor(least_ms, { dwell_ms }) {
+  return Math.min(dwell_ms?.a ?? 0, dwell_ms?.b ?? 0) >= least_ms;
+}
+
 /** @param {number} milliseconds @returns {number} to a tenth, at most the server's limit */
 export function tenths(milliseconds) {
   return Math.round(10 * Math.min(milliseconds, LONGEST_MS)) / 10;

@@ -50,7 +50,9 @@ def test_a_participant_goes_from_the_invitation_to_the_thanks_and_the_votes_are_
     visitor.votes("2")
 
     visitor.sees("thanks")
-    trials = sorted(study.read("trials"), key=lambda trial: trial["number"])
+    looks = sorted(study.read("trials"), key=lambda trial: (trial["number"], trial["attempt"]))
+    assert [look["void_reason"] for look in looks] == [None, None, "left the page", None]
+    trials = [look for look in looks if not look["voided_at"]]
     assert [trial["choice"] for trial in trials] == ["a", "b", "none"]
     assert [{"a": trial["item_a"], "b": trial["item_b"]} for trial in trials] == shown
     assert [trial["n_switches"] for trial in trials] == [2, 1, 1]

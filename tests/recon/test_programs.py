@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
 
-from recon.programs import Program
+from recon.programs import Program, ProgramError
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,45 @@ def test_a_list_becomes_several_arguments() -> None:
 def test_a_list_within_an_argument_is_refused() -> None:
     with pytest.raises(ValueError, match=r"\{parts\} must be an argument of its own"):
         Joining("join --parts={parts} {out}", "txt")
+
+
+def test_a_file_beside_the_methods_file_may_be_named_alone(tmp_path: Path) -> None:
+    (tmp_path / "match.py").touch()
+    (tmp_path / "d").touch()
+    program = Joining("python match.py other.py {out} --model=match.py", "txt", folder=str(tmp_path))
+    arguments = program.arguments({"out": "d"})
+    assert arguments == ["python", str(tmp_path / "match.py"), "other.py", "d", "--model=match.py"]
+
+
+def test_an_argument_longer_than_a_file_name_is_no_file() -> None:
+    assert Joining(f"run {300 * 'x'}", "txt").arguments({}) == ["run", 300 * "x"]
+
+
+def test_a_failure_says_the_last_that_the_program_printed(tmp_path: Path) -> None:
+    noisy = (
+        "print(9 * 10**6 * ' ' + 'loading'); print(chr(7) + 'no weights: ' + 999 * 'x' + chr(10)); raise SystemExit(3)"
+    )
+    command = shlex.join([sys.executable, "-c", noisy])
+    with pytest.raises(ProgramError, match=r"exit status 3 and said: no weights: x+…$") as raised:
+        Joining(command, "txt").run({}, tmp_path)
+    assert len(str(raised.value)) < 300
+
+
+def test_a_program_that_crashed_is_told_by_its_signal(tmp_path: Path) -> None:
+    command = shlex.join([sys.executable, "-c", "import os; os.abort()"])
+    with pytest.raises(ProgramError, match=r"^the program was ended by signal 6 \(Aborted\)$"):
+        Joining(command, "txt").run({}, tmp_path)
+
+
+def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match=r"^the program joinn could not be started: no such file or directory$"):
+        Joining("joinn 1", "txt").run({}, tmp_path)
+
+
+def test_a_failure_without_a_word_says_no_more(tmp_path: Path) -> None:
+    command = shlex.join([sys.executable, "-c", "import sys\nsys.exit(3)"])
+    with pytest.raises(ProgramError, match=r"exit status 3$"):
+        Joining(command, "txt").run({}, tmp_path)
 
 
 def test_a_command_tells_which_names_it_uses() -> None:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -75,6 +76,41 @@ def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path:
     program.write_text(PROGRAM)
     done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1", "1"]
+
+
+WAITING = """
+import signal
+import time
+from functools import partial
+from pathlib import Path
+from recon.workers import open_pool
+def wait(folder, number):
+    (folder / str(number)).touch()
+    time.sleep(60)
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with open_pool(2) as pool:
+        list(pool.run([partial(wait, Path(__file__).parent, number) for number in range(6)]))
+"""
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_tasks_at_once(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(WAITING)
+    process = subprocess.Popen([sys.executable, program], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        while len(list(tmp_path.iterdir())) < 3:  # the program, and a file of each of two tasks
+            assert process.poll() is None
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does it
+        _, told = process.communicate(timeout=20)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+    assert "KeyboardInterrupt" in told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1", "program.py"]
 
 
 def test_no_workers_is_an_error() -> None:

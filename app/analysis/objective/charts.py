@@ -226,7 +226,11 @@ def _ranked(row: Row, column: str) -> dict[str, Any]:
 
 def _ranking_panel(rows: Sequence[Row], names: Sequence[str], title: str, neutral: float, *, has_names: bool) -> Any:
     there = [row for row in rows if row["value"] is not None]
-    axis = alt.Axis(grid=True, gridColor=FAINT, labels=has_names, ticks=has_names, labelLimit=0)
+    # A browser's letters may be wider than those that the space was measured with.
+    extent = 1.2 * LETTER_WIDTH * max(len(name) for name in names) if has_names else 0
+    axis = alt.Axis(
+        grid=True, gridColor=FAINT, labels=has_names, ticks=has_names, labelLimit=0, minExtent=extent, maxExtent=extent
+    )
     y = alt.Y("measure:N", sort=list(names), scale=alt.Scale(domain=list(names)), title=None, axis=axis)
     scale = alt.Scale(domain=[0, 1] if neutral else [-1, 1], nice=False)
     base = alt.Chart(alt.Data(values=there))

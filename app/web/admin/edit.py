@@ -18,7 +18,7 @@ from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.lab_sheet import BOUNDS, LABELS
 from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
-from app.study.options import LONGEST_TEXT, parse_options
+from app.study.options import LONGEST_TEXT, check_minimum_viewing, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
@@ -179,6 +179,7 @@ def edit(
     try:
         options = parse_options({**now.options.as_json(), **given, **recruiting})
         wanted = replace(now, name=name.strip(), exposure_s=exposure_s or now.exposure_s, options=options)
+        check_minimum_viewing(options, wanted.exposure_s or 0.0)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return _save(database, study, wanted, revision, actor)
@@ -205,14 +206,18 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     Raises
     ------
     ValueError
-        If the stimulus set changes or a value is out of bounds.
+        If the stimulus set or the choice of its conditions changes, or a value is out of bounds.
     """
     if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
         raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
+    for name in ("reference", "without"):
+        if getattr(wanted.options, name) != getattr(now.options, name):
+            raise ValueError(f"{name} does not change, as the films are made; create a new study of the stimulus set")
     low, high = EXPOSURE_BOUNDS_S
     exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
     if not low <= exposure_s <= high:
         raise ValueError(f"exposure_s is {exposure_s}, expected between {low} and {high}")
+    check_minimum_viewing(wanted.options, exposure_s)
     if not 1 <= len(wanted.name.strip()) <= LONGEST_NAME:
         raise ValueError(f"name has {len(wanted.name.strip())} characters, expected 1 to {LONGEST_NAME}")
     seed = now.seed if wanted.seed is None else wanted.seed

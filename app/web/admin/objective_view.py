@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -25,6 +26,7 @@ TITLES = {
     "mesh": "Against the truth",
     "views": "Sensors and views",
     "cloud": "Clouds against a reference",
+    "films": "Films against a reference",
 }
 CAPTIONS = {
     "curve": "Share of points within each threshold",
@@ -45,7 +47,7 @@ def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     singles = [name for name in names if name.endswith(".png") and name.removesuffix(".png") not in stems]
     return {
         "title": TITLES.get(record["kind"], str(record["kind"]).capitalize()),
-        "subject": str(record["subject"]).replace(f"{EVERY_DATASET}: ", "every dataset: "),
+        "subject": re.sub(rf"(^|; ){EVERY_DATASET}: ", r"\1every dataset: ", str(record["subject"])),
         "digest": record["digest"],
         "figures": [_figure(stem, names) for stem in sorted(stems)],
         "pictures": [{"caption": _caption(name.removesuffix(".png")), "picture": name} for name in singles],

@@ -62,6 +62,7 @@ def create(
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
     preset: Annotated[str, Form(max_length=20)] = QUICK,
+    without: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
 ) -> Response:
     """Create a study in the background; the job's page shows the progress.
 
@@ -69,10 +70,11 @@ def create(
     ----------
     stage : optional stages besides those of the preset
     consent : in place of the preset's; empty: the preset's
+    without : conditions to leave out, with commas
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
-        options = _chosen(preset, stage, unix(consent).strip())
+        options = _chosen(preset, stage, unix(consent).strip(), without)
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error
@@ -95,7 +97,7 @@ def create(
     return see(f"/admin/jobs/{job}")
 
 
-def _chosen(preset: str, stages: Sequence[str], consent: str) -> StudyOptions:
+def _chosen(preset: str, stages: Sequence[str], consent: str, without: str) -> StudyOptions:
     """Return a preset's options with the form's.
 
     Raises
@@ -104,7 +106,10 @@ def _chosen(preset: str, stages: Sequence[str], consent: str) -> StudyOptions:
         If there is no such preset or stage.
     """
     chosen = read_preset(preset)
-    given: dict[str, Any] = {"optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages]))}
+    given: dict[str, Any] = {
+        "optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages])),
+        "without": [condition for each in without.split(",") if (condition := each.strip())],
+    }
     if consent:
         given |= {"consent": consent, "consent_version": ""}  # the version names the preset's text
     return parse_options(chosen.overridden_by(given))

@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from app.operations.manage import study_file_of
 from app.store.audit import audit_records
+from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
@@ -43,6 +44,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             analysed = prepare_results(connection, study.id)
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
+            _write_items(files, conditions_of(connection, study.id))
         analysis = analysed().analysis
         for name in ("scores", "triads", "observers"):
             rows = list((analysis or {}).get(name, ()))
@@ -104,6 +106,15 @@ def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Itera
     yield "audit", audit_records(connection, study_id=study_id)
 
 
+def _write_items(files: _Files, conditions: Mapping[str, Mapping[str, str]]) -> None:
+    """Write the conditions' factor levels as `reconstudy analyse --items` takes them; nothing where there are none."""
+    factors = dict.fromkeys(factor for levels in conditions.values() for factor in levels)
+    if factors:
+        files.write_table(
+            "items", ({**levels, "item": name} for name, levels in conditions.items()), ["item", *factors]
+        )
+
+
 def _dictionary(study: Study) -> str:
     parts = [
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
@@ -116,6 +127,11 @@ def _dictionary(study: Study) -> str:
     for name, columns in TABLES.items():
         rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
         parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
+    parts.append(
+        "\n## items.csv\n\nThe levels of the conditions, for `reconstudy analyse votes.csv --items items.csv`; missing "
+        "where no condition has any.\n\n| column | meaning |\n|---|---|\n| item | condition |\n"
+        "| any other | the condition's level of this factor; empty if it has none |\n"
+    )
     return "".join(parts)
 
 

@@ -8,6 +8,7 @@ PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset (a scene)"
 TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
 BOTH_SEEN = "true if A and B were both on screen"
+PRESS_TO_PICTURE = "median time from a press to the presented picture, milliseconds; empty where not recorded"
 LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
@@ -28,6 +29,7 @@ VOTES: Columns = {
     "frame_locked": FRAME_LOCKED,
     "both_seen": BOTH_SEEN,
     "looks_before": LOOKS_BEFORE,
+    "press_to_picture_ms": PRESS_TO_PICTURE,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
@@ -50,6 +52,7 @@ TRIALS: Columns = {
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
     "both_seen": BOTH_SEEN,
+    "press_to_picture_ms": PRESS_TO_PICTURE,
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",

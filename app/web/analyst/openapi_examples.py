@@ -18,6 +18,7 @@ SESSION: dict[str, Any] = {
     "was_away_long": False,
     "resume_code": "maple-otter-93",
     "debriefing": None,
+    "ending": None,
 }
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",
@@ -27,7 +28,10 @@ TRIAL: dict[str, Any] = {
     "exposure_s": 15.0,
     "free_exposure": False,
     "see_both": True,
+    "minimum_viewing_s": 0.0,
     "void_on": ["full screen", "hidden"],
+    "full_screen": "asked",
+    "minimum_window": [],
     "first_shown": "b",
     "media": {
         "url": "/media/4h8s2p6y0r3j",
@@ -41,6 +45,7 @@ TRIAL: dict[str, Any] = {
         "reference": False,
         "fps": 25.0,
         "n_frames": 375,
+        "pixels": "fit",
     },
 }
 VIEWING: dict[str, Any] = {
@@ -48,8 +53,8 @@ VIEWING: dict[str, Any] = {
     "shown_ms": 15003.2,
     "response_ms": 1840.5,
     "switches": [
-        {"to": "a", "at_ms": 4210.7, "media_time_s": 4.2, "frame": 105},
-        {"to": "b", "at_ms": 9120.1, "media_time_s": 9.12, "frame": 228},
+        {"to": "a", "at_ms": 4210.7, "media_time_s": 4.2, "frame": 105, "frame_ms": 4218.2, "presented_ms": 4234.9},
+        {"to": "b", "at_ms": 9120.1, "media_time_s": 9.12, "frame": 228, "frame_ms": 9135.0, "presented_ms": 9151.7},
     ],
     "dwell_ms": {"a": 4909.4, "b": 10093.8},
     "n_changes": 1,
@@ -61,6 +66,7 @@ VIEWING: dict[str, Any] = {
 }
 VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
 EXAMPLES: dict[str, Any] = {
+    "TurnedAwayBody": {"invitation": "k7m2p9xq4wva", "why": "phone"},
     "AdmissionBody": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
     "Resumption": {"resume_code": "maple-otter-93", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},
     "SessionView": SESSION,
@@ -96,6 +102,7 @@ EXAMPLES: dict[str, Any] = {
     },
     "SkipBody": {"reason": "no bank card at hand"},
     "AnswerBody": {"answer": 3, "response_ms": 1204.0},
+    "MediaView": TRIAL["media"],
     "OneTrialView": TRIAL,
     "TrialView": {**TRIAL, "next_media": "/media/7d1k5n9b3g6f", "following": None},
     "VoteBody": {"id": VOTE_ID, "choice": "a", "viewing": VIEWING},
@@ -134,6 +141,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "n_mismatches": 0,
     "both_seen": True,
     "looks_before": 0,
+    "press_to_picture_ms": 24.2,
     "viewing": VIEWING,
     "served_at": "2026-03-01T12:04:12+00:00",
     "voted_at": "2026-03-01T12:04:31+00:00",

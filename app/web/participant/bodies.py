@@ -10,6 +10,7 @@ from typing_extensions import TypedDict
 from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
+from app.study.options import FullScreen, Pixels
 from app.study.technique import Technique
 from app.study.trial import Disturbance, Half, Interruption
 from app.study.valid_vote import without_unknowns
@@ -50,6 +51,7 @@ class MediaView(BaseModel):
     reference: bool = Field(description="whether the reference lies below both, after as many guard rows")
     fps: float
     n_frames: int
+    pixels: Pixels = Field(description="fit: as large as the window allows; 1:1: a pixel of the film is the display's")
 
 
 class OneTrialView(BaseModel):
@@ -62,7 +64,12 @@ class OneTrialView(BaseModel):
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
     see_both: bool = Field(description="the vote waits until both A and B were on screen")
+    minimum_viewing_s: float = Field(
+        description="the vote waits until A and B were each on screen as long; 0: no limit"
+    )
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
+    full_screen: FullScreen = Field(description="required: the film is shown in full screen only")
+    minimum_window: list[int] = Field(description="width and height of the smallest window, CSS pixels; empty: any")
     first_shown: Label
     media: MediaView
 
@@ -80,7 +87,10 @@ class SwitchBody(TypedDict):
     at_ms: Milliseconds
     media_time_s: Seconds
     frame: NotRequired[Annotated[Count | None, Field(description="number of the frame on screen, from 0")]]
-    frame_ms: NotRequired[Annotated[Milliseconds | None, Field(description="of the animation frame that showed it")]]
+    frame_ms: NotRequired[Annotated[Milliseconds | None, Field(description="of the animation frame that drew it")]]
+    presented_ms: NotRequired[
+        Annotated[Milliseconds | None, Field(description="when that frame went to the display: the refresh after it")]
+    ]
 
 
 @with_config(Strict.model_config)
@@ -177,13 +187,22 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
         see_both=session.options.see_both,
-        void_on=list(session.options.void_on),
-        media=_media_view(
-            current,
-            "top" if current.a_half == "top" else "bottom",
-            has_reference=bool(session.options.reference),
-            singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
-        ),
+        minimum_viewing_s=session.options.minimum_viewing_s,
+        void_on=list(session.options.disturbances),
+        full_screen=session.options.full_screen,
+        minimum_window=list(session.options.minimum_window),
+        media=trial_media(session, current),
+    )
+
+
+def trial_media(session: Session, current: NextTrial) -> MediaView:
+    """Make the view of what a trial shows."""
+    return _media_view(
+        current,
+        "top" if current.a_half == "top" else "bottom",
+        has_reference=bool(session.options.reference),
+        pixels=session.options.pixels,
+        singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
     )
 
 
@@ -199,12 +218,23 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,
         see_both=False,  # the page shows a pair of the practice again by itself
-        void_on=list(session.options.void_on),
-        media=_media_view(pair, "top" if session.id % 2 else "bottom", has_reference=False, singles_of=pair.media),
+        minimum_viewing_s=0.0,
+        void_on=list(session.options.disturbances),
+        full_screen=session.options.full_screen,
+        minimum_window=list(session.options.minimum_window),
+        media=_media_view(
+            pair,
+            "top" if session.id % 2 else "bottom",
+            has_reference=False,
+            pixels=session.options.pixels,
+            singles_of=pair.media,
+        ),
     )
 
 
-def _media_view(shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str) -> MediaView:
+def _media_view(
+    shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, pixels: Pixels, singles_of: str
+) -> MediaView:
     strips = STRIPS if has_reference else STRIPS[:2]
     return MediaView(
         url=media_url(shown.media),
@@ -220,6 +250,7 @@ def _media_view(shown: NextTrial | PracticePair, a_half: Half, *, has_reference:
         reference=has_reference,
         fps=shown.fps,
         n_frames=shown.n_frames,
+        pixels=pixels,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from fastapi import Request
 
-from app.store.designs import has_single_films
+from app.store.designs import has_single_films, largest_film
 from app.store.engine import Transaction
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.recruits import recruit_of_session, session_of_outside_id
@@ -37,6 +37,7 @@ class Entrance:
     outside: Mapping[str, str]  # the link's parameters by which a recruiting platform says who comes
     no_consent_url: str  # where to go without consent; empty: nowhere
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
+    film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
@@ -62,6 +63,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
             arrival = None
             is_mine = session is not None and session.invitation_id == invitation.id
             state = "mine" if is_mine and not (is_for_another and state == "open") else state
+        film_size = largest_film(connection, study.id) if options.pixels == "1:1" else ()
     places = invitation.has_places(1 if state == "mine" else 2)
     return Entrance(
         slug=study.slug,
@@ -73,6 +75,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         outside={options.outside.id: arrival.outside_id, **arrival.kept} if arrival else {},
         no_consent_url=options.outside.address("no_consent", arrival),
         full_url=options.outside.address("full", arrival),
+        film_size=film_size,
     )
 
 

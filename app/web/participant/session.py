@@ -6,7 +6,7 @@ import json
 import logging
 from dataclasses import asdict
 from datetime import datetime, timedelta
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -71,6 +71,12 @@ class AdmissionBody(Strict):
         description="parameters of a recruiting platform's link, by name; needed where the study knows people by them: "
         "the same id again opens the same session",
         examples=[{"PROLIFIC_PID": "5f2a9c0de1b7a4001c3d8e90"}],
+    )
+
+
+class TurnedAwayBody(AdmissionBody):
+    why: Literal["films", "phone", "screen", "full_screen"] = Field(
+        default="films", description="what this device lacks for the study, or that it is a phone"
     )
 
 
@@ -167,10 +173,11 @@ def begin(
 
 
 @router.post("/studies/{slug}/turned-away", status_code=204)
-def turn_away(slug: Slug, admission: AdmissionBody, request: Request) -> None:
+def turn_away(slug: Slug, body: TurnedAwayBody, request: Request) -> None:
     """Say that a browser cannot show a study's films, for the log; its invitation stays unused."""
-    invitation_to(request, slug, admission.invitation)
-    log.warning("study %s: turned away, cannot show the films: %r", slug, request.headers.get("user-agent", "")[:200])
+    invitation_to(request, slug, body.invitation)
+    browser = request.headers.get("user-agent", "")[:200]
+    log.warning("study %s: turned away (%s): %r", slug, body.why, browser)
 
 
 @router.post("/session/resume")

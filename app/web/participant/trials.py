@@ -13,7 +13,18 @@ from app.store.sessions import done_of
 from app.store.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
 from app.web.gates import Now, Participant, Store
-from app.web.participant.bodies import OneTrialView, TrialView, TroubleBody, VoidBody, practice_view, trial_view
+from app.web.participant.bodies import (
+    MediaView,
+    OneTrialView,
+    TrialView,
+    TroubleBody,
+    VoidBody,
+    practice_view,
+    trial_media,
+    trial_view,
+)
+
+N_AHEAD = 5  # films in a browser's memory besides the present one
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +51,16 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     views = [trial_view(session, upcoming_trial, done, ahead) for ahead, upcoming_trial in enumerate(upcoming)]
     following = views[1] if len(views) > 1 else None
     return TrialView(**dict(views[0]), next_media=following.media.url if following else None, following=following)
+
+
+@router.get("/films")
+def films_ahead(signed_in: Participant, database: Store) -> list[MediaView]:
+    """The films of the next trials in order, to be fetched before they are due, from the instructions on."""
+    session = signed_in.session
+    if session.has_withdrawn or session.stage in (SCREENED_OUT, TIMED_OUT):
+        return []
+    with database.reading() as connection:
+        return [trial_media(session, upcoming) for upcoming in next_trials(connection, session.id, N_AHEAD)]
 
 
 @router.get("/practice")

@@ -66,9 +66,8 @@ def choose_sensors(
     alone = [number for number, view in views.items() if view.depth and not view.is_test and number not in in_pairs]
     if not set(in_pairs) <= views.keys() or not (pairs or alone):
         listed = ", ".join(f"{number} {view.name}" for number, view in views.items())
-        raise CaptureError(
-            f"{source}: the pairs name {sorted(set(in_pairs))}, expected LEFT-RIGHT of each pair out of: {listed}"
-        )
+        given = f"the pairs name {sorted(set(in_pairs))}" if in_pairs else "no pairs are given"
+        raise CaptureError(f"{source}: {given}, expected LEFT-RIGHT of each pair out of: {listed}")
     chosen = [*pairs, *((number,) for number in alone)]
     sensors = tuple(
         _sensor(f"S{place}", [views[number] for number in numbers]) for place, numbers in enumerate(chosen, start=1)

@@ -2,7 +2,6 @@
 
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Value
 from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds
-from recon.validation.cloud_quality.plugin import check_measure
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.cloud_quality.reading import Sampling
 from recon.validation.cloud_quality.sequences import find_compared
@@ -15,7 +14,6 @@ __all__ = [
     "PointSet",
     "Sampling",
     "Value",
-    "check_measure",
     "find_compared",
     "measure_clouds",
 ]

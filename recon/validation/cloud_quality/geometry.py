@@ -171,7 +171,9 @@ def _projected(
 def _reference_normals(pair: Pair) -> NDArray[np.float32]:
     normals = pair.reference.cloud.normals
     if normals is None:
-        raise ValueError(f"{pair.reference.cloud.name}: has no normals (nx, ny, nz), which D2 takes from the reference")
+        raise ValueError(
+            f"{pair.reference.cloud.name}: has no normals (nx, ny, nz other than 0), which D2 takes from the reference"
+        )
     return pair.reference.places.first(normals)
 
 

@@ -123,7 +123,7 @@ class Structure:
     def file_normals(self) -> NDArray[np.float64]:
         """The file's normals float64 (M, 3); a ValueError says that there are none."""
         if self.prepared.cloud.normals is None:
-            raise ValueError(f"{self.prepared.cloud.name}: has no normals (nx, ny, nz)")
+            raise ValueError(f"{self.prepared.cloud.name}: has no normals (nx, ny, nz other than 0)")
         return self.prepared.places.first(self.prepared.cloud.normals).astype(np.float64)
 
     @cached_property

@@ -63,6 +63,8 @@ def read_shape(path: Path) -> Shape:
         return Shape(PointSet(str(path), read_measured(path)), none)
     ply = read_ply(path)
     normals, colours = (_optional(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
+    if normals is not None and not normals.any():
+        normals = None  # written by a program that knew none
     if colours is not None and colours.dtype != np.uint8:
         colours = None  # floating ones have no stated range
     vertices = PointSet(str(path), point_columns(path, ply, "xyz"), normals, colours)

@@ -1,4 +1,4 @@
-"""What makes a comparison of two clouds doubtful, or senseless: another unit, another place, points at one place."""
+"""What makes a comparison of two clouds doubtful, or senseless: another unit or place, merged points, blank normals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNITS_APART = {1000: "metres against millimetres", 100: "metres against centimet
 def remarks_on(pair: Pair) -> list[str]:
     """Return sentences on what makes a comparison doubtful; raise a ValueError if it makes no sense."""
     distorted, reference = pair.distorted.cloud, pair.reference.cloud
-    return _size_remarks(distorted, reference) + [
+    return [*_size_remarks(distorted, reference), *_normal_remarks(reference)] + [
         f"{each.cloud.name}: {n_merged} of {len(each.cloud)} points lie where another does; "
         "all measures but Chamfer and F-score take them as one"
         for each in (pair.distorted, pair.reference)
@@ -46,6 +46,12 @@ def _size_remarks(distorted: PointSet, reference: PointSet) -> list[str]:
             f"{distorted.name}: lies wholly beside its reference {reference.name}; are both in the same coordinates?"
         ]
     return []
+
+
+def _normal_remarks(reference: PointSet) -> list[str]:
+    if reference.normals is None or not (n_blank := np.count_nonzero(~reference.normals.any(axis=1))):
+        return []
+    return [f"{reference.name}: {n_blank} of {len(reference)} normals are (0, 0, 0); D2 sees no error there"]
 
 
 def _round_figure(ratio: float) -> str:

@@ -211,7 +211,7 @@ def test_an_item_without_a_level_is_left_out_by_factor_and_named() -> None:
     partial = {factor: {item: levels[item] for item in known} for factor, levels in FACTORS.items()}
     analysis = analyse(votes, AnalysisSettings(factors=partial))
     among_known = analyse(votes_with_levels(votes, partial), AnalysisSettings(factors=partial))
-    assert "pm_fb has no level of depth, fusion: the analysis by factor leaves it out" in analysis["warnings"]
+    assert "pm_fb has no level of depth or fusion: the analysis by factor leaves it out" in analysis["warnings"]
     by_factor = [row for row in analysis["scores"] if row["comparison"] != "all"]
     assert by_factor
     assert by_factor == [row for row in among_known["scores"] if row["comparison"] != "all"]
@@ -223,7 +223,10 @@ def test_items_without_any_levels_are_scored_and_nothing_is_said_by_factor() -> 
     analysis = analyse(study(), AnalysisSettings(factors={"depth": {}}))
     assert {row["comparison"] for row in analysis["scores"]} == {"all"}
     assert analysis["effects"] == []
-    assert len([warning for warning in analysis["warnings"] if "leaves it out" in warning]) == len(study().items)
+    assert (
+        analysis["warnings"][0]
+        == f"{', '.join(study().items)} have no level of depth: the analysis by factor leaves them out"
+    )
 
 
 def test_wrong_settings_are_refused() -> None:

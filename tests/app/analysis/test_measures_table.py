@@ -135,6 +135,7 @@ def test_a_row_that_cannot_be_used_is_named(table: Path, rows: list[str], fault:
         (ANYBODYS.replace(",", ";").encode() + b"\nb;a;m;1;lower\n", "separated by semicolons, expected commas"),
         (ANYBODYS.encode() + b",value\nb,a,m,1,lower,2\n", "has 2 columns named 'value', expected one"),
         (ANYBODYS.encode() + b"\nb\xe4r,a,m,1,lower\n", "row 1: .* is not UTF-8"),
+        (b"\xe4" * 900, "row 0: 'ä{80}' is not UTF-8"),
     ],
 )
 def test_a_file_that_is_no_such_table_is_refused(table: Path, content: bytes, fault: str) -> None:

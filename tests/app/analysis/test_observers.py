@@ -57,6 +57,16 @@ def test_votes_with_one_side_unseen_are_flagged_where_it_is_known() -> None:
         votes_from_rows([row | {"both_seen": "perhaps"}])
 
 
+def test_the_time_from_press_to_picture_is_told_where_it_was_recorded() -> None:
+    row = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
+    rows = observer_rows(
+        votes_from_rows([row | {"press_to_picture_ms": ms} for ms in (20, 30, None)]), [], ties="davidson"
+    )
+    assert rows[0]["median_press_to_picture_ms"] == 25
+    (unknown,) = observer_rows(votes_from_rows([row]), [], ties="davidson")
+    assert unknown["median_press_to_picture_ms"] is None
+
+
 @pytest.mark.parametrize(("n_votes", "is_flagged"), [(4, False), (6, True)])
 def test_few_votes_for_one_side_are_not_held_against_somebody(n_votes: int, is_flagged: bool) -> None:
     """Of votes between equals, all fall on one side with a probability of 2 / 2**n."""

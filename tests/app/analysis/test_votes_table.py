@@ -109,6 +109,7 @@ def test_a_bad_value_is_refused_with_its_row_and_itself(changes: dict[str, objec
         ("participant,dataset,item_a,item_b\np,d,x,y\n", "lacks the column choice; found participant"),
         (HEADER + "\np,d,x,y,a\np,d,x,y,a,extra\n", "equally long"),
         (HEADER + "\np,d,x,y,a\np,d,x\n", "row 2: item_b is empty"),
+        (HEADER.encode() + b"\np,d,x,y,a\np\0r,d,x,y,a\n", "row 2 holds a NUL character"),
         (HEADER.encode() + b"\np,d,x,y,a\np\xe4r,d,x,y,a\n", "row 2: 'pär,d,x,y,a' is not UTF-8"),
     ],
 )

@@ -223,6 +223,17 @@ def test_a_bad_picture_is_named(command: Command, capture: Path, tmp_path: Path,
     assert not list((tmp_path / "run").rglob("*.part*"))
 
 
+def test_a_file_where_a_folder_should_be_made_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").write_text("mine")
+    outcome = command("reconstruct", capture, "-o", tmp_path / "run", "--depth", "id", "--fusion", "fb")
+    assert outcome.code == 1
+    assert (
+        outcome.err.splitlines()[-1]
+        == f"reconstudy: {tmp_path / 'run'}: is a file, expected a folder; choose another name"
+    )
+    assert (tmp_path / "run").read_text() == "mine"
+
+
 def test_a_mesh_is_exported_for_viewers(command: Command, recorded: Path, tmp_path: Path) -> None:
     told = command("export", recorded / "truth/mesh/0000.ply", tmp_path / "model.glb", "--json")
     assert told.code == 0, told.err

@@ -125,7 +125,7 @@ def results(
         "analysis": {"scores": rows, "contrasts": clear},
         "screening": [{"participant": "P1", "test": "colour", "verdict": verdict} for verdict in verdicts],
     }
-    return Results(Path(), answers, {}, {})
+    return Results(Path(), answers, {}, [], {})
 
 
 def test_conclusions_agree_where_the_scores_are_the_truth() -> None:
@@ -184,6 +184,12 @@ def test_a_small_experiment_ends_in_a_report_and_is_not_done_twice(command: Comm
     report = json.loads(told.out)
     wanted = {f"table_{n}" for n in range(1, 5)} | {f"figure_{n}" for n in range(6, 9)} | {"measures", "cuboid"}
     assert wanted <= report["tables"].keys()
+    assert {row["measure"] for row in report["tables"]["models"]} == set(app.experiment.study.MEASURES)
+    assert {row["measure"] for row in report["measures"]} == set(app.experiment.study.MEASURES)
+    assert {name.split("/")[1] for name in report["abilities"]} == set(APPROACHES)
+    assert {score["item"] for score in report["scores"] if score["comparison"] == "all"} == set(APPROACHES)
+    stimuli = json.loads((out / "stimuli" / "manifest.json").read_text(encoding="utf-8"))["stimuli"]
+    assert {stimulus["approach"] for stimulus in stimuli} == {*APPROACHES, "truth"}
     checks = {check["question"].split(" ")[0]: check for check in report["checks"]}
     assert checks["People"]["agrees"]
     assert float(checks["Rank"]["came_out"]) > 0.4  # of six people

@@ -116,6 +116,9 @@ def spoil(videos: Path, fault: str) -> None:
         (videos / "street" / "low.mp4").unlink()
     if fault == "long":
         tiny_stimuli.encode(videos / "street" / "low.mp4", tiny_stimuli.flat("black"), "-frames:v", "12")
+    if fault == "uneven":
+        frames = ["-vf", "setpts=if(gt(N\\,4)\\,2*N\\,N)/25/TB", "-fps_mode", "vfr"]
+        tiny_stimuli.encode(videos / "street" / "low.mp4", tiny_stimuli.flat("black"), *frames)
     if fault == "text":
         (videos / "street" / "low.mp4").write_text("<html>no video</html>", encoding="utf-8")
     if fault == "twice":
@@ -143,6 +146,7 @@ def spoil(videos: Path, fault: str) -> None:
             "long",
             "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",
         ),
+        ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again, .* `ffmpeg -i low.mp4 -r 25 "),
         ("text", "low.mp4: cannot be decoded as a video"),
         ("twice", "low.mkv and low.mp4 are both the condition low"),
         ("row", "has no row for high"),

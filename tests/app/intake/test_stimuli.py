@@ -163,6 +163,8 @@ def test_a_set_that_is_not_right_is_refused_with_file_and_value(folder: Path, sp
         ("{", "not readable as JSON"),
         ("[]", "the whole file"),
         ('{"schema_version": 2}', "schema_version"),
+        (r'{"datasets": ["temple\u0000"]}', "datasets.1 holds a NUL character"),
+        ("[" * 50_000 + "]" * 50_000, "too many lists within one another"),
     ],
 )
 def test_a_manifest_that_is_not_one_is_refused(tmp_path: Path, text: str, complaint: str) -> None:

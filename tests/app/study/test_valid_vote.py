@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.study.valid_vote import InvalidVoteError, check_viewing, has_seen_both, without_unknowns
+from app.study.valid_vote import InvalidVoteError, check_viewing, has_seen_both, press_to_picture_ms, without_unknowns
 
 
 def looks(*switches: tuple[str, float], first_shown: str = "a") -> dict[str, Any]:
@@ -50,6 +50,16 @@ def test_a_vote_on_what_the_trial_did_not_show_is_refused() -> None:
 )
 def test_who_saw_the_reference_only_has_not_seen_both(switches: list[tuple[str, float]], both: bool) -> None:
     assert has_seen_both(looks(*switches)) is both
+
+
+def test_the_time_from_press_to_picture_is_the_median_of_what_is_recorded() -> None:
+    viewing = looks(("b", 100.0), ("a", 200.0), ("b", 300.0), ("a", 400.0))
+    assert press_to_picture_ms(viewing) is None
+    for switch, presented_ms in zip(
+        viewing["switches"], (120.0, 230.0, 299.0), strict=False
+    ):  # the third is impossible
+        switch["presented_ms"] = presented_ms
+    assert press_to_picture_ms(viewing) == 25.0
 
 
 def test_what_a_client_does_not_know_is_left_out() -> None:

@@ -1,23 +1,70 @@
-"""The demo's front page: it leads to both sides of the study, and shows only its own pictures."""
+"""The demo's study and front page: what is measured against the truth, which nobody sees, stands beside the votes."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 
-from app.experiment.demo import ABILITIES, demo_front, demo_study
+from app.experiment.demo import ABILITIES, MEASURES, demo_analysis, demo_front, demo_study, demo_votes
+from app.ffmpeg import no_progress
 from app.main import running_server
+from app.operations.manage import list_studies
 from app.settings import Settings
+from tests.app import tiny_stimuli
+
+APPROACHES = [approach for approach in ABILITIES if approach != "pm_fb"]
 
 
 @pytest.fixture
-def front(tmp_path: Path, stimulus_set: Path) -> Iterator[tuple[httpx.Client, dict[str, str]]]:
+def with_truth(tmp_path: Path) -> Path:
+    """Films of five approaches and of the truth: a stimulus set's manifest."""
+    folder = tmp_path / "stimuli"
+    tiny_stimuli.write_set(folder, ["ball"], APPROACHES)
+    films = [tiny_stimuli.stimulus(folder, "ball", approach) for approach in APPROACHES]
+    truth = films[0] | {"approach": "truth", "levels": {}}
+    factors = {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]}
+    return tiny_stimuli.write_manifest(folder, [*films, truth], factors=factors)
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    """A report on the films, with a measure more than the demo compares."""
+    folder = tmp_path / "validation"
+    folder.mkdir()
+    facts = {"dataset": "ball", "direction": "more is better", "unit": ""}
+    measures = [
+        {"approach": approach, "measure": measure, "value": ability, **facts}
+        for measure in (*MEASURES, "ms_ssim")
+        for approach, ability in ABILITIES.items()
+    ]
+    (folder / "report.json").write_text(json.dumps({"kind": "films", "measures": measures}), encoding="utf-8")
+    return folder
+
+
+def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
+    tmp_path: Path, with_truth: Path, report: Path
+) -> None:
+    settings = Settings(data_dir=tmp_path / "study", database_url=None)
+    for _ in range(2):  # a second start finds everything
+        demo_study(settings, with_truth, report, 0.4, no_progress)
+    assert list_studies(settings)[0]["n_conditions"] == len(APPROACHES)
+    with running_server(settings) as url:
+        demo_votes(settings, url, 3, no_progress)
+        demo_analysis(settings, url, tmp_path / "analysis")
+    analysis = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
+    assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(APPROACHES)
+    assert {row["measure"] for row in analysis["measures"]} == set(MEASURES)
+
+
+@pytest.fixture
+def front(tmp_path: Path, with_truth: Path, report: Path) -> Iterator[tuple[httpx.Client, dict[str, str]]]:
     """A demo that has made its study but has no votes: a client of its server, and where its page leads."""
     settings = Settings(data_dir=tmp_path / "study", database_url=None)
-    demo_study(settings, stimulus_set, 0.4, lambda _done, _total, _what: None)
+    demo_study(settings, with_truth, report, 0.4, no_progress)
     folder = tmp_path / "front"
     folder.mkdir()
     (folder / "recording_S1.webp").write_bytes(b"picture")

@@ -88,6 +88,7 @@ def test_an_unknown_suffix_is_refused_and_nothing_is_written(tmp_path: Path) -> 
         ("map.pfm", b"Pf\n2 x\n", "the header is damaged"),
         ("map.npy", b"something", "is not readable as NPY"),
         ("map.npy", b"PK\x03\x04 an archive, cut off", "is not readable as NPY"),
+        ("map.npy", b"\x93NUMPY\x01\x00\x02\x00{\n", "is not readable as NPY"),  # numpy raises a TokenError
         ("map.tiff", b"something", "is not readable as TIFF"),
         ("map.png", b"something", "a PNG is a coloured preview"),
     ],

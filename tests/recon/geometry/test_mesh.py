@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import struct
 from collections.abc import Callable
@@ -285,6 +286,17 @@ def test_a_file_that_is_no_cloud_is_refused_by_name(tmp_path: Path, content: byt
 def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"gone\.ply: there is no such file"):
         read_cloud(tmp_path / "gone.ply")
+
+
+def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_cloud(tmp_path / "a.ply", cloud_of(3))
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", "a.ply")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(ValueError, match=r"a\.ply: cannot be read: permission denied$"):
+        read_points(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("cut", [1, 15, 300])

@@ -56,6 +56,13 @@ def test_a_model_may_lie_elsewhere(tmp_path: Path) -> None:
     assert find_models(tmp_path / "models") == ({"neus": (tmp_path / "models/neus/0000.ply",)}, [])
 
 
+def test_a_link_to_nowhere_is_a_frame_that_reading_refuses(tmp_path: Path) -> None:
+    touch(tmp_path, "neus/0000.ply")
+    (tmp_path / "neus/0001.ply").symlink_to(tmp_path / "gone.ply")
+    models, _ = find_models(tmp_path)
+    assert [path.name for path in models["neus"]] == ["0000.ply", "0001.ply"]
+
+
 @pytest.mark.parametrize(
     ("names", "sentence"),
     [
@@ -180,6 +187,13 @@ def test_models_of_mixed_units_are_found_without_bounds() -> None:
     assert len(problems) == 1
     assert problems[0].startswith("c.ply: is 1.73 mm across, 1/1 000 of the other models")
     assert "probably in m" in problems[0]
+
+
+def test_of_two_approaches_the_one_that_is_too_large_is_named() -> None:
+    models = {Path(f"{name}/{frame}.ply"): facts(size) for name, size in (("a", 1), ("b", 1000)) for frame in (0, 1)}
+    problems, _ = check_sizes(models, dict.fromkeys(models, "mm"), None)
+    assert [problem.split(":")[0] for problem in problems] == ["b/0.ply", "b/1.ply"]
+    assert "1 000 times the other models (1.73 mm)" in problems[0]
 
 
 def test_a_model_beside_the_bounds_is_refused_and_an_odd_size_warned_of() -> None:

@@ -122,7 +122,7 @@ def test_points_become_splats_of_the_stated_size(tmp_path: Path) -> None:
     model = read_model(path, IN_MM).model
     assert isinstance(model, Splats)
     assert (len(model.cloud), model.radius_mm) == (4, 2.0)
-    with pytest.raises(ValueError, match=r'a\.ply: is a point cloud; state .* "splat_mm": 3'):
+    with pytest.raises(ValueError, match=r'a\.ply: has points and no faces; state .* "splat_mm": 3, or add'):
         read_model(path, Placement("mm", EYE))
 
 
@@ -156,6 +156,11 @@ WRONG_PLY = {
     "empty": (ply(CORNERS, []).replace("element vertex 4", "element vertex 0"), "is not a whole PLY|holds no points"),
     "splat": (
         ply([f"{corner} 0" for corner in CORNERS], [], properties="property float f_dc_0\n"),
+        "it holds Gaussians, .* stimuli import",
+    ),
+    "compressed splat": (
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty uint packed_position\nproperty uint packed_color\n"
+        "end_header\n7 8\n",
         "it holds Gaussians, .* stimuli import",
     ),
     "no ply": ("hello", "is not a whole PLY file"),
@@ -209,6 +214,12 @@ def test_several_materials_become_one_texture(tmp_path: Path) -> None:
     assert mesh.texture.uv.min() > 0
     assert mesh.texture.uv.max() < 1
     assert np.array_equal(np.linalg.norm(mesh.normals, axis=1) > 0.99, np.ones(len(mesh.vertices), bool))
+
+
+def test_a_texture_that_no_face_uses_may_be_missing(tmp_path: Path) -> None:
+    text_file(tmp_path, "a.mtl", "newmtl plain\nKd 1 0 0\nnewmtl unused\nmap_Kd gone.png\n")
+    lines = ["mtllib a.mtl", *(f"v {corner}" for corner in CORNERS), "usemtl plain", "f 1 2 3 4", ""]
+    assert mesh_from(text_file(tmp_path, "a.obj", "\n".join(lines))).colours.tolist() == [[255, 0, 0]] * 4
 
 
 def test_the_only_texture_is_taken_as_it_is_and_repeats(tmp_path: Path) -> None:

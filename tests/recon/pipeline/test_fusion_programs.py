@@ -143,7 +143,9 @@ def test_a_run_with_a_program_that_failed_is_resumed(capture: Capture, tmp_path:
     fails_once = f"import os\nif '0001' in os.getcwd(): raise SystemExit('out of memory')\n{FACES}"
     path, run = methods_file(tmp_path, fails_once), tmp_path / "run"
     options = ReconstructOptions(depths=("id",), fusions=("mine",), methods=read_methods(path))
-    with pytest.raises(ProgramError, match=r"^id_mine: frame 1: the program ended with exit status 1; ") as error:
+    with pytest.raises(
+        ProgramError, match=r"^id_mine: frame 1: the program ended with exit status 1 and said: out of memory; "
+    ) as error:
         reconstruct(capture.folder, run, options)
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()

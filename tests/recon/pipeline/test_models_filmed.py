@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from recon.capture.format import CameraStream, Capture, SensorStream, write_capture
-from recon.geometry.mesh import Mesh, write_mesh
+from recon.geometry.mesh import Cloud, Mesh, write_cloud, write_mesh
 from recon.geometry.normals import surface_normals
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films
@@ -184,6 +184,17 @@ def test_every_wrong_model_is_named_and_nothing_is_written(models: Path, tmp_pat
         "0002.ply: is not a whole PLY",
     ):
         assert told.err.count(sentence) == 1
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_mesh_that_has_lost_its_faces_is_no_cloud_among_meshes(run: Path, models: Path, tmp_path: Path) -> None:
+    describe(models, path={"sensors_of": str(run)}, splat_mm=3)
+    mesh = blob(1)
+    write_cloud(models / "theirs/0002.ply", Cloud(mesh.vertices, mesh.normals, mesh.colours))
+    with pytest.raises(
+        ValueError, match=r"^\S*0002\.ply: has points and no faces, but other models of theirs have faces"
+    ):
+        render([run, models], tmp_path / "set", SHORT)
     assert not (tmp_path / "set").exists()
 
 

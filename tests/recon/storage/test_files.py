@@ -71,6 +71,11 @@ def test_json_comes_back_as_it_was(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == content
 
 
+def test_json_may_begin_with_the_mark_that_windows_writes(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"b": "é"}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "a.json") == {"b": "é"}
+
+
 @pytest.mark.parametrize(("text", "problem"), [(None, "no such file"), ("{", "not readable"), ("[1]", "JSON object")])
 def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, problem: str) -> None:
     path = tmp_path / "a.json"
@@ -79,3 +84,9 @@ def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, pro
     with pytest.raises(ValueError, match=problem) as raised:
         read_json(path)
     assert str(path) in str(raised.value)
+
+
+def test_json_that_the_system_does_not_give_is_named_without_its_number(tmp_path: Path) -> None:
+    (tmp_path / "a.json").mkdir()
+    with pytest.raises(ValueError, match=r"a\.json: cannot be read: is a directory$"):
+        read_json(tmp_path / "a.json")

@@ -18,3 +18,8 @@ def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
     assert '<td>12\u202f345</td>\n<td class="words">&lt;S1&gt;</td>\n<td>0.25</td>\n<td>–</td>' in page
     assert '<figure>\n<svg width="9"><rect/></svg>\n<figcaption>&#34;Drawn&#34;</figcaption>' in page
     assert '<img alt="Seen" src="data:image/png;base64,iVBORw==">' in page
+
+
+def test_long_paths_break_between_folders(tmp_path: Path) -> None:
+    page = write_page(tmp_path / "report.html", "Clouds", [Section("Files", rows=[{"file": "run/<a>/0000.ply"}])])
+    assert '<td class="words">run/<wbr>&lt;a&gt;/<wbr>0000.ply</td>' in page.read_text(encoding="utf-8")

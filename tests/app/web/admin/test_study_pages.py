@@ -170,7 +170,8 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
     good = 'name = "By file"\nexposure_s = 2\n[options]\nbreak_every = 5\n'
     assert "break_every = 5" in experimenter.act(f"{base}/edit/file", revision="1", text=good).text
     unknown = 'name = "x"\nexposure_s = 2\ncolour = "red"'
-    for text in ("name = ", unknown, good + "unknown = 1", 'name = ""\nexposure_s=1'):
+    left_out = good + 'without = ["id_fa"]'  # of films that are made
+    for text in ("name = ", unknown, good + "unknown = 1", left_out, 'name = ""\nexposure_s=1'):
         refused = experimenter.act(f"{base}/edit/file", revision="2", text=text)
         assert refused.status_code == 422
         assert "Nothing was changed" in refused.text

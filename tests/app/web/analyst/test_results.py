@@ -45,7 +45,7 @@ def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, A
     votes = rows(analyst, taken, "votes")
     assert len(votes) == 30
     columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason"
-    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before"
+    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before,press_to_picture_ms"
     for vote in votes:
         assert vote["choice"] in ("a", "b", "none")
         assert vote["first_shown"] in (vote["item_a"], vote["item_b"])

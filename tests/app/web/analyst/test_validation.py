@@ -15,7 +15,7 @@ import pytest
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.web.admin.objective_view import SHOWN, measure_lines
+from app.web.admin.objective_view import SHOWN, measure_lines, report_view
 from tests.app.web.admin.dashboard_client import signed_in
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
@@ -113,7 +113,7 @@ def test_a_reports_values_are_those_of_its_table_of_measures(
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("ball,id_fa,psnr,1,lower", "direction of psnr is 'less is better' for ball/id_fa and 'more is better' for"),
+        ("ball,id_fa,psnr,1,lower", "better of psnr is 'lower' for ball/id_fa and 'higher' for"),
         ("statue,id_fa,psnr,1,higher", "compares id_fa, id_fb, pm_fb in ball, box"),
         (
             "\n".join(f"ball,a_{number},psnr,1,higher" for number in range(14)),
@@ -141,6 +141,18 @@ def test_a_table_that_contradicts_the_study_is_refused_as_a_whole(
     with pytest.raises(ValueError, match=message):
         manage.attach_results(settings, [odd], study["slug"])
     assert analyst.get(f"/api/v1/studies/{study['slug']}/validation").json() == before
+
+
+def test_of_a_report_only_chosen_measures_are_attached(
+    analyst: httpx.Client, settings: Settings, new_study: Callable[[], dict[str, Any]], report: Path, psnr: Path
+) -> None:
+    study = new_study()
+    with pytest.raises(ValueError, match="no measure 'vmaf' in what is attached; there are accuracy, psnr"):
+        manage.attach_results(settings, [report, psnr], study["slug"], only=["psnr", "vmaf"])
+    attached = manage.attach_results(settings, [report, psnr], study["slug"], only=["psnr"])
+    assert attached["measures"] == ["psnr"]
+    rows = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
+    assert {row["measure"] for row in rows} == {"psnr"}
 
 
 def test_attaching_again_replaces_the_value(
@@ -202,6 +214,11 @@ def test_measures_stand_beside_the_scores(
         assert plot.headers["content-type"] == "image/svg+xml"
         assert "Score against accuracy" in plot.text
         assert browser.get(f"/admin/studies/{study['slug']}/figures/measure_weight.svg").status_code == 404
+
+
+def test_a_report_on_all_datasets_says_so_and_names_of_others_stay_whole(tmp_path: Path) -> None:
+    record = {"kind": "films", "subject": "ball: id_fa; all: pm_fb", "digest": "0"}
+    assert report_view(record, tmp_path)["subject"] == "ball: id_fa; every dataset: pm_fb"
 
 
 @pytest.mark.parametrize(

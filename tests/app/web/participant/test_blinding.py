@@ -87,6 +87,7 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_de
     assert begun.is_client_error
     session = pass_stages(client, session, rng=rng)
     client.get("/api/v1/session/practice")
+    client.get("/api/v1/session/films")
     while (trial := next_trial(client, session["token"])) is not None:
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json={"id": "wrong"})
         vote(client, session["token"], trial, "b", rng)

@@ -127,7 +127,10 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "exposure_s",
         "free_exposure",
         "see_both",
+        "minimum_viewing_s",
         "void_on",
+        "full_screen",
+        "minimum_window",
         "first_shown",
         "media",
     }
@@ -149,12 +152,28 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "reference",
         "fps",
         "n_frames",
+        "pixels",
     }
     assert media["layout"] == "stacked"
     assert media["a"] in ("top", "bottom")
     assert (media["width"], media["height"], media["guard_rows"]) == (64, 48, 16)
     assert (media["fps"], media["n_frames"]) == (25.0, 10)
     assert participant.head(media["url"]).status_code == participant.head(trial["next_media"]).status_code == 200
+
+
+def test_films_can_be_fetched_before_the_trials_begin(
+    client: httpx.Client, study: dict[str, Any], vote_body: VoteBody
+) -> None:
+    client.post(sessions(study), json={"invitation": study["invitation"]})
+    ahead = client.get("/api/v1/session/films").json()
+    assert is_problem(client.get("/api/v1/session/trials/next"), 409)  # none is given out by that
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    for media in ahead:
+        trial = client.get("/api/v1/session/trials/next").json()
+        assert trial["media"] == media
+        client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
+    assert len(ahead) == 5
+    assert len(client.get("/api/v1/session/films").json()) == 1
 
 
 def test_reloading_goes_on_where_one_was(participant: httpx.Client, vote_body: VoteBody) -> None:

@@ -95,6 +95,25 @@ def test_a_reference_lies_below_each_pair_and_is_not_compared(
     assert client.put(path, json=vote_body(trial, viewing=viewing)).status_code == 201
 
 
+def test_a_condition_that_is_left_out_is_not_compared(create: Create) -> None:
+    study = create(without=["id_fb"], identical_pairs=1)
+    assert (study["n_datasets"], study["n_conditions"], study["n_pairs"]) == (2, 2, 2)
+    assert study["without"] == ["id_fb"]
+
+
+@pytest.mark.parametrize(
+    ("left_out", "message"),
+    [
+        (["truth"], "'truth' cannot be left out: it is none of the set's conditions, id_fa, id_fb, pm_fb"),
+        (["id_fa", "pm_fb"], "ball has 1 stimuli without id_fa, pm_fb, expected at least two"),
+        ("id_fa", "without is 'id_fa', expected a list of names"),
+    ],
+)
+def test_what_cannot_be_left_out_is_named(create: Create, left_out: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        create(without=left_out)
+
+
 def test_a_reference_that_was_not_there_cannot_have_been_looked_at(
     participant: httpx.Client, vote_body: Callable[..., dict[str, Any]]
 ) -> None:

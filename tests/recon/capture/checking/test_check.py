@@ -15,6 +15,7 @@ from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, image_path, read_frame, write_capture
 from recon.rig import rigid
 from recon.studio import SynthParameters, synthesise
+from tests.command_line import Command
 from tests.recon.capture.calibration.board_geometry import SIZE, record_board
 
 
@@ -142,6 +143,10 @@ def test_the_report_is_json_and_text(board: Capture) -> None:
     assert content["schema_version"] == 1
     assert content["sensors"][0]["rows"]["n_matches"] >= MIN_MATCHES
     assert report.as_text().startswith("S1: baseline 40.00 mm, rectified ")
+
+
+def test_a_folder_without_a_capture_has_no_frames(command: Command, tmp_path: Path) -> None:
+    assert f"{tmp_path}: no frames, 0 sensors\n" in command("capture", "check", tmp_path).out
 
 
 def test_a_folder_without_a_capture_is_one_problem(tmp_path: Path) -> None:

@@ -292,7 +292,7 @@ def test_the_cameras_of_every_version_of_meshroom_are_understood(tmp_path: Path,
         (lambda content: content["intrinsics"][0].pop("focalLength"), "view 1 1.png: focalLength is missing"),
         (lambda content: content["views"][1].update(isPoseIndependant="false"), "view 2 2.png: is placed by a rig"),
         (lambda content: content.pop("views"), "views is missing"),
-        (lambda content: content.update(poses=[]), "expected LEFT-RIGHT of each pair"),
+        (lambda content: content.update(poses=[]), "pairs name .*, expected LEFT-RIGHT of each pair"),
         (lambda content: content.update(views=["1"]), "cameras.sfm: "),
     ],
 )

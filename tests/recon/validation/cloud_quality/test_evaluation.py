@@ -123,11 +123,31 @@ def test_what_clouds_lack_is_named_and_the_rest_is_measured(command: Command, tm
     report = validate(command, out, cloud, "--reference", reference)
     reasons = {row["measure"]: row["reason"] for row in report["skipped"]}
     assert reasons.keys() == {"d2", "colour", "pointssim_colour", "pointssim_normals_from_files"}
-    assert reasons["d2"] == f"{reference}: has no normals (nx, ny, nz), which D2 takes from the reference"
+    assert reasons["d2"] == f"{reference}: has no normals (nx, ny, nz other than 0), which D2 takes from the reference"
     assert reasons["colour"] == f"{cloud}: has no colours (red, green, blue of 8 bits)"
     assert {"d1_mse", "chamfer", "f_score", "pointssim_curvature"} <= {row["measure"] for row in table(out)}
     told = command("validate", "cloud", cloud, "--reference", reference, "-o", out)
     assert f"not measured: colour of mine: {cloud}: has no colours" in told.out
+
+
+@pytest.mark.parametrize(
+    ("n_blank", "said"),
+    [
+        (400, ["truth.ply: has no normals (nx, ny, nz other than 0), which D2 takes from the reference"]),
+        (3, ["truth.ply: 3 of 400 normals are (0, 0, 0); D2 sees no error there"]),
+    ],
+)
+def test_normals_without_direction_are_named_and_make_no_cloud_perfect(
+    command: Command, tmp_path: Path, n_blank: int, said: list[str]
+) -> None:
+    whole = ball()
+    normals = np.where(np.arange(400)[:, None] < n_blank, 0, whole.normals)
+    reference = write(tmp_path / "truth.ply", PointSet("truth", whole.points, normals))
+    cloud = write(tmp_path / "mine.ply", ball(noise=1))
+    report = validate(command, tmp_path / "report", cloud, "--reference", reference, "--measures", "d1,d2")
+    sentences = [*report["remarks"], *(row["reason"] for row in report["skipped"])]
+    assert [sentence.removeprefix(f"{tmp_path}/") for sentence in sentences] == said
+    assert any(value["measure"] == "d2_mse" for value in report["values"]) == (n_blank < 400)
 
 
 def test_one_point_is_measured_as_far_as_that_goes(command: Command, tmp_path: Path) -> None:

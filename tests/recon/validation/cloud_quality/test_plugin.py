@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.validation.cloud_quality import PointSet, Value, check_measure
+from recon.contract import check_measure
+from recon.validation.cloud_quality import PointSet, Value
 from tests.command_line import Command
 from tests.installed_package import install
 from tests.recon.validation.cloud_quality.clouds import ball, table, validate, write

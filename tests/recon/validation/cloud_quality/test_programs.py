@@ -60,7 +60,7 @@ def test_a_program_that_fails_is_named_with_its_log_and_the_rest_is_measured(com
     cloud = write(tmp_path / "a.ply", ball(100))
     report = validate(command, tmp_path / "report", cloud, "--reference", cloud, "--methods", methods)
     assert [row["measure"] for row in report["skipped"]] == ["pcqm"]
-    assert re.search(r"could not be started.*no-such-PCQM.*its log is .*log.txt", report["skipped"][0]["reason"])
+    assert re.search(r"no-such-PCQM could not be started.*its log is .*log.txt", report["skipped"][0]["reason"])
     assert any(row["measure"] == "d1_mse" for row in report["values"])
 
 
