@@ -20,8 +20,8 @@ from app.analysis.settings import LEVEL
 
 Z = float(norm.ppf((1 + LEVEL) / 2))
 WHY_NO_MODEL = {
-    "disconnected": "no ratings link some participants and items to the others, so biases and qualities cannot be told "
-    "apart",
+    "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
+    "by items that they share",
     "not converged": "the estimate did not settle",
 }
 
