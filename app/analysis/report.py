@@ -161,8 +161,7 @@ def analyse_ratings_file(
     if not len(table):
         raise VotesError(f"{path}: no rating is left after the exclusions")
     analysis = NO_VOTES | {"settings": {"exclude": list(exclude)}, "warnings": []}
-    is_single = isinstance(table, RatingTable)
-    _add_tables(analysis, analyse_ratings(table) if is_single else analyse_comparisons(table))
+    _add_tables(analysis, analyse_ratings(table) if isinstance(table, RatingTable) else analyse_comparisons(table))
     write_analysis(analysis, out, source=path.name)
     return analysis
 
@@ -241,10 +240,13 @@ COLUMNS = {
     "measure_comparisons": ("measure_a", "measure_b"),
     "rating_items": ("dataset", "condition", "is_reference", "n_ratings", "n", "mos"),
     "rating_conditions": ("condition", "n_datasets", "n_ratings", "n", "mos"),
+    "rating_model": ("protocol", "low", "high", "n_ratings", "n_participants", "n_items", "status"),
     "raters": ("participant", "n_ratings", "mean", "bias", "inconsistency", "flags"),
     "alignment_items": ("dataset", "condition", "n_ratings", "n_votes", "quality", "score"),
+    "alignment": ("n_items", "n_shared", "n_ratings", "n_votes", "slope", "rating_noise", "status"),
     "comparison_pairs": ("dataset", "item_a", "item_b", "n_ratings", "n", "cmos"),
     "comparison_items": ("dataset", "condition", "n_ratings", "score"),
+    "comparison_models": ("dataset", "n_ratings", "n_participants", "order_effect", "order_se", "status"),
 }
 ALWAYS_THERE = ("scores", "triads", "observers")  # tables of every analysis of votes
 VOTE_TABLES = (

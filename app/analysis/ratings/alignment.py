@@ -25,6 +25,7 @@ JOD = np.log(3)  # log-odds
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
 CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
 TOLERANCE = 1e-6  # of the gradient, per observation
+MOST_ITERATIONS = 500
 
 
 @dataclass(frozen=True)
@@ -223,9 +224,12 @@ class _Likelihood:
         d, t = slope * gap, np.broadcast_to(log_nu, gap.shape)
         return gap, self.model.derivatives(d, t, self.wins, self.losses, self.ties)
 
-    def gradient(self, theta: Array) -> Array:
+    def loss(self, theta: Array) -> float:
+        return -self.value(theta)
+
+    def loss_gradient(self, theta: Array) -> Array:
         votes, ratings = self.parts(theta)
-        return np.asarray(votes.sum(axis=0)).ravel() + np.asarray(ratings.sum(axis=0)).ravel()
+        return -np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
 
     def information(self, theta: Array) -> Array:
         """Return the negative Hessian, float64 (M, M)."""
@@ -246,7 +250,7 @@ class _Likelihood:
             result[n, n + 2] = vote.dt @ gap
             result[n + 2, n + 2] = vote.tt.sum()
         upper = np.triu(result, 1)
-        return np.diag(np.diagonal(result)) + upper + upper.T
+        return np.asarray(np.diag(np.diagonal(result)) + upper + upper.T)
 
 
 def _fit(seen: Observations) -> _Fit | None:
@@ -257,12 +261,12 @@ def _fit(seen: Observations) -> _Fit | None:
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
     best = minimize(
-        lambda theta: (-likelihood.value(theta), -likelihood.gradient(theta)),
+        likelihood.loss,
         start,
-        jac=True,
+        jac=likelihood.loss_gradient,
         hess=likelihood.information,
         method="trust-exact",
-        options={"gtol": TOLERANCE, "maxiter": 500},
+        options={"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS},
     )
     theta = np.asarray(best.x)
     information = likelihood.information(theta)
@@ -292,7 +296,7 @@ def _start(seen: Observations, likelihood: _Likelihood) -> Array:
     times = np.bincount(seen.rated, minlength=n)
     quality = np.bincount(seen.rated, likelihood.rating, minlength=n) / np.maximum(times, 1)
     noise = max(float(np.std(likelihood.rating - quality[seen.rated])), 0.1)
-    return np.r_[quality, 1.0, np.log(noise), *([0.0] if likelihood.has_ties else [])]
+    return np.concatenate([quality, [1.0, np.log(noise)], [0.0] if likelihood.has_ties else []])
 
 
 def _clustered(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> Array:

@@ -10,7 +10,6 @@ from scipy.stats import norm
 
 from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
 from app.analysis.ratings.outliers import (
-    LARGEST_SHARE,
     LOWEST_CORRELATION,
     correlations_with_means,
     screen_observers,
@@ -21,8 +20,8 @@ from app.analysis.settings import LEVEL
 
 Z = float(norm.ppf((1 + LEVEL) / 2))
 WHY_NO_MODEL = {
-    "disconnected": "no ratings link some participants and items to the others, so biases and qualities cannot be told "
-    "apart",
+    "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
+    "by items that they share",
     "not converged": "the estimate did not settle",
 }
 
@@ -120,12 +119,9 @@ def _or_none(value: float) -> float | None:
 def _flags(row: dict[str, Any]) -> Iterator[str]:
     """Say in words what is unusual about a participant's ratings."""
     if row["is_bt500_outlier"]:
-        yield (
-            f"BT.500 would reject: {row['bt500_above']} ratings far above and {row['bt500_below']} far below the mean, "
-            f"{row['bt500_share']:.0%} of all (more than {LARGEST_SHARE:.0%})"
-        )
+        yield f"BT.500: {row['bt500_above']} far above, {row['bt500_below']} far below"
     if row["is_correlation_low"]:
-        yield f"correlation with the mean scores {row['correlation']:.2f}, below {LOWEST_CORRELATION}"
+        yield f"correlation {row['correlation']:.2f}"
 
 
 def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def _has(values: Sequence[Row], estimate: str) -> bool:
 def _point(row: Row, value: str, ends: str) -> dict[str, Any]:
     """Return what is drawn of a row; without an interval it has no length."""
     low, high = (row[value] if row[f"{ends}_{end}"] is None else row[f"{ends}_{end}"] for end in ("low", "high"))
-    name = f"{row['condition']} (reference)" if row.get("is_reference") else row["condition"]
+    name = f"{row['condition']} (ref.)" if row.get("is_reference") else row["condition"]
     return {
         "dataset": "all datasets" if row["dataset"] in ("", ALL) else row["dataset"],
         "condition": name,
@@ -161,7 +161,7 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
     if not rows or len(rows) > MOST_PARTICIPANTS_IN_A_CHART:
         return None
     order = [row["participant"] for row in sorted(rows, key=lambda row: row["inconsistency"])]
-    panels = []
+    panels: list[Any] = []
     for name, line in (("bias", 0.0), ("inconsistency", None)):
         values = [
             {
@@ -177,7 +177,8 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
         base = alt.Chart(alt.Data(values=values)).encode(
             y=alt.Y("participant:N", sort=order, title=None, axis=axis),
         )
-        x, low = (alt.X(f"{end}:Q", title=f"{name} (units of the scale)") for end in ("value", "low"))
+        ticks = alt.Axis(tickCount=5, title=f"{name} (units of the scale)")
+        x, low = (alt.X(f"{end}:Q", axis=ticks) for end in ("value", "low"))
         bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2="high:Q")
         fill = alt.Fill(
             "named:N", scale=alt.Scale(domain=["by a rule", "no"], range=[PALETTE[2], "#ffffff"]), legend=None

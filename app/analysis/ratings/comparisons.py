@@ -124,7 +124,7 @@ def _fit(part: _Part) -> _Fit:
     design[:, n_items] = part.order
     squares = design.T @ design
     graph = coo_array((np.ones(n), (part.a, part.b)), shape=(n_items, n_items))
-    n_groups = int(connected_components(graph, directed=False, return_labels=False))
+    n_groups = int(connected_components(graph, directed=False)[1].max()) + 1
     has_order = int(np.linalg.matrix_rank(squares, tol=RANK_TOLERANCE * np.trace(squares))) == n_items - n_groups + 1
     if not has_order:
         design[:, n_items] = 0

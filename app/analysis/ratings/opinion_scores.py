@@ -76,7 +76,7 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     dict, `n` (participants), `mean`, `sd` (of the participants' means; denominator n - 1), `ci_low`, `ci_high`;
     None where too few values define it
     """
-    values = values.reshape(len(values), -1)
+    values = values[:, None] if values.ndim == 1 else values
     values = values[:, ~np.isnan(values).all(axis=0)]
     values = values[~np.isnan(values).all(axis=1)]
     n = len(values)

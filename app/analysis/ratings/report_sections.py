@@ -44,7 +44,7 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
             if model["protocol"] == "dcr"
             else f" The DMOS is the rating less the same participant's rating of the reference, plus {model['high']:g}."
         )
-    columns = ["participants", "mos", "sd", "interval", "dmos", "DMOS interval", "quality", "quality interval"]
+    columns = ["participants", "MOS", "sd", "DMOS", "quality"]
     rows = [_with_intervals(row) for row in analysis["rating_items"]]
     conditions = [_with_intervals(row) for row in analysis["rating_conditions"]]
     tables = [table("Every item", ["condition", "dataset", *columns], rows)]
@@ -55,19 +55,22 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 
 
 def _with_intervals(row: Row) -> dict[str, Any]:
-    names = {"interval": "ci", "DMOS interval": "dmos", "quality interval": "quality"}
     name = f"{row['condition']} (reference)" if row.get("is_reference") else row["condition"]
-    return (
-        dict(row)
-        | {"condition": name, "participants": row["n"]}
-        | {heading: interval_text(row, ends) for heading, ends in names.items()}
-    )
+    return dict(row) | {
+        "condition": name,
+        "participants": row["n"],
+        "MOS": _with_interval(row, "mos", "ci"),
+        "DMOS": _with_interval(row, "dmos", "dmos"),
+        "quality": _with_interval(row, "quality", "quality"),
+    }
 
 
-def interval_text(row: Row, name: str) -> str | None:
-    """Return an interval as text; None where there is none."""
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return None if low is None else f"{low:.2f} to {high:.2f}"
+def _with_interval(row: Row, name: str, ends: str) -> str | None:
+    """Return a value and its interval as text; None without a value."""
+    value, low, high = row[name], row[f"{ends}_low"], row[f"{ends}_high"]
+    if value is None:
+        return None
+    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -81,14 +84,13 @@ def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     rows = [
         row
         | {
-            "bias interval": interval_text(row, "bias"),
-            "inconsistency interval": interval_text(row, "inconsistency"),
+            "bias": _with_interval(row, "bias", "bias"),
+            "inconsistency": _with_interval(row, "inconsistency", "inconsistency"),
             "flags": "; ".join(row["flags"]) or None,
         }
         for row in sorted(analysis["raters"], key=lambda row: not row["flags"])
     ]
-    spread = ["bias", "bias interval", "inconsistency", "inconsistency interval"]
-    columns = ["participant", "n_ratings", "mean", *spread, "correlation", "flags"]
+    columns = ["participant", "n_ratings", "mean", "bias", "inconsistency", "correlation", "flags"]
     return section("Participants who rated", text, columns, rows, [figures["raters"]] if "raters" in figures else [])
 
 
@@ -105,10 +107,10 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "dataset."
     )
     rows = [
-        row | {"quality interval": interval_text(row, "quality"), "score interval": interval_text(row, "score")}
+        row | {name: _with_interval(row, name, name) for name in ("quality", "score")}
         for row in analysis["alignment_items"]
     ]
-    columns = ["condition", "dataset", "n_ratings", "n_votes", "quality", "quality interval", "score", "score interval"]
+    columns = ["condition", "dataset", "n_ratings", "n_votes", "quality", "score"]
     shown = [figures["alignment"]] if "alignment" in figures else []
     return section("Ratings and votes on one scale", text, [*columns, "jod"], rows, shown)
 
@@ -117,14 +119,14 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "Comparison category ratings (ITU-T P.910): above zero where the second item of a pair is better. What being "
         "shown second adds was estimated and taken off (Scheffe 1952). Scores are the least squares scale of all "
-        "ratings, with mean zero; the difference of two scores is the expected rating of the pair. 95 % intervals, "
-        "with participants as the sample."
+        "ratings, with mean zero; the difference of two scores is the expected rating of the pair. In brackets: "
+        "95 % intervals, with participants as the sample."
     )
-    scores = [dict(row) | {"interval": interval_text(row, "ci")} for row in analysis["comparison_items"]]
+    scores = [dict(row) | {"scored": _with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
     place = list(dict.fromkeys(row["dataset"] for row in scores)).index
     scores.sort(key=lambda row: (place(row["dataset"]), -row["score"]))
     pairs = [
-        dict(row) | {"participants": row["n"], "interval": interval_text(row, "ci")}
+        dict(row) | {"participants": row["n"], "cmos": _with_interval(row, "cmos", "ci")}
         for row in analysis["comparison_pairs"]
     ]
     return {
@@ -132,10 +134,8 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "paragraphs": [text],
         "figures": [figures["comparison_scores"]] if "comparison_scores" in figures else [],
         "tables": [
-            table("Scores", ["condition", "dataset", "n_ratings", "score", "se", "interval"], scores),
-            table(
-                "Pairs", ["item_a", "item_b", "dataset", "n_ratings", "participants", "cmos", "sd", "interval"], pairs
-            ),
+            table("Scores", ["condition", "dataset", "n_ratings", "scored"], scores),
+            table("Pairs", ["item_a", "item_b", "dataset", "n_ratings", "participants", "cmos", "sd"], pairs),
             table(
                 "Order",
                 ["dataset", "n_ratings", "order_effect", "order_se", "n_first_better", "n_second_better", "status"],

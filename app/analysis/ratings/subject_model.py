@@ -114,8 +114,8 @@ def fit_subject_model(table: RatingTable) -> SubjectModel:
     except _NoMaximumError:
         fit, status = _fit_common(person, item, rating, length), COMMON
         residue = rating - fit.quality[item] - fit.bias[person]
-        spread = np.sqrt(residue @ residue / max(len(rating) - len(items) - len(people) + 1, 1))
-        spread = max(spread, COLLAPSED * length)  # participants who all agree
+        freedom = max(len(rating) - len(items) - len(people) + 1, 1)
+        spread = max(float(np.sqrt(residue @ residue / freedom)), COLLAPSED * length)  # if all agree, not 0
         errors = _errors(person, item, np.zeros(len(item)), np.full(len(people), spread**-2))
     if fit.iterations == MOST_ITERATIONS:
         return _without_estimates(table, "not converged")
@@ -149,7 +149,7 @@ def _is_connected(person: Indices, item: Indices) -> bool:
     """Do the ratings link all participants and items, so that bias and quality can be told apart?"""
     n_people, n_nodes = person.max() + 1, person.max() + item.max() + 2
     graph = coo_array((np.ones(len(person)), (person, n_people + item)), shape=(n_nodes, n_nodes))
-    return int(connected_components(graph, directed=False, return_labels=False)) == 1
+    return bool((connected_components(graph, directed=False)[1] == 0).all())
 
 
 def _fit_projections(person: Indices, item: Indices, rating: Array, length: float) -> _Fit:

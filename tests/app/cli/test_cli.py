@@ -308,6 +308,47 @@ def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
+RATINGS = "participant,dataset,condition,rating\n" + "".join(
+    f"p{p},ball,{item},{rating + p % 2}\n" for p in range(4) for item, rating in (("x", 1), ("y", 3), ("z", 4))
+)
+
+
+@pytest.mark.slow
+def test_ratings_become_opinion_scores_and_a_report(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out")
+    assert told.code == 0, told.err
+    assert [line.split()[:2] for line in told.out.splitlines()[:3]] == [["z", "4.50"], ["y", "3.50"], ["x", "1.50"]]
+    for name in ("analysis.json", "rating_items.csv", "raters.csv", "report.html"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (("--scale", "1:4"), 1, "row 6: rating is 5, expected 1 to 4"),
+        (("--scale", "5"), 2, "expected two numbers"),
+        (("--scale", "5:1"), 2, "expected its low end first"),
+        (("--ties", "half"), 2, "--ties is for votes"),
+    ],
+)
+def test_options_that_do_not_fit_ratings_are_refused(
+    command: Command, tmp_path: Path, options: tuple[str, str], code: int, says: str
+) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out", *options)
+    assert told.code == code
+    assert says in " ".join(told.err.replace("│", " ").split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scale_of_votes_is_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--scale", "1:5")
+    assert told.code == 2
+    assert "--ratings FILE" in told.err
+
+
 @pytest.mark.slow
 def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
     votes = real_data / "votes/pwcmp_tone_mapping.csv"

@@ -75,7 +75,7 @@ RATINGS = (
 )
 AGAIN = ((0, 1, 3), (4, 6, 3))
 
-# What SUREAL 0.8 (SubjectMLEModelProjectionSolver2, its model of P.910 Annex E) makes of them.
+# What SUREAL 0.9.0 (SubjectMLEModelProjectionSolver2, its model of P.910 Annex E) makes of them.
 SUREAL_QUALITY = (
     *(2.65901615, 3.70616277, 2.42032742, 1.94371649, 2.68255, 2.65589464),
     *(3.54042359, 1.70824768, 4.56637967, 4.25405785, 1.24122394, 3.79576015),

@@ -107,7 +107,8 @@ def test_the_folder_holds_tables_figures_and_a_report(write: Write, tmp_path: Pa
     out = tmp_path / "out"
     analysis = analyse_ratings_file(write(*panel()), out)
     assert json.loads((out / "analysis.json").read_text(encoding="utf-8")) == analysis
-    assert {path.name for path in out.glob("*.csv")} == {"rating_items.csv", "rating_conditions.csv", "raters.csv"}
+    tables = {"rating_items.csv", "rating_conditions.csv", "rating_model.csv", "raters.csv"}
+    assert {path.name for path in out.glob("*.csv")} == tables
     assert {path.name for path in (out / "figures").glob("*.svg")} == {"opinion_scores.svg", "raters.svg"}
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Mean opinion scores" in page
