@@ -128,6 +128,8 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "free_exposure",
         "see_both",
         "minimum_viewing_s",
+        "protocol",
+        "grades",
         "void_on",
         "full_screen",
         "minimum_window",
