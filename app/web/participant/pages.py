@@ -25,7 +25,7 @@ from app.web.participant.entrance import entrance
 from app.web.participant.session import remember
 from app.web.throttle import WRONG_CODES
 
-TEXTS = "templates/participant/texts"
+TEXTS = "languages"
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
 STATUS_OF_MESSAGE = {

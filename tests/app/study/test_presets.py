@@ -13,7 +13,7 @@ from app.study.options import StudyOptions
 from app.study.presets import ONLINE, PAPER, PRESETS, QUICK, read_preset
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
 
-TEXTS = Path(__file__).parents[3] / "templates/participant/texts"
+TEXTS = Path(__file__).parents[3] / "languages"
 
 
 @pytest.mark.parametrize("name", PRESETS)
