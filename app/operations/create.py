@@ -27,6 +27,7 @@ from app.films.pairs import (
     split_reference,
 )
 from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
+from app.operations.languages import read_languages
 from app.operations.manage import opened_store
 from app.settings import Settings
 from app.store import studies
@@ -42,6 +43,7 @@ from app.study.presets import QUICK, read_preset
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
+from app.study.wording import check_languages
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -74,12 +76,14 @@ def create_study(
     Raises
     ------
     ValueError
-        If a study has this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+        If a study has this name, is complete in no language, or a number is out of bounds; StimuliError if the
+        stimulus set cannot be used.
     """
     slug = slugify(name)
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
         options = options or StudyOptions()
+        check_languages(options, read_languages(settings))
         stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
         exposure = _exposure(stimulus_set, exposure_s)
         check_minimum_viewing(options, exposure)

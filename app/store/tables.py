@@ -244,6 +244,16 @@ session = Table(
     required("started_at", UtcDateTime),
     Column("finished_at", UtcDateTime),
     Column("withdrawn_at", UtcDateTime),
+    Column("language", String(40)),  # of its texts, chosen once; NULL: begun by another client than the page
+    Column("texts_sha256", String(64)),  # of `shown_texts`
+)
+
+shown_texts = Table(  # all texts that participants have read, by their digest: a pack's file may change later
+    "shown_texts",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    required("language", String(40)),
+    required("content", JSON),
 )
 
 stage_record = Table(

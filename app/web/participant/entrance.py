@@ -31,6 +31,7 @@ class Entrance:
     slug: str
     title: str
     state: State
+    language: str | None  # of this browser's session, where it has one
     is_shared: bool  # whether another participant may begin at this browser
     options: StudyOptions
     fallback: str  # the option, empty where the study lacks the films for it
@@ -69,6 +70,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         slug=study.slug,
         title=study.name,
         state=state,
+        language=session.language if session is not None and state == "mine" else None,
         is_shared=study.standing == "open" and places and not options.outside.id,
         options=options,
         fallback=options.fallback if has_singles else "",
