@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
+<<<<<<< HEAD
 from app.study.protocols import (
     PC,
     SCALES,
@@ -22,6 +23,9 @@ from app.study.protocols import (
     grades_of,
     parse_protocol,
 )
+=======
+from app.study.language_pack import MODEL
+>>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -34,7 +38,15 @@ from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 from app.study.technique import TWO_VIDEOS, WEBCODECS
 from app.study.trial import Disturbance
-from app.study.wording import LONGEST_TEXT, OwnTexts, parse_languages, parse_own_texts
+from app.study.wording import (
+    CONSENT,
+    DEBRIEFING,
+    LONGEST_TEXT,
+    OwnTexts,
+    parse_languages,
+    parse_own_texts,
+    plain_document,
+)
 
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
@@ -201,20 +213,35 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     questions = parse_questions(content.get("questions", ()))
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
+<<<<<<< HEAD
     protocol, scale = parse_protocol(content)
     options = StudyOptions(
         languages=parse_languages(content.get("languages", ())),
         texts=parse_own_texts(content.get("texts", {}), questions),
+=======
+    languages = parse_languages(content.get("languages", ()))
+    texts = parse_own_texts(content.get("texts", {}), questions)
+    first = languages[0] if languages else MODEL
+    consent = plain_document(_text(content, "consent"), texts, first, CONSENT)
+    debriefing = plain_document(_text(content, "debriefing"), texts, first, DEBRIEFING)
+    return StudyOptions(
+        languages=languages,
+        texts={language: own for language, own in texts.items() if own},
+>>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
-        consent=_text(content, "consent"),
+        consent=consent,
         consent_version=_text(content, "consent_version"),
         comprehension=_flag(content, "comprehension"),
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
+<<<<<<< HEAD
         debriefing=_text(content, "debriefing"),
         protocol=protocol,
         scale=scale,
+=======
+        debriefing=debriefing,
+>>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),

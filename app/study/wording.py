@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from app.study.language_pack import (
@@ -80,6 +80,27 @@ def own_texts(options: StudyOptions, language: str) -> dict[str, Text]:
     return {**plain, **options.texts.get(language, {})}
 
 
+def plain_document(plain: str, texts: dict[str, dict[str, Text]], language: str, key: str) -> str:
+    """Take a document in the study's first language out of its own texts: there it is a plain option.
+
+    Parameters
+    ----------
+    plain : the option
+    texts : the study's own, by language; they lose the document
+    language : the study's first
+    key : CONSENT or DEBRIEFING
+
+    Raises
+    ------
+    ValueError
+        If the option and the texts differ.
+    """
+    document = str(texts.get(language, {}).pop(key, plain))
+    if plain not in ("", document):
+        raise ValueError(f"texts.{language}.{key} and the option {key.removeprefix('study.')} differ; leave one out")
+    return document
+
+
 def consent_in(options: StudyOptions, language: str) -> str:
     """Return the text that a participant agrees to in a language; empty: no consent is asked for."""
     return str(own_texts(options, language).get(CONSENT, ""))
@@ -143,6 +164,30 @@ def parse_languages(content: Any) -> tuple[str, ...]:
     if not is_list or len(set(content)) < len(content):
         raise ValueError(f'languages is {content!r}, expected a list of different tags such as ["en", "de"]')
     return tuple(content)
+
+
+def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[str, Any]:
+    """Return the options that change with `languages`; every text stays in its language.
+
+    Raises
+    ------
+    ValueError
+        If the new first language lacks a question's text, which the study cannot do without.
+    """
+    before, after = first_language(options), languages[0] if languages else MODEL
+    changes: dict[str, Any] = {"languages": list(languages)}
+    if before == after:
+        return changes
+    texts = {**options.texts, before: own_texts(options, before)}
+    first = dict(texts.get(after, {}))
+    questions = []
+    for question in options.questions:
+        parts = [f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels")]
+        if lacking := [part for part in parts if part in texts[before] and part not in first]:
+            raise ValueError(f"{lacking[0]} is missing in {after}, which cannot be the first language without it")
+        text, labels = first.pop(parts[0], ""), first.pop(parts[1], ())
+        questions.append(asdict(replace(question, text=text, labels=tuple(labels))))
+    return {**changes, "texts": {**texts, after: first}, "consent": "", "debriefing": "", "questions": questions}
 
 
 def parse_own_texts(content: Any, questions: Sequence[Question]) -> dict[str, dict[str, Text]]:

@@ -28,13 +28,23 @@ class Preset:
     options: Mapping[str, Any]
 
     def overridden_by(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the options with those given in their place; the keys of a table replace one by one."""
+        """Return the options with those given in their place; the keys of a table replace one by one.
+
+        A consent or debriefing given replaces the preset's in every language.
+        """
+        texts = self.options.get("texts", {})
+        kept = {tag: {"study": _without(own["study"], given)} for tag, own in texts.items()}
+        options = {**self.options, "texts": {tag: own for tag, own in kept.items() if own["study"]}}
         tables = {
             key: {**value, **given[key]}
-            for key, value in self.options.items()
+            for key, value in options.items()
             if isinstance(value, Mapping) and isinstance(given.get(key), Mapping)
         }
-        return {**self.options, **given, **tables}
+        return {**options, **given, **tables}
+
+
+def _without(texts: Mapping[str, str], given: Mapping[str, Any]) -> dict[str, str]:
+    return {key: text for key, text in texts.items() if key not in given}
 
 
 def read_preset(name: str) -> Preset:

@@ -20,9 +20,11 @@ from app.study.wording import (
     LONGEST_TEXT,
     NAME,
     QUESTIONS,
+    changed_languages,
     first_language,
     own_texts,
     pack_labels,
+    parse_languages,
     refused_languages,
     wording,
 )
@@ -86,7 +88,12 @@ def choose_languages(
     named: Annotated[str, Form(max_length=500)] = "",
 ) -> Response:
     """Save in which languages the study is offered."""
-    return _save(request, actor, study, database, revision, {"languages": named.replace(",", " ").split()}, "texts")
+    try:
+        tags = parse_languages(named.replace(",", " ").split())
+        changes = changed_languages(parse_options(study.options), tags)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    return _save(request, actor, study, database, revision, changes, "texts")
 
 
 @router.post("")
