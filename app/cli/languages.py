@@ -26,8 +26,8 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
     from app.settings import Settings
 
     settings = Settings()
-    found = find_language_packs(settings)
-    used = {file.pack.tag: file.path for file in found if file.pack is not None}
+    files = find_language_packs(settings)
+    used = {file.pack.tag: file.path for file in files if file.pack is not None}
     rows = [
         {
             "tag": file.path.stem,
@@ -38,7 +38,7 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
             "path": str(file.path),
             "refusal": file.refusal or None,
         }
-        for file in found
+        for file in files
     ]
     lines = [
         f"refused: {row['refusal']}"

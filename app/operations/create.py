@@ -34,6 +34,7 @@ from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.designs import copy_design, insert_design, insert_practice
 from app.store.engine import Database, Transaction
+from app.store.images import copy_images
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.store.orders import pairs_to_show, study_plan
@@ -183,6 +184,7 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
     with database.writing() as connection:
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
+        copy_images(connection, original.id, study_id)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now

@@ -13,6 +13,7 @@ from sqlalchemy import (
     ForeignKeyConstraint,
     Index,
     Integer,
+    LargeBinary,
     String,
     Table,
     Text,
@@ -246,6 +247,17 @@ session = Table(
     Column("withdrawn_at", UtcDateTime),
     Column("language", String(40)),  # of its texts, chosen once; NULL: begun by another client than the page
     Column("texts_sha256", String(64)),  # of `shown_texts`
+)
+
+study_image = Table(  # shown in consent and debriefing
+    "study_image",
+    metadata,
+    key(),
+    reference("study", index=False),
+    required("name", String(80)),
+    digest("sha256", index=True),
+    required("content", LargeBinary),
+    UniqueConstraint("study_id", "name"),
 )
 
 shown_texts = Table(  # all texts that participants have read, by their digest: a pack's file may change later

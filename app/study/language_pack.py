@@ -101,10 +101,10 @@ def text_faults(key: str, text: Any, *, may_leave_out: bool = False) -> list[str
     text : string, list or plural text
     may_leave_out : may the text leave out placeholders, and be one string where the English one is plural?
     """
-    model = model_texts()[key]
+    model: Any = model_texts()[key]
     if may_leave_out and isinstance(model, dict) and isinstance(text, str):
         return _string_faults(key, text, model["other"], may_leave_out=True)
-    if type(text) is not type(model):
+    if not isinstance(text, type(model)):
         return [f"{key} is {_kind(text)}, expected {_kind(model)} as in English"]
     if isinstance(model, dict):
         return _plural_faults(key, text, model, may_leave_out=may_leave_out)
@@ -207,5 +207,5 @@ def _quoted(text: Text) -> str:
 
 
 def _kind(value: Any) -> str:
-    kinds = {str: "a text", list: "a list of texts", dict: "a plural text"}
+    kinds: dict[type, str] = {str: "a text", list: "a list of texts", dict: "a plural text"}
     return kinds.get(type(value), f"the value {value!r:.40}")

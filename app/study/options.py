@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
-<<<<<<< HEAD
+from app.study.language_pack import MODEL
 from app.study.protocols import (
     PC,
     SCALES,
@@ -23,9 +23,6 @@ from app.study.protocols import (
     grades_of,
     parse_protocol,
 )
-=======
-from app.study.language_pack import MODEL
->>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -213,21 +210,15 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     questions = parse_questions(content.get("questions", ()))
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
-<<<<<<< HEAD
     protocol, scale = parse_protocol(content)
-    options = StudyOptions(
-        languages=parse_languages(content.get("languages", ())),
-        texts=parse_own_texts(content.get("texts", {}), questions),
-=======
     languages = parse_languages(content.get("languages", ()))
     texts = parse_own_texts(content.get("texts", {}), questions)
     first = languages[0] if languages else MODEL
     consent = plain_document(_text(content, "consent"), texts, first, CONSENT)
     debriefing = plain_document(_text(content, "debriefing"), texts, first, DEBRIEFING)
-    return StudyOptions(
+    options = StudyOptions(
         languages=languages,
-        texts={language: own for language, own in texts.items() if own},
->>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
+        texts={language: said for language, said in texts.items() if said},
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
         consent=consent,
@@ -235,13 +226,9 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         comprehension=_flag(content, "comprehension"),
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
-<<<<<<< HEAD
-        debriefing=_text(content, "debriefing"),
+        debriefing=debriefing,
         protocol=protocol,
         scale=scale,
-=======
-        debriefing=debriefing,
->>>>>>> 74f3e5a (Hold languages, texts and Markdown by tests)
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),

@@ -78,8 +78,8 @@ def write_study_file(study: StudyFile) -> str:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
     for name, table in tables.items():
         lines += ["", f"[options.{name}]", *(_line(key, value) for key, value in table.items())]
-    for language, own in texts.items():
-        lines += ["", f"[options.texts.{language}]", *(_line(key, text) for key, text in own.items())]
+    for language, said in texts.items():
+        lines += ["", f"[options.texts.{language}]", *(_line(key, text) for key, text in said.items())]
     for question in questions:
         given = {key: value for key, value in question.items() if value not in (None, [])}
         lines += ["", "[[options.questions]]", *(_line(key, value) for key, value in given.items())]

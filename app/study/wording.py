@@ -43,7 +43,7 @@ class Wording:
     ----------
     language, direction : of the pack
     texts : nested as in a pack; `study` has name, consent and debriefing, `questions` text and labels of each question
-    sha256 : of language and texts
+    sha256 : of language and texts, and of the study's images, whose digests are `study.images`
     """
 
     language: str
@@ -52,7 +52,7 @@ class Wording:
     sha256: str
 
 
-def wording(pack: LanguagePack, options: StudyOptions, name: str) -> Wording:
+def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mapping[str, str] | None = None) -> Wording:
     """Compose a study's texts in the language of a pack.
 
     Parameters
@@ -60,16 +60,18 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str) -> Wording:
     pack : of a language that the study is offered in, see `offered_languages`
     options : the study's
     name : the study's, used where it has none in this language
+    images : SHA-256 of the study's images, by name
     """
-    own = own_texts(options, pack.tag)
-    replaced = {key: own.get(key, text) for key, text in pack.texts.items() if not key.startswith(f"{QUESTIONS}.")}
+    said = own_texts(options, pack.tag)
+    replaced = {key: said.get(key, text) for key, text in pack.texts.items() if not key.startswith(f"{QUESTIONS}.")}
     texts = nested_texts(replaced)
     texts["study"] = {
-        "name": own.get(NAME, name),
-        "consent": own.get(CONSENT, ""),
-        "debriefing": own.get(DEBRIEFING, ""),
+        "name": said.get(NAME, name),
+        "consent": said.get(CONSENT, ""),
+        "debriefing": said.get(DEBRIEFING, ""),
+        "images": dict(images or {}),
     }
-    texts[QUESTIONS] = {question.name: _asked(question, pack, own) for question in options.questions}
+    texts[QUESTIONS] = {question.name: _asked(question, pack, said) for question in options.questions}
     content = json.dumps([pack.tag, texts], ensure_ascii=False, sort_keys=True)
     return Wording(pack.tag, pack.direction, texts, hashlib.sha256(content.encode()).hexdigest())
 
@@ -185,8 +187,8 @@ def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[s
         parts = [f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels")]
         if lacking := [part for part in parts if part in texts[before] and part not in first]:
             raise ValueError(f"{lacking[0]} is missing in {after}, which cannot be the first language without it")
-        text, labels = first.pop(parts[0], ""), first.pop(parts[1], ())
-        questions.append(asdict(replace(question, text=text, labels=tuple(labels))))
+        text, labels = str(first.pop(parts[0], "")), tuple(first.pop(parts[1], ()))
+        questions.append(asdict(replace(question, text=text, labels=labels)))
     return {**changes, "texts": {**texts, after: first}, "consent": "", "debriefing": "", "questions": questions}
 
 
@@ -266,11 +268,11 @@ def pack_labels(question: Question, texts: Mapping[str, Any]) -> list[str]:
     return [label for label in labels if label] if all(labels) else []
 
 
-def _asked(question: Question, pack: LanguagePack, own: Mapping[str, Text]) -> dict[str, Any]:
+def _asked(question: Question, pack: LanguagePack, said: Mapping[str, Text]) -> dict[str, Any]:
     before = f"{QUESTIONS}.{question.name}."
     return {
-        "text": own.get(f"{before}text") or pack.texts[f"{before}text"],
-        "labels": own.get(f"{before}labels") or pack_labels(question, pack.texts),
+        "text": said.get(f"{before}text") or pack.texts[f"{before}text"],
+        "labels": said.get(f"{before}labels") or pack_labels(question, pack.texts),
     }
 
 

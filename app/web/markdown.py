@@ -11,8 +11,9 @@ from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
 from markupsafe import Markup
 
+from app.study.image import IMAGE_NAME
+
 OUTWARD = re.compile(r"(https?://|mailto:)", re.IGNORECASE)
-IMAGE_NAME = re.compile(r"[\w.-]+")
 SMALLEST_HEADING = 6
 
 
@@ -22,7 +23,7 @@ def render_markdown(text: str, images: Mapping[str, str] | None = None) -> Marku
     Parameters
     ----------
     text : CommonMark; HTML in it is shown as it is written, indented lines are paragraphs
-    images : addresses of the study's images, by name; an image that is not among them leaves its description
+    images : SHA-256 of the study's images, by name; an image that is not among them leaves its description
     """
     parser = MarkdownIt("commonmark", {"html": False}).disable("code")
     parser.validateLink = _is_allowed  # type: ignore[method-assign]  # the parser's documented way to say what may be linked
@@ -57,7 +58,7 @@ def _smaller_heading(self: RendererHTML, tokens: Sequence[Token], index: int, op
 def _image(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
     token = tokens[index]
     description = self.renderInlineAsText(token.children, options, env)
-    address = env["images"].get(token.attrGet("src"))
-    if address is None:
+    sha256 = env["images"].get(token.attrGet("src"))
+    if sha256 is None:
         return str(Markup.escape(description))
-    return str(Markup('<img src="{}" alt="{}">').format(address, description))
+    return str(Markup('<img src="/images/{}" alt="{}">').format(sha256, description))

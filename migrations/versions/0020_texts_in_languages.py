@@ -1,4 +1,7 @@
-"""Sessions keep their language and texts; studies with texts of their own state the languages they were offered in."""
+"""Sessions keep their language and texts, studies their images.
+
+Studies with texts of their own state the languages they were offered in.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,18 @@ def upgrade() -> None:
         sa.Column("content", sa.JSON(), nullable=False),
         sa.PrimaryKeyConstraint("sha256", name=op.f("pk_shown_texts")),
     )
+    op.create_table(
+        "study_image",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("study_id", sa.Integer(), nullable=False),
+        sa.Column("name", sa.String(length=80), nullable=False),
+        sa.Column("sha256", sa.String(length=64), nullable=False),
+        sa.Column("content", sa.LargeBinary(), nullable=False),
+        sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_study_image_study_id")),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_study_image")),
+        sa.UniqueConstraint("study_id", "name", name=op.f("uq_study_image_study_id_name")),
+    )
+    op.create_index(op.f("ix_study_image_sha256"), "study_image", ["sha256"])
     op.add_column("session", sa.Column("language", sa.String(length=40), nullable=True))
     op.add_column("session", sa.Column("texts_sha256", sa.String(length=64), nullable=True))
     connection = op.get_bind()

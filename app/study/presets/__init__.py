@@ -33,8 +33,8 @@ class Preset:
         A consent or debriefing given replaces the preset's in every language.
         """
         texts = self.options.get("texts", {})
-        kept = {tag: {"study": _without(own["study"], given)} for tag, own in texts.items()}
-        options = {**self.options, "texts": {tag: own for tag, own in kept.items() if own["study"]}}
+        kept = {tag: {"study": _without(said["study"], given)} for tag, said in texts.items()}
+        options = {**self.options, "texts": {tag: said for tag, said in kept.items() if said["study"]}}
         tables = {
             key: {**value, **given[key]}
             for key, value in options.items()

@@ -20,12 +20,12 @@ from app.study.colour_vision import AXES
 from app.study.lab_sheet import BOUNDS, LABELS
 from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
 from app.study.language_pack import LanguagePack
-from app.study.options import LONGEST_TEXT, check_minimum_viewing, parse_options
+from app.study.options import check_minimum_viewing, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
-from app.study.wording import check_languages
+from app.study.wording import LONGEST_TEXT, check_languages
 from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store, languages
 

@@ -6,12 +6,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, File, Form, Path, Request, UploadFile
 from fastapi.responses import Response
 
-from app.errors import InvalidError, NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.operations.manage import study_file_of
-from app.store.studies import progress_of
+from app.store.engine import Transaction
+from app.store.images import image_digests, keep_image, remove_image
+from app.store.studies import Study, lock_study, progress_of
+from app.study.image import LARGEST_IMAGE, MOST_IMAGES, check_image
 from app.study.language_pack import BY, PLURALS, LanguagePack, Text, model_texts
 from app.study.options import StudyOptions, parse_options
 from app.study.wording import (
@@ -29,7 +32,7 @@ from app.study.wording import (
     wording,
 )
 from app.web.admin.edit import Revision, save_study
-from app.web.admin.layout import study_page, unix
+from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Acting, AStudy, Looking, Store, languages
 from app.web.markdown import render_markdown
 
@@ -47,7 +50,7 @@ class Row:
 
     key: str
     default: str
-    own: str
+    said: str
 
 
 @router.get("")
@@ -55,9 +58,10 @@ def texts_page(request: Request, person: Looking, study: AStudy, database: Store
     packs, options = languages(request), parse_options(study.options)
     with database.reading() as connection:
         has_begun = progress_of(connection, study.id).n_started > 0
+        images = image_digests(connection, study.id)
     refusals = refused_languages(options, packs)
     chosen = packs.get(language or first_language(options)) or packs[next(iter(packs))]
-    own = own_texts(options, chosen.tag)
+    said = own_texts(options, chosen.tag)
     groups: dict[str, list[Row]] = {}
     for row in _rows(options, chosen):
         groups.setdefault(row.key.partition(".")[0], []).append(row)
@@ -68,12 +72,14 @@ def texts_page(request: Request, person: Looking, study: AStudy, database: Store
         "named": " ".join(options.languages),
         "first": first_language(options),
         "groups": groups,
-        "documents": {key: str(own.get(key, "")) for key in PLAIN},
+        "documents": {key: str(said.get(key, "")) for key in PLAIN},
         "markdown": render_markdown,
-        "name": str(own.get(NAME, "")),
+        "images": images,
+        "largest_image_kb": LARGEST_IMAGE // 1024,
+        "name": str(said.get(NAME, "")),
         "longest_text": LONGEST_TEXT,
         "has_begun": has_begun,
-        "sha256": "" if refusals.get(chosen.tag, "not offered") else wording(chosen, options, study.name).sha256,
+        "sha256": wording(chosen, options, study.name, images).sha256 if refusals.get(chosen.tag) == "" else "",
     }
     return study_page(request, "texts", person, study, context)
 
@@ -105,22 +111,54 @@ def save_texts(
     revision: Revision,
     language: Tag,
     key: Texts,
-    own: Texts,
+    said: Texts,
 ) -> Response:
     """Save the study's own texts in a language; an empty one goes back to the pack's."""
     pack = languages(request).get(language)
     if pack is None:
         raise NotFoundError("There is no such language.")
-    if len(key) != len(own):
-        raise InvalidError(f"{len(own)} texts came with {len(key)} keys; please load the page again.")
+    if len(key) != len(said):
+        raise InvalidError(f"{len(said)} texts came with {len(key)} keys; please load the page again.")
     options = parse_options(study.options)
-    given = {name: unix(text) for name, text in zip(key, own, strict=True)}
+    given = {name: unix(text) for name, text in zip(key, said, strict=True)}
     changes: dict[str, Any] = {}
     if language == first_language(options):
         changes = {option: given.pop(name, "") for name, option in PLAIN.items()}
     texts = {name: _parsed(name, text, pack) for name, text in given.items() if text}
     changes["texts"] = {**options.texts, language: texts}
     return _save(request, actor, study, database, revision, changes, f"texts?language={language}")
+
+
+@router.post("/images")
+def upload_image(actor: Acting, study: AStudy, database: Store, image: Annotated[UploadFile, File()]) -> Response:
+    """Keep an image, in place of one of the same name, for texts to show."""
+    name, content = image.filename or "", image.file.read(LARGEST_IMAGE + 1)
+    try:
+        check_image(name, content)
+    except ValueError as error:
+        raise InvalidError(f"The image was not kept: {error}.") from error
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        if len({*image_digests(connection, study.id), name}) > MOST_IMAGES:
+            raise InvalidError(f"The image was not kept: a study has at most {MOST_IMAGES}.")
+        keep_image(connection, study.id, name, content)
+        actor.note(connection, "image kept", study, study.slug, image=name)
+    return see(f"/admin/studies/{study.slug}/texts")
+
+
+@router.post("/images/{name}/remove")
+def remove(actor: Acting, study: AStudy, database: Store, name: Annotated[str, Path(max_length=80)]) -> Response:
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        remove_image(connection, study.id, name)
+        actor.note(connection, "image removed", study, study.slug, image=name)
+    return see(f"/admin/studies/{study.slug}/texts")
+
+
+def _refuse_once_begun(connection: Transaction, study: Study) -> None:
+    lock_study(connection, study.id)  # nobody begins between the check and the change
+    if progress_of(connection, study.id).n_started:
+        raise ConflictError("Participants have begun, so images cannot change. Duplicate the study instead.")
 
 
 def _save(
@@ -143,16 +181,16 @@ def _save(
 def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
     """Yield all texts but the documents and the name, in the order of the English pack; at the end the questions."""
     plain = own_texts(replace(options, texts={}), pack.tag)
-    own = options.texts.get(pack.tag, {})
+    said = options.texts.get(pack.tag, {})
     for key in model_texts():
         if not key.startswith(f"{QUESTIONS}."):
-            yield Row(key, _written(pack.texts[key]), _written(own.get(key, "")))
+            yield Row(key, _written(pack.texts[key]), _written(said.get(key, "")))
     for question in options.questions:
         text, labels = (f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels"))
-        yield Row(text, _written(plain.get(text) or pack.texts.get(text, "")), _written(own.get(text, "")))
+        yield Row(text, _written(plain.get(text) or pack.texts.get(text, "")), _written(said.get(text, "")))
         if question.kind in ("choice", "scale"):
             default = plain.get(labels) or pack_labels(question, pack.texts)
-            yield Row(labels, _written(default), _written(own.get(labels, "")))
+            yield Row(labels, _written(default), _written(said.get(labels, "")))
 
 
 def _written(text: Text) -> str:

@@ -67,8 +67,9 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         leads_to = study.full_url if study is not None and state in ("closed", "full", "used") else ""
         status = STATUS_OF_MESSAGE[state]
         return _page(request, "participant/message.html", status, offered, message=state, leads_to=leads_to)
-    language = study.language if study.language in offered else _language(request, offered)
-    shown = wording(offered[language], study.options, study.title)
+    language = study.language or ""
+    language = language if language in offered else _language(request, offered)
+    shown = wording(offered[language], study.options, study.title, study.images)
     return _page(
         request,
         "participant/study.html",

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.errors import ChangedError, ConflictError, InvalidError, NotFoundError
 from app.store.engine import Database, Transaction
+from app.store.images import image_digests
 from app.store.keys import resume_code
 from app.store.recruits import recruit_of_session
 from app.store.sessions import (
@@ -188,14 +189,14 @@ def begin(
         arrival = parse_options(study.options).outside.arrival(admission.outside)
     except ValueError as error:
         raise InvalidError(f"Please open the link on the platform that invited you: {error}.") from error
-    shown = _wording(request, study, admission)
+    shown = _wording(request, database, study, admission)
     held = request.cookies.get(PARTICIPANT_COOKIE)
     admitted = admit(database, invitation, Admission(admission.key, arrival, held, shown), now)
     response.status_code = 201 if admitted.is_new else 200
     return _opened(request, response, database, admitted.token, now)
 
 
-def _wording(request: Request, study: Study, admission: AdmissionBody) -> Wording | None:
+def _wording(request: Request, database: Database, study: Study, admission: AdmissionBody) -> Wording | None:
     """Return all texts of the study in the language that the page was read in.
 
     Raises
@@ -213,7 +214,9 @@ def _wording(request: Request, study: Study, admission: AdmissionBody) -> Wordin
         raise InvalidError(
             f"This study is not offered in {admission.language!r}; expected one of {', '.join(offered)}."
         )
-    shown = wording(packs[admission.language], options, study.name)
+    with database.reading() as connection:
+        images = image_digests(connection, study.id)
+    shown = wording(packs[admission.language], options, study.name, images)
     if admission.texts_sha256 not in (None, shown.sha256):
         raise ChangedError("The study's texts have changed meanwhile. Please load the page again.")
     return shown
@@ -348,6 +351,7 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         done = done_of(connection, session.id)
         answered_at = last_answer_at(connection, session.id)
         ending = _ending(connection, session)
+        images = image_digests(connection, session.study_id) if session.stage == FINISHED else {}
     debriefing = _debriefing(session) if session.stage == FINISHED else None
     return {
         "session": session.public_id,
@@ -359,7 +363,7 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
         "debriefing": debriefing,
-        "debriefing_html": None if debriefing is None else str(render_markdown(debriefing)),
+        "debriefing_html": None if debriefing is None else str(render_markdown(debriefing, images)),
         "ending": ending,
     }
 

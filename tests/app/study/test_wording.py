@@ -73,7 +73,7 @@ def test_all_texts_of_a_session_come_from_one_language() -> None:
         }
     )
     shown = wording(packs()["de"], options, "Temple").texts
-    assert shown["study"] == {"name": "Tempel", "consent": "Wir vergleichen.", "debriefing": ""}
+    assert shown["study"] == {"name": "Tempel", "consent": "Wir vergleichen.", "debriefing": "", "images": {}}
     assert shown["questions"]["job"] == {"text": "Ihr Beruf?", "labels": ["Eins", "Zwei"]}
     assert shown["questions"]["age"]["text"] == "Wie alt sind Sie?"
     assert shown["trial"]["question"] == "Welcher ist besser?"

@@ -24,7 +24,7 @@ pieces = st.sampled_from([*PIECES.split("|"), "\n", "\n\n", "[a]: javascript:x\n
 
 @given(st.lists(pieces | st.text(max_size=8), max_size=12).map("".join))
 def test_no_text_makes_a_tag_or_an_address_beyond_the_few_allowed(text: str) -> None:
-    html = str(render_markdown(text, {"me.png": "/images/1"}))
+    html = str(render_markdown(text, {"me.png": "1"}))
     assert "<" not in ALLOWED.sub("", html)
 
 
@@ -48,5 +48,5 @@ def test_a_plain_text_keeps_its_paragraphs_and_shows_html_as_it_was_written() ->
 
 
 def test_only_an_image_of_the_study_is_shown_another_leaves_its_description() -> None:
-    html = str(render_markdown('![A "room"](me.png) ![the lab](https://a.b/lab.png)', {"me.png": "/images/1"}))
+    html = str(render_markdown('![A "room"](me.png) ![the lab](https://a.b/lab.png)', {"me.png": "1"}))
     assert html == '<p><img src="/images/1" alt="A &#34;room&#34;"> the lab</p>\n'

@@ -26,9 +26,9 @@ from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
-from app.study.options import LONGEST_TEXT
 from app.study.presets import PAPER, PRESETS
 from app.study.study_file import LONGEST_FILE, parse_study_file
+from app.study.wording import LONGEST_TEXT
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import io
 import re
+import zipfile
 from collections.abc import Callable
 from typing import Any
 
 import httpx
+import pytest
 
 from app.operations import manage
 from app.settings import Settings
+from app.study.image import LARGEST_IMAGE
 from app.study.options import StudyOptions
 from app.study.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import Dashboard
 
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 NewStudy = Callable[[], dict[str, Any]]
 
 
 def save(dashboard: Dashboard, base: str, language: str, texts: dict[str, str]) -> httpx.Response:
     revision = re.findall(r'name="revision" value="(\d+)"', dashboard.get(f"{base}/edit").text)[0]
-    fields = {"revision": revision, "language": language, "key": list(texts), "own": list(texts.values())}
+    fields = {"revision": revision, "language": language, "key": list(texts), "said": list(texts.values())}
     return dashboard.act(f"{base}/texts", **fields)
 
 
@@ -75,6 +80,44 @@ def test_languages_are_chosen_and_drafts_are_marked(
     refused = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="2", named="xx")
     assert refused.status_code == 422
     assert "there is no language pack &#39;xx&#39;" in refused.text
+
+
+def test_an_image_is_kept_with_the_study_and_shown_in_its_consent(
+    experimenter: Dashboard, client: httpx.Client, analyst: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}"
+    form = {"form_token": experimenter.form_token}
+    upload = f"{base}/texts/images"
+    page = experimenter.post(upload, data=form, files={"image": ("room.png", PNG)}).text
+    assert "Remove room.png" in page
+    save(experimenter, base, "en", {"study.consent": "![The room](room.png)"})
+    shown = client.get(study["path"]).text
+    address = re.findall(r'<img src="(/images/[0-9a-f]{64})" alt="The room">', shown)[0]
+    image = client.get(address)
+    assert (image.content, image.headers["content-type"]) == (PNG, "image/png")
+    with zipfile.ZipFile(io.BytesIO(analyst.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)) as archive:
+        assert archive.read(f"{study['slug']}/images/room.png") == PNG
+    copy = experimenter.act(f"{base}/duplicate", name=f"Copy of {study['slug']}").url.path
+    assert "Remove room.png" in experimenter.get(f"{copy}/texts").text
+    assert "Remove room.png" not in experimenter.act(f"{upload}/room.png/remove").text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("a room.png", PNG, "the image&#39;s name is &#39;a room.png&#39;"),
+        ("room.svg", b"<svg onload='x'/>", "room.svg is no image that browsers show, expected PNG"),
+        ("room.png", PNG + bytes(LARGEST_IMAGE), "expected at most 1048576"),
+    ],
+)
+def test_what_is_no_image_is_refused(
+    experimenter: Dashboard, new_study: NewStudy, name: str, content: bytes, fault: str
+) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/texts/images"
+    answer = experimenter.post(path, data={"form_token": experimenter.form_token}, files={"image": (name, content)})
+    assert answer.status_code == 422
+    assert fault in answer.text
 
 
 def test_texts_are_frozen_once_somebody_has_begun(
