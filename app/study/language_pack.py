@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.files import packaged
+from app.study.text import check_text
 
 SHIPPED = "languages"  # folder of the packs that come with the program
 MODEL = "en"
@@ -188,6 +189,10 @@ def _string_faults(what: str, text: Any, english: str, *, may_leave_out: bool) -
         return [f"{what} is {_kind(text)}, expected a text"]
     if not text.strip():
         return [f"{what} is empty, expected a text"]
+    try:
+        check_text(text, what)
+    except ValueError as error:
+        return [str(error)]
     if html := HTML.search(text):
         return [f"{what} has HTML at {text[html.start() :][:20]!r}, expected plain text"]
     given, expected = set(PLACEHOLDER.findall(text)), set(PLACEHOLDER.findall(english))

@@ -24,8 +24,8 @@ from app.store.sessions import Session, end_overdue, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
-from app.study.text import check_text
 from app.study.language_pack import LanguagePack
+from app.study.text import check_text
 from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
 log = logging.getLogger(__name__)
