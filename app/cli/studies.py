@@ -332,10 +332,16 @@ def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     n_shown = study["n_pairs"] or study["n_trials"]
     sentences = (
         f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "
-        f"{study['exposure_s']:g} s each.{left_out}\nInvite participants with {study['link']} once `reconstudy serve` "
-        "runs."
+        f"{study['exposure_s']:g} s each.{left_out}\n{_languages_sentence(study['languages'])}\n"
+        f"Invite participants with {study['link']} once `reconstudy serve` runs."
     )
     print_result(study, sentences, as_json=as_json)
+
+
+def _languages_sentence(languages: Mapping[str, str]) -> str:
+    offered = [tag for tag, state in languages.items() if state == "offered"]
+    refusals = [state for state in languages.values() if state != "offered"]
+    return f"Participants read it in {', '.join(offered)}." + "".join(f" Not offered: {state}." for state in refusals)
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:

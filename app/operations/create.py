@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import secrets
 import tomllib
@@ -27,12 +28,14 @@ from app.films.pairs import (
     split_reference,
 )
 from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
+from app.operations.languages import read_languages
 from app.operations.manage import opened_store
 from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.designs import copy_design, insert_design, insert_practice
 from app.store.engine import Database, Transaction
+from app.store.images import copy_images
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
 from app.store.orders import pairs_to_show, study_plan
@@ -42,6 +45,7 @@ from app.study.presets import QUICK, read_preset
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
+from app.study.wording import LONGEST_NAME, check_languages, refused_languages
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -74,12 +78,15 @@ def create_study(
     Raises
     ------
     ValueError
-        If a study has this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+        If a study has this name, is complete in no language, or a number is out of bounds; StimuliError if the
+        stimulus set cannot be used.
     """
     slug = slugify(name)
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
         options = options or StudyOptions()
+        packs = read_languages(settings)
+        check_languages(options, packs)
         stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
         exposure = _exposure(stimulus_set, exposure_s)
         check_minimum_viewing(options, exposure)
@@ -107,6 +114,7 @@ def create_study(
             counts = asdict(studies.progress_of(connection, study_id))
             n_trials = _n_trials(connection, study_id)
     return {
+        "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(options, packs).items()},
         "invitation": code,
         "path": f"/s/{code}",
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
@@ -179,6 +187,7 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
     with database.writing() as connection:
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
+        copy_images(connection, original.id, study_id)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
@@ -211,18 +220,18 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
 
 
 def slugify(name: str) -> str:
-    """Return a study's name as it appears in addresses.
+    """Return a study's name as it appears in addresses; a name in another script appears as a digest.
 
     Raises
     ------
     ValueError
-        If no letter or digit of the name can.
+        If the name is too long, or has no letter or digit.
     """
+    if not any(map(str.isalnum, name)) or len(name) > LONGEST_NAME:
+        raise ValueError(f"{name!r}: expected a name of 1 to {LONGEST_NAME} characters, with a letter or digit")
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
-    if not slug or len(name) > 200:
-        raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
-    return slug
+    return slug or f"name-{hashlib.sha256(name.strip().encode()).hexdigest()[:8]}"
 
 
 def _refuse_second(database: Database, slug: str, name: str) -> None:

@@ -13,6 +13,7 @@ from sqlalchemy import (
     ForeignKeyConstraint,
     Index,
     Integer,
+    LargeBinary,
     String,
     Table,
     Text,
@@ -244,6 +245,27 @@ session = Table(
     required("started_at", UtcDateTime),
     Column("finished_at", UtcDateTime),
     Column("withdrawn_at", UtcDateTime),
+    Column("language", String(40)),  # of its texts, chosen once; NULL: begun by another client than the page
+    Column("texts_sha256", String(64)),  # of `shown_texts`
+)
+
+study_image = Table(  # shown in consent and debriefing
+    "study_image",
+    metadata,
+    key(),
+    reference("study", index=False),
+    required("name", String(80)),
+    digest("sha256", index=True),
+    required("content", LargeBinary),
+    UniqueConstraint("study_id", "name"),
+)
+
+shown_texts = Table(  # all texts that participants have read, by their digest: a pack's file may change later
+    "shown_texts",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    required("language", String(40)),
+    required("content", JSON),
 )
 
 stage_record = Table(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -11,6 +10,7 @@ from typing import Any, Literal, get_args
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
+from app.study.language_pack import MODEL
 from app.study.protocols import (
     PC,
     SCALES,
@@ -35,8 +35,16 @@ from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 from app.study.technique import TWO_VIDEOS, WEBCODECS
 from app.study.trial import Disturbance
+from app.study.wording import (
+    CONSENT,
+    DEBRIEFING,
+    LONGEST_TEXT,
+    OwnTexts,
+    parse_languages,
+    parse_own_texts,
+    plain_document,
+)
 
-LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
@@ -56,14 +64,17 @@ class StudyOptions:
 
     Parameters
     ----------
+    languages : those that participants may choose from, the first being that of the plain texts here; one: it is
+        fixed; empty: all reviewed ones, the plain texts being English. See `offered_languages`
+    texts : the study's own texts by language and key, in place of a language pack's or besides the plain ones
     optional_stages : those of screening, practice and interview that are on
     screening : its tests and limits
-    consent : text that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
+    consent : Markdown that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
     consent_version : its authors' name for this text
     comprehension : do the instructions end with a comprehension question?
     questions : of the interview
     spoken_questions : asked aloud by the experimenter, who notes the answers in a form of the dashboard
-    debriefing : text that participants read at the end, paragraphs apart by an empty line
+    debriefing : Markdown that participants read at the end, paragraphs apart by an empty line
     protocol : how participants judge: PC compares pairs, ACR and ACR-HR rate films one by one, DCR against a reference,
         CCR says how much better one of a pair is
     scale : of ACR, ACR-HR and DCR: number of grades, or a slider
@@ -92,6 +103,8 @@ class StudyOptions:
     lab_sheet : the room and the display, for the record
     """
 
+    languages: tuple[str, ...] = ()
+    texts: OwnTexts = field(default_factory=dict)
     optional_stages: tuple[str, ...] = ()
     screening: ScreeningOptions = field(default_factory=ScreeningOptions)
     consent: str = ""
@@ -161,15 +174,12 @@ class StudyOptions:
         """The study's stages in order."""
         return way_through(self.optional_stages)
 
-    @property
-    def consent_sha256(self) -> str:
-        return hashlib.sha256(self.consent.encode()).hexdigest() if self.consent else ""
-
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON, which `parse_options` reads."""
         content = asdict(self)
         return {
             **content,
+            "languages": list(self.languages),
             "optional_stages": list(self.optional_stages),
             "void_on": list(self.void_on),
             "without": list(self.without),
@@ -201,15 +211,22 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
     protocol, scale = parse_protocol(content)
+    languages = parse_languages(content.get("languages", ()))
+    texts = parse_own_texts(content.get("texts", {}), questions)
+    first = languages[0] if languages else MODEL
+    consent = plain_document(_text(content, "consent"), texts, first, CONSENT)
+    debriefing = plain_document(_text(content, "debriefing"), texts, first, DEBRIEFING)
     options = StudyOptions(
+        languages=languages,
+        texts={language: said for language, said in texts.items() if said},
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
-        consent=_text(content, "consent"),
+        consent=consent,
         consent_version=_text(content, "consent_version"),
         comprehension=_flag(content, "comprehension"),
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
-        debriefing=_text(content, "debriefing"),
+        debriefing=debriefing,
         protocol=protocol,
         scale=scale,
         both_orders=_flag(content, "both_orders"),

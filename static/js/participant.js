@@ -24,6 +24,7 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
+const TEXTS_HAVE_CHANGED = 412; // status of the answer
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
@@ -116,12 +117,21 @@ function beginNow() {
   const key = inBrowser.get(beginKey) ?? newId();
   inBrowser.set(beginKey, key);
   guarded(async () => {
-    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside));
+    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside, textsOfPage()));
     history.replaceState(null, "", location.pathname); // the query may have asked for another participant, who has begun now
+    if (session.language && session.language !== document.documentElement.lang) {
+      location.reload(); // who comes back reads on in the session's language
+      return;
+    }
     await enterSession(session);
     if (session.stage === "introduction") await goTo(session);
     else await resume(); // who comes back by a recruiting platform's link
   });
+}
+
+/** The language and the digest of the texts that this page shows. */
+function textsOfPage() {
+  return { language: document.documentElement.lang, texts_sha256: page.dataset.textsSha256 };
 }
 
 /** Goes on with the session that this browser has begun. */
@@ -366,6 +376,10 @@ function explain(error, showView) {
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = !outbox;
   if (isAtTheDoor) inBrowser.forget(beginKey);
+  if (isAtTheDoor && error instanceof Refusal && error.status === TEXTS_HAVE_CHANGED) {
+    location.reload();
+    return;
+  }
   const message = isAtTheDoor && error instanceof Refusal ? messages[messageFor(error)] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
     showView("withdrawn");
@@ -420,19 +434,10 @@ function yieldToOther() {
 }
 
 /** @param {Session} session */
-function tellSession({ study, stage, progress, resume_code, debriefing, ...session }) {
+function tellSession({ study, stage, progress, resume_code, debriefing_html, ...session }) {
   page.dataset.stage = stage;
   ending = session.ending;
   const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
   tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
-  byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));
-}
-
-/** @param {string} text paragraphs with an empty line between */
-function paragraphsOf(text) {
-  return text.split("\n\n").filter(Boolean).map((words) => {
-    const paragraph = document.createElement("p");
-    paragraph.textContent = words;
-    return paragraph;
-  });
+  byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

@@ -15,7 +15,8 @@ import { Unreachable, request } from "./connection.js";
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
  * @property {Ending | null} ending null before the end, or where the study says nothing of it
- * @property {string | null} debriefing null before the end; paragraphs apart by an empty line
+ * @property {string | null} language of all its texts; null: it was begun by another client than the page
+ * @property {string | null} debriefing_html made by the server from the study's Markdown; null before the end
  *
  * @typedef {object} Ending where a participant of a recruiting platform goes at the end
  * @property {string | null} code completion code
@@ -113,9 +114,16 @@ export function stayWith(id) {
   session = id;
 }
 
-/** @param {string} slug @param {string} invitation @param {string} key the same key leads to the same session @param {Record<string, string>} outside parameters of a recruiting platform's link @returns {Promise<Session>} */
-export function beginSession(slug, invitation, key, outside) {
-  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside });
+/**
+ * @param {string} slug
+ * @param {string} invitation
+ * @param {string} key the same key leads to the same session
+ * @param {Record<string, string>} outside parameters of a recruiting platform's link
+ * @param {{language: string, texts_sha256?: string}} texts that the page shows
+ * @returns {Promise<Session>}
+ */
+export function beginSession(slug, invitation, key, outside, texts) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside, ...texts });
 }
 
 /** @returns {Promise<Session>} */

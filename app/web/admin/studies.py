@@ -15,10 +15,11 @@ from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
 from app.store.studies import Standing, all_studies, progress_by_study, set_standing
-from app.study.options import LONGEST_TEXT, StudyOptions, parse_options
+from app.study.options import StudyOptions, parse_options
 from app.study.presets import PRESETS, QUICK, read_preset
 from app.study.protocols import PC, PROTOCOLS_IN_WORDS, RATED, SCALES, typed_scale
 from app.study.stages import OPTIONAL_STAGES
+from app.study.wording import LONGEST_TEXT
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
 from app.web.admin.stimulus_sets import known_sets, set_folder

@@ -14,9 +14,11 @@ from app.operations.manage import study_file_of
 from app.store.audit import audit_records
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
+from app.store.images import image_content, image_digests
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
+from app.store.sessions import shown_wordings
 from app.store.studies import Study, study_by_id
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
@@ -41,6 +43,11 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
             files.write("study.toml", write_study_file(study_file_of(study)))
+            files.write(
+                "texts.json", json.dumps(shown_wordings(connection, study.id), indent=2, ensure_ascii=False) + "\n"
+            )
+            for name, sha256 in image_digests(connection, study.id).items():
+                files.write_bytes(f"images/{name}", image_content(connection, sha256) or b"")
             analysed = prepare_results(connection, study.id)
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
@@ -63,8 +70,11 @@ class _Files:
         self.checksums = ""
 
     def write(self, name: str, text: str) -> None:
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, content: bytes) -> None:
         with self._file(name) as file:
-            file.write(text.encode())
+            file.write(content)
 
     def write_table(self, name: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
         with self._file(f"{name}.csv") as file:
@@ -119,7 +129,8 @@ def _dictionary(study: Study) -> str:
     parts = [
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
-        "study again from its stimulus set; the project's documentation describes `analysis.json`.\n"
+        "study again from its stimulus set; `texts.json` has all texts that participants have read, `images` what they "
+        "show; the project's documentation describes `analysis.json`.\n"
     ]
     if noted := parse_options(study.options).lab_sheet.rows():
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)

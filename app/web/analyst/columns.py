@@ -80,6 +80,8 @@ PARTICIPANTS: Columns = {
     "finished_at": "when it finished",
     "last_vote_at": "when the last vote arrived",
     "withdrawn_at": "when the participant withdrew",
+    "language": "language of all texts of the session; empty: begun by another client than the page",
+    "texts_sha256": "SHA-256 of these texts, which are in the archive's texts.json",
     "erased_at": "when the participant's data were erased",
     "excluded": "true if excluded by an experimenter",
     "reason": "reason of the exclusion",

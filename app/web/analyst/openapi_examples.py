@@ -15,10 +15,12 @@ SESSION: dict[str, Any] = {
     "stage": "trial",
     "stages": ["introduction", "screening", "practice", "trial", "interview", "finished"],
     "progress": PROGRESS,
+    "language": "en",
     "was_away_long": False,
     "resume_code": "maple-otter-93",
     "debriefing": None,
     "ending": None,
+    "debriefing_html": None,
 }
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",

@@ -75,6 +75,7 @@ def test_an_answer_of_another_kind_is_named(answer: Any, protocol: Protocol) -> 
 
 
 def test_texts_of_a_protocol_replace_only_what_differs() -> None:
-    texts = {"a": {"b": "pair", "c": "kept"}, "d": "kept", "protocols": {"ACR": {"a": {"b": "film"}}}}
-    assert texts_of(texts, "ACR-HR") == {**texts, "a": {"b": "film", "c": "kept"}}
-    assert texts_of(texts, "PC") == texts
+    general = {"a.b": "pair", "a.c": "kept"}
+    texts = {**general, "protocols.ACR.a.b": "film"}
+    assert texts_of(texts, "ACR-HR") == {"a.b": "film", "a.c": "kept"}
+    assert texts_of(texts, "PC") == texts_of(texts, "DCR") == general

@@ -26,9 +26,9 @@ from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
-from app.study.options import LONGEST_TEXT
 from app.study.presets import PAPER, PRESETS
 from app.study.study_file import LONGEST_FILE, parse_study_file
+from app.study.wording import LONGEST_TEXT
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -78,7 +78,9 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
         fields = {"stimulus_set": "tiny", "preset": "paper", "stage": "practice", "consent": "Ours."}
         ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
     options = parse_study_file(manage.export_study(own, "like-the-paper")).options
-    assert options == replace(read_options(None, {}, PAPER), consent="Ours.", consent_version="")
+    preset = read_options(None, {}, PAPER)
+    texts = {"de": {key: text for key, text in preset.texts["de"].items() if key != "study.consent"}}
+    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts)
 
 
 @pytest.mark.slow

@@ -35,7 +35,9 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "progress",
         "was_away_long",
         "debriefing",
+        "debriefing_html",
         "ending",
+        "language",
     }
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
