@@ -328,7 +328,7 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     study["link"] = url + study["path"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
-    shown = "pairs" if study["n_pairs"] else "films"
+    shown = "pairs" if study["n_pairs"] else "trials"
     n_shown = study["n_pairs"] or study["n_trials"]
     sentences = (
         f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+Text = TypeVar("Text")
 Protocol = Literal["PC", "ACR", "ACR-HR", "DCR", "CCR"]
 PC: Protocol = "PC"  # pair comparison: which of two is better, or neither
 ACR: Protocol = "ACR"  # absolute category rating: how good is this film?
@@ -39,6 +40,8 @@ COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
 
 TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
 VOTING_S = 4.0  # of a trial besides the exposure: fixation, answer, Next; typical of simulated and real sessions
+
+IN_PROTOCOLS = "protocols."  # begins the keys of texts that differ between protocols
 
 GradeNames = Literal["quality", "impairment", "comparison"]  # under this key in the participants' texts
 
@@ -176,22 +179,14 @@ def check_with_protocol(protocol: Protocol, reference: str, only_of_pairs: Mappi
             raise ValueError(f"{name} is {value!r}, but protocol {protocol} compares no pairs: leave {name} out")
 
 
-def texts_of(texts: Mapping[str, Any], protocol: Protocol) -> dict[str, Any]:
+def texts_of(texts: Mapping[str, Text], protocol: Protocol) -> dict[str, Text]:
     """Return participants' texts with those that fit the protocol in place; the others are those of pair comparison.
 
     Parameters
     ----------
-    texts : in one language, with differing ones under `protocols`
+    texts : in one language by key; "protocols.DCR.trial.label" is what DCR says in place of "trial.label"
     protocol : the study's
     """
-    kind = ACR if protocol in SHOWN_ALONE else protocol
-    return _overlaid(texts, texts["protocols"].get(kind, {}))
-
-
-def _overlaid(texts: Mapping[str, Any], differing: Mapping[str, Any]) -> dict[str, Any]:
-    deeper = {
-        name: _overlaid(texts[name], value)
-        for name, value in differing.items()
-        if isinstance(value, Mapping) and isinstance(texts.get(name), Mapping)
-    }
-    return {**texts, **differing, **deeper}
+    start = f"{IN_PROTOCOLS}{ACR if protocol in SHOWN_ALONE else protocol}."
+    fitting = {key.removeprefix(start): text for key, text in texts.items() if key.startswith(start)}
+    return {key: text for key, text in {**texts, **fitting}.items() if not key.startswith(IN_PROTOCOLS)}

@@ -429,7 +429,7 @@ def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(comman
     assert refused.code == 1
     assert "protocol DCR needs a reference" in refused.err
     created = command("study", "create", stimuli, "--name", "Rated", "--protocol", "ACR", "--scale", "slider")
-    assert "2 films of 2 conditions" in created.out
+    assert "2 trials of 2 conditions" in created.out
     told = json.loads(command("study", "export", "rated", "--json").out)["toml"]
     assert 'protocol = "ACR"\nscale = "slider"\n' in told
     sizes = ("--conditions", 2, "--datasets", 1, "--participants", 20, "--exposure", 11)

@@ -71,10 +71,11 @@ def test_the_sign_of_a_comparison_names_the_better_one(rating: int, choice: str)
 )
 def test_an_answer_of_another_kind_is_named(answer: Any, protocol: Protocol) -> None:
     with pytest.raises(InvalidVoteError, match=f"protocol {protocol} expects"):
-        choice_of(*answer, protocol, 5)
+        choice_of(answer[0], answer[1], protocol, 5)
 
 
 def test_texts_of_a_protocol_replace_only_what_differs() -> None:
-    texts = {"a": {"b": "pair", "c": "kept"}, "d": "kept", "protocols": {"ACR": {"a": {"b": "film"}}}}
-    assert texts_of(texts, "ACR-HR") == {**texts, "a": {"b": "film", "c": "kept"}}
-    assert texts_of(texts, "PC") == texts
+    general = {"a.b": "pair", "a.c": "kept"}
+    texts = {**general, "protocols.ACR.a.b": "film"}
+    assert texts_of(texts, "ACR-HR") == {"a.b": "film", "a.c": "kept"}
+    assert texts_of(texts, "PC") == texts_of(texts, "DCR") == general
