@@ -131,6 +131,13 @@ def study_create(
         bool,
         typer.Option("--free-exposure", help="Let participants end the exposure; videos repeat until then."),
     ] = False,
+    practice: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DATASET",
+            help="Dataset to practise with, which no trial shows; default: the set's own, or two films.",
+        ),
+    ] = None,
     reference: Annotated[
         str | None, typer.Option(help="Condition to show as reference beside every pair; it is not compared.")
     ] = None,
@@ -156,12 +163,14 @@ def study_create(
     """Create a study from a stimulus set, with an open invitation."""
     from app.operations.create import create_study, read_options
     from app.settings import Settings
+    from app.study.stages import PRACTICE
 
     given = {
         "both_orders": both_orders or None,
         "repeated_pairs": repeated_pairs,
         "identical_pairs": identical_pairs,
         "free_exposure": free_exposure or None,
+        "practice_dataset": practice,
         "reference": reference,
         "without": without or None,
         "second_codec": second_codec,
@@ -169,6 +178,8 @@ def study_create(
         "break_every": break_every,
     }
     options = read_options(options_file, {name: value for name, value in given.items() if value is not None}, preset)
+    if practice is not None:
+        options = options.with_stage(PRACTICE)
     progress = ProgressLine()
     study = create_study(
         Settings(),
@@ -312,12 +323,13 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     study["link"] = url + study["path"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
-    sentences = (
+    sentences = [
         f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
-        f"{study['exposure_s']:g} s each.{left_out}\nInvite participants with {study['link']} once `reconstudy serve` "
-        "runs."
-    )
-    print_result(study, sentences, as_json=as_json)
+        f"{study['exposure_s']:g} s each.{left_out}",
+        *(f"{note}." for note in study.get("notes", ())),
+        f"Invite participants with {study['link']} once `reconstudy serve` runs.",
+    ]
+    print_result(study, "\n".join(sentences), as_json=as_json)
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
+from app.study.practice import PracticeFilms, parse_practice_pairs
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -27,6 +28,7 @@ LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
+LONGEST_BREAK_S = 3600
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
@@ -63,12 +65,16 @@ class StudyOptions:
     minimum_window : width and height, CSS pixels, of the smallest window in which films are shown; empty: any
     phones : are phones and tablets let in?
     pixels : the films are as large as the window allows (fit), or a pixel of a film is a pixel of the display (1:1)
+    practice_dataset : the dataset that is for practice only: no trial shows it; empty: none
+    practice_pairs : films to practise with; empty: those that the stimulus set names for practice, else two that differ
+        plainly
     reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
     without : conditions of the stimulus set that are left out: neither shown nor compared
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
+    break_s : how long a break lasts at least, s; 0: as long as its participant likes
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
     outside : how people come from a recruiting platform and go back
     limits : how many are taken in, until when, and how long each may take
@@ -95,11 +101,14 @@ class StudyOptions:
     minimum_window: tuple[int, ...] = ()
     phones: bool = True
     pixels: Pixels = "fit"
+    practice_dataset: str = ""
+    practice_pairs: tuple[PracticeFilms, ...] = ()
     reference: str = ""
     without: tuple[str, ...] = ()
     second_codec: str = ""
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
+    break_s: int = 0
     abandoned_after_h: float = ABANDONED_AFTER_H
     outside: OutsideOptions = field(default_factory=OutsideOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
@@ -121,6 +130,15 @@ class StudyOptions:
         """The study's stages in order."""
         return way_through(self.optional_stages)
 
+    def with_stage(self, stage: str) -> StudyOptions:
+        """Return the options with an optional stage on."""
+        return replace(self, optional_stages=tuple(dict.fromkeys([*self.optional_stages, stage])))
+
+    @property
+    def n_practice(self) -> int:
+        """Number of pairs to practise with: those that differ plainly, and one of the same film twice."""
+        return max(1, len(self.practice_pairs)) + 1
+
     @property
     def consent_sha256(self) -> str:
         return hashlib.sha256(self.consent.encode()).hexdigest() if self.consent else ""
@@ -136,6 +154,7 @@ class StudyOptions:
             "minimum_window": list(self.minimum_window),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
+            "practice_pairs": [asdict(films) for films in self.practice_pairs],
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
             "lab_sheet": self.lab_sheet.as_json(),
@@ -181,11 +200,14 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         minimum_window=_minimum_window(content),
         phones=_flag(content, "phones", default=True),
         pixels=_choice(content, "pixels", get_args(Pixels)),
+        practice_dataset=_text(content, "practice_dataset"),
+        practice_pairs=parse_practice_pairs(content.get("practice_pairs", ())),
         reference=_text(content, "reference"),
         without=_names(content, "without"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
+        break_s=_count(content, "break_s", 0, LONGEST_BREAK_S),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
         outside=parse_outside(content.get("outside", {})),
         limits=parse_limits(content.get("limits", {})),

@@ -10,8 +10,6 @@ from app.study.options import StudyOptions
 from app.study.questionnaire import InvalidAnswerError, check_answers
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
 
-N_PRACTICE = 2  # an obvious pair and an identical one
-
 
 class InvalidStageError(ValueError):
     """The data sent do not complete the stage."""
@@ -35,7 +33,7 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
     if stage == INTRODUCTION:
         _check_introduction(data, options)
     if stage == PRACTICE:
-        _check_practice(data)
+        _check_practice(data, options)
     if stage == INTERVIEW:
         _check_interview(data, options)
 
@@ -48,10 +46,10 @@ def _check_introduction(data: Mapping[str, Any], options: StudyOptions) -> None:
         raise InvalidStageError("the question on the instructions is not answered right")
 
 
-def _check_practice(data: Mapping[str, Any]) -> None:
+def _check_practice(data: Mapping[str, Any], options: StudyOptions) -> None:
     rounds = data.get("rounds")
-    if not isinstance(rounds, list) or len(rounds) != N_PRACTICE:
-        raise InvalidStageError(f"expected {N_PRACTICE} rounds of practice")
+    if not isinstance(rounds, list) or len(rounds) != options.n_practice:
+        raise InvalidStageError(f"expected {options.n_practice} rounds of practice")
     for number, practice in enumerate(rounds, start=1):
         n_switches = practice.get("n_switches") if isinstance(practice, Mapping) else None
         if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:

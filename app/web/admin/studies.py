@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
@@ -17,7 +18,7 @@ from app.store.sessions import begin_preview
 from app.store.studies import Standing, all_studies, progress_by_study, set_standing
 from app.study.options import LONGEST_TEXT, StudyOptions, parse_options
 from app.study.presets import PRESETS, QUICK, read_preset
-from app.study.stages import OPTIONAL_STAGES
+from app.study.stages import OPTIONAL_STAGES, PRACTICE
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
 from app.web.admin.stimulus_sets import known_sets, set_folder
@@ -63,6 +64,7 @@ def create(
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
     preset: Annotated[str, Form(max_length=20)] = QUICK,
     without: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
+    practice_dataset: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
     """Create a study in the background; the job's page shows the progress.
 
@@ -71,10 +73,13 @@ def create(
     stage : optional stages besides those of the preset
     consent : in place of the preset's; empty: the preset's
     without : conditions to leave out, with commas
+    practice_dataset : to practise with, which no trial shows; empty: none
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
         options = _chosen(preset, stage, unix(consent).strip(), without)
+        if practice_dataset.strip():
+            options = replace(options, practice_dataset=practice_dataset.strip()).with_stage(PRACTICE)
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error

@@ -141,6 +141,7 @@ class AskedView(BaseModel):
 
     consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
     comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
+    practice: int = Field(description="how many rounds of practice are to be sent, where the study has a practice")
     questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
 
 
@@ -208,7 +209,9 @@ def asked(signed_in: Participant) -> AskedView:
     options = signed_in.session.options
     consent = {"version": options.consent_version, "sha256": options.consent_sha256} if options.consent else None
     questions = [asdict(question) for question in options.questions]
-    return AskedView(consent=consent, comprehension=options.comprehension, questions=questions)
+    return AskedView(
+        consent=consent, comprehension=options.comprehension, practice=options.n_practice, questions=questions
+    )
 
 
 @router.put("/session/comprehension")
