@@ -1,5 +1,6 @@
 /** The participant's page, from Begin to the thanks. The server knows the stage; the page shows it. */
 
+import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
@@ -15,6 +16,7 @@ import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
+import { minutesTogether, roughly } from "./time-left.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
 import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
@@ -22,7 +24,6 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 /** @typedef {import("./session.js").Session} Session */
 
 const N_INSTRUCTIONS = 3;
-const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
@@ -48,6 +49,7 @@ let agreedText = ""; // digest of the consent's text that was agreed to before t
 let ending = null; // of the session
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
 let isUnderWay = false; // see `guarded`
+let stopClock = () => {}; // of a break
 
 /** What the page does in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
 const STAGES = {
@@ -309,10 +311,15 @@ function goOnWithTrials() {
 }
 
 async function runTrials() {
+  stopClock();
   show("trial");
   const end = await trials.run(outbox, openLook);
-  if (end === "over") await goTo(await patiently(readSession));
-  else show(end);
+  if (end === "over") {
+    await goTo(await patiently(readSession));
+    return;
+  }
+  show(end);
+  if (end === "break") stopClock = startBreak(viewOf(end), Number(page.dataset.breakS));
 }
 
 /** @param {string} view the last one */
@@ -423,8 +430,13 @@ function yieldToOther() {
 function tellSession({ study, stage, progress, resume_code, debriefing, ...session }) {
   page.dataset.stage = stage;
   ending = session.ending;
-  const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
-  tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
+  trials.minutes = session.minutes;
+  tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), minutes: minutesTogether(session.minutes), resume_code });
+  tell({ screening_minutes: roughly(session.minutes.screening) });
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (byId("durations").querySelectorAll("[data-stage]"))) {
+    const stage = /** @type {import("./session.js").Stage} */ (line.dataset.stage);
+    line.textContent = fill(line.dataset.text, { minutes: roughly(session.minutes[stage]) });
+  }
   byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));
 }
 

@@ -364,11 +364,13 @@ export class Trial {
 }
 
 /** @param {HTMLElement} screen @param {TrialDescription} description */
-function labelTrial(screen, { number, total, free_exposure, media }) {
+function labelTrial(screen, { number, place, total, attempt, is_practice, free_exposure, media }) {
+  screen.classList.toggle("is-practice", is_practice);
   screen.classList.toggle("is-free", free_exposure);
   screen.classList.toggle("has-reference", media.reference);
-  for (const label of screen.querySelectorAll("[data-label]")) {
-    label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
+  for (const element of /** @type {NodeListOf<HTMLElement>} */ (screen.querySelectorAll("[data-label]"))) {
+    const { label, labelAgain, labelPractice } = element.dataset;
+    element.textContent = fill(is_practice ? labelPractice : attempt > 1 ? labelAgain : label, { number: place, total });
   }
   required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }

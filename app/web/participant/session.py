@@ -28,6 +28,7 @@ from app.store.sessions import (
 )
 from app.store.studies import study_by_id
 from app.study.comprehension import is_understood
+from app.study.duration import stage_minutes
 from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.recruiting import MOST_KEPT, Ending
@@ -128,6 +129,7 @@ class SessionView(BaseModel):
     stage: str
     stages: list[str]
     progress: ProgressView
+    minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
     was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
     debriefing: str | None = Field(
@@ -289,6 +291,7 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "stage": session.stage,
         "stages": list(session.options.way),
         "progress": ProgressView(done=done.n_done, total=done.n_total),
+        "minutes": stage_minutes(session.options, done.n_total, session.exposure_s),
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
         "debriefing": session.options.debriefing if session.stage == FINISHED else None,

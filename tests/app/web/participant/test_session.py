@@ -325,6 +325,7 @@ def test_an_interrupted_trial_comes_once_more_at_the_end(
     for number in range(1, 7):
         trial = participant.get("/api/v1/session/trials/next").json()
         assert (trial["number"], trial["total"], trial["attempt"]) == (number, 6, 1 if number < 6 else 2)
+        assert trial["place"] == (number + 1 if number < 6 else first["place"]), "its own number"
         if number < 6:
             participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
     assert trial["media"]["url"] == first["media"]["url"]
