@@ -93,5 +93,5 @@ def passes_screening(visitor: Visitor) -> None:
     visitor.page.keyboard.press("Enter")
     answers_plates(visitor.page)
     visitor.sees("seat")
-    expect(visitor.page.get_by_text("about 250 cm from the display")).to_be_visible()
+    expect(visitor.page.locator("[data-view=seat]")).to_contain_text("about 250 cm from the display")
     visitor.page.keyboard.press("Enter")
