@@ -42,8 +42,7 @@ def parse_practice_pairs(content: object) -> tuple[PracticeFilms, ...]:
 
 def _films(entry: object) -> PracticeFilms:
     names = [field.name for field in fields(PracticeFilms)]
-    is_whole = isinstance(entry, Mapping) and set(entry) == set(names)
-    if not is_whole or not all(isinstance(entry[name], str) and 0 < len(entry[name]) <= LONGEST_NAME for name in names):
+    if not isinstance(entry, Mapping) or set(entry) != set(names) or not all(map(_is_name, entry.values())):
         raise ValueError(f"practice_pairs has {entry!r:.120}, expected texts for {', '.join(names)}")
     films = PracticeFilms(**entry)
     if films.a == films.b:
@@ -51,3 +50,7 @@ def _films(entry: object) -> PracticeFilms:
             f"practice_pairs names {films.a!r} twice, expected two different conditions of {films.dataset}"
         )
     return films
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME
