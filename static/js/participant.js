@@ -24,6 +24,7 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 /** @typedef {import("./session.js").Session} Session */
 
 const N_INSTRUCTIONS = 3;
+const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
@@ -32,6 +33,7 @@ const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
+const begunKey = `begun here: ${beginKey}`;
 const shelf = await openShelf();
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
@@ -101,6 +103,7 @@ function turnAway(why) {
 }
 
 function welcome() {
+  byId("moved").hidden = new URLSearchParams(location.search).has("another") || !inBrowser.get(begunKey);
   byId("begin").toggleAttribute("disabled", false);
   show("welcome");
 }
@@ -398,6 +401,7 @@ function sentence(error, problem) {
 /** @param {Session} session */
 async function enterSession(session) {
   inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
+  inBrowser.set(begunKey, "yes");
   stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
   openLook = new OpenLook(session.session);

@@ -30,7 +30,7 @@ import { askForChoice } from "./vote-form.js";
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const PROGRESS_EVERY_MS = 250;
-const REFERENCE_KEY = "r";
+const REFERENCE_KEY = "r"; // or what lies in its place on keyboards of other alphabets
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
 
@@ -223,7 +223,7 @@ export class Trial {
     };
     const onKey = (/** @type {KeyboardEvent} */ event) => {
       if (!isPlain(event)) return;
-      const isForReference = media.reference && event.key.toLowerCase() === REFERENCE_KEY;
+      const isForReference = media.reference && (event.key.toLowerCase() === REFERENCE_KEY || event.code === "KeyR");
       if (isForReference || SWITCH_KEYS.has(event.key)) {
         event.preventDefault();
         if (!event.repeat) this.#switch(event.timeStamp, isForReference);
