@@ -8,6 +8,7 @@ RUN frontend/vendor.sh
 COPY LICENSE README.md pyproject.toml setup.py ./
 COPY migrations migrations
 COPY templates templates
+COPY languages languages
 COPY static static
 COPY recon recon
 COPY app app

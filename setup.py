@@ -8,7 +8,7 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-FOLDERS = ("migrations", "static", "templates")
+FOLDERS = ("languages", "migrations", "static", "templates")
 
 
 class BuildWithFolders(build_py):

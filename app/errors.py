@@ -50,6 +50,12 @@ class ConflictError(StudyError):
     status = 409
 
 
+class ChangedError(StudyError):
+    """What the request is about has changed since the client read it."""
+
+    status = 412
+
+
 class GoneError(StudyError):
     status = 410
 

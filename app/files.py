@@ -17,7 +17,8 @@ from typing import Any
 def packaged(name: str) -> Path:
     """Find a file or folder of the program: inside the package, where a wheel has it, or beside it in a checkout.
 
-    `templates`, `static` and `migrations` are the folders that a wheel has inside (setup.py puts them there).
+    `languages`, `migrations`, `static` and `templates` are the folders that a wheel has inside; setup.py puts them
+    there.
     """
     package = Path(str(files("app")))
     inside = package / name

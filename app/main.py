@@ -23,6 +23,7 @@ from uvicorn.supervisors import Multiprocess
 
 from app.files import packaged
 from app.films.object_store import MediaStore
+from app.operations.languages import read_languages
 from app.operations.leftovers import remove_leftovers
 from app.operations.manage import open_store
 from app.settings import Settings
@@ -45,6 +46,7 @@ from app.web.admin import (
     sign_in,
     stimulus_sets,
     studies,
+    texts,
     users,
     votes_page,
 )
@@ -84,6 +86,7 @@ ROUTERS = (
     models_page.router,
     attach.router,
     edit.router,
+    texts.router,
     pages.router,
 )
 UVICORN_OPTIONS: dict[str, Any] = {
@@ -125,6 +128,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False, "logs": False},  # it names addresses, which hold invitations
     )
     app.state.settings = settings
+    app.state.languages = read_languages(settings)
     app.state.database = database
     app.state.votes = VoteWriter(votes_database)
     app.state.flags = Flags(database)

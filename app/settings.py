@@ -56,6 +56,11 @@ class Settings(BaseSettings):
         return self.stimuli_dir or self.data_dir / "stimuli"
 
     @property
+    def languages_dir(self) -> Path:
+        """Folder of the experimenter's own language packs."""
+        return self.data_dir / "languages"
+
+    @property
     def media_dir(self) -> Path:
         return self.data_dir / "pairs"
 

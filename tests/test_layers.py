@@ -72,6 +72,7 @@ PURE = {"numpy", "scipy", "app"}
 PURE_EXCEPTIONS = {
     "app/analysis/charts.py": {"altair", "vl_convert", "pandas"},
     "app/analysis/objective/charts.py": {"altair"},
+    "app/analysis/ratings/charts.py": {"altair"},
     "app/analysis/report.py": {"jinja2", "pandas"},
     "app/analysis/reading.py": {"pandas"},
     "app/analysis/tabular.py": {"pandas"},

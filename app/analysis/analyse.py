@@ -61,7 +61,7 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
     """
     settings = settings or AnalysisSettings()
     _check_names(votes, settings)
-    used = _used(votes, settings)
+    used = used_votes(votes, settings)
     check_groups(votes, settings.groups)
     compared = list(compare(used, settings))
     screened = triads(used)
@@ -221,7 +221,14 @@ def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: Analysi
     return [row for comparison in compare(everybody, plain) for row in score_rows(comparison)]
 
 
-def _used(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
+def used_votes(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
+    """Return the votes to score: without practice, attention checks and exclusions.
+
+    Raises
+    ------
+    ValueError
+        If a participant to exclude did not vote.
+    """
     unknown = set(settings.exclude).difference(votes.participants)
     if unknown:
         raise ValueError(

@@ -36,7 +36,7 @@ def scores_chart(analysis: Mapping[str, Any], comparison: str = "all") -> Any:
         return None
     items = _by_score(rows)
     panels = [_scores_panel([row for row in rows if row["dataset"] == name], items, name) for name in _datasets(rows)]
-    return _arranged(panels)
+    return arranged(panels)
 
 
 def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> Any:
@@ -89,7 +89,7 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
         color=color,
         shape=alt.Shape("group:N", title=grouping, sort=groups),
     )
-    return _arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title="all datasets")])
+    return arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title="all datasets")])
 
 
 def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
@@ -276,7 +276,8 @@ def _datasets(rows: Sequence[Row]) -> list[str]:
     return [*(name for name in names if name != "all"), *(name for name in names if name == "all")]
 
 
-def _arranged(panels: Sequence[Any]) -> Any:
+def arranged(panels: Sequence[Any]) -> Any:
+    """Return panels in rows of three, which share their horizontal axis."""
     rows = [
         alt.hconcat(*panels[start : start + COLUMNS]).resolve_scale(x="shared")
         for start in range(0, len(panels), COLUMNS)

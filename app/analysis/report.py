@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.analysis.analyse import analyse
+from app.analysis.analyse import analyse, used_votes
 from app.analysis.attributes import MeasureValues, read_items, read_measures, read_participants
 from app.analysis.charts import (
     chart_pdf,
@@ -30,6 +30,12 @@ from app.analysis.charts import (
 )
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import ALL, measures_by_rank
+from app.analysis.ratings.alignment import align
+from app.analysis.ratings.analyse_ratings import analyse_ratings
+from app.analysis.ratings.charts import rating_charts
+from app.analysis.ratings.comparisons import analyse_comparisons
+from app.analysis.ratings.reading import read_ratings
+from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading import read_votes
 from app.analysis.report_sections import sections
 from app.analysis.settings import AnalysisSettings
@@ -61,6 +67,8 @@ def analyse_file(
     measures: Path | None = None,
     participants: Path | None = None,
     groups: Sequence[str] | None = None,
+    ratings: Path | None = None,
+    scale: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """Read votes, analyse them, and write tables, figures and report to the folder `out`.
 
@@ -76,6 +84,8 @@ def analyse_file(
         or `dataset`, `item` and one column per measure
     participants : CSV with `participant` and one column per grouping, whose groups are compared
     groups : the groupings to compare out of those in `participants`; all of them by default
+    ratings : CSV with ratings of the same items, to be put on one scale with the votes
+    scale : ends of the ratings' scale; 1 and 5 by default
 
     Returns
     -------
@@ -106,10 +116,67 @@ def analyse_file(
         settings = replace(settings, groups=_chosen(read_participants(participants), groups, "grouping", participants))
     elif groups:
         raise ValueError(f"the grouping {groups[0]!r} needs a participants file that gives each participant's group")
+    rated = None if ratings is None else _single_ratings(ratings, scale).without(settings.exclude)
     analysis = analyse(votes, settings)
     analysis["warnings"] += notes
+    if rated is not None:
+        _add_tables(analysis, analyse_ratings(rated) | align(rated, used_votes(votes, settings)))
+        (shared,) = analysis["alignment"]
+        if shared["status"] != "ok":
+            analysis["warnings"].append(
+                f"ratings and votes are not on one scale: {shared['status']} ({shared['n_shared']} items in common)"
+            )
     write_analysis(analysis, out, source=path.name)
     return analysis
+
+
+def analyse_ratings_file(
+    path: Path, out: Path, scale: tuple[float, float] | None = None, exclude: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Read ratings, analyse them, and write tables, figures and report to the folder `out`.
+
+    Parameters
+    ----------
+    path : ratings as CSV, Parquet or JSON: of single items, or comparisons of two
+    out : a folder, made if missing
+    scale : ends of the scale; 1 and 5 by default, for comparisons -3 and 3
+    exclude : participants left out
+
+    Returns
+    -------
+    dict, the content of analysis.json
+
+    Raises
+    ------
+    VotesError
+        Naming the file, the row and the value.
+    """
+    table = read_ratings(path, scale)
+    unknown = [name for name in exclude if name not in table.participants]
+    if unknown:
+        raise VotesError(
+            f"{path}: the participant to exclude, {unknown[0]!r}, is not among the {len(table.participants)} who rated"
+        )
+    table = table.without(exclude)
+    if not len(table):
+        raise VotesError(f"{path}: no rating is left after the exclusions")
+    analysis = NO_VOTES | {"settings": {"exclude": list(exclude)}, "warnings": []}
+    _add_tables(analysis, analyse_ratings(table) if isinstance(table, RatingTable) else analyse_comparisons(table))
+    write_analysis(analysis, out, source=path.name)
+    return analysis
+
+
+def _single_ratings(path: Path, scale: tuple[float, float] | None) -> RatingTable:
+    table = read_ratings(path, scale)
+    if isinstance(table, ComparisonTable):
+        raise VotesError(f"{path}: compares items, expected ratings of single ones to put on one scale with the votes")
+    return table
+
+
+def _add_tables(analysis: dict[str, Any], tables: Mapping[str, list[dict[str, Any]]]) -> None:
+    """Add tables of ratings to an analysis, and their warnings to its warnings."""
+    analysis["warnings"] += [row["warning"] for row in tables["rating_warnings"]]
+    analysis.update({name: rows for name, rows in tables.items() if name != "rating_warnings"})
 
 
 def _measure_notes(measures: MeasureValues, votes: VotesTable, path: Path) -> list[str]:
@@ -150,7 +217,7 @@ def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "vot
     source : name of what was analysed, for the report's title
     """
     for name in COLUMNS:
-        if analysis[name] or name not in WHERE_MEASURED:
+        if analysis.get(name) or (analysis["votes"] and name in ALWAYS_THERE):
             write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
     figures = [_write_figure(name, caption, chart, out) for name, caption, chart in named_charts(analysis)]
     content = _content(analysis, figures, source)
@@ -171,8 +238,28 @@ COLUMNS = {
     "observers": ("participant", "flags"),
     "measures": ("measure", "dataset"),
     "measure_comparisons": ("measure_a", "measure_b"),
+    "rating_items": ("dataset", "condition", "is_reference", "n_ratings", "n", "mos"),
+    "rating_conditions": ("condition", "n_datasets", "n_ratings", "n", "mos"),
+    "rating_model": ("protocol", "low", "high", "n_ratings", "n_participants", "n_items", "status"),
+    "raters": ("participant", "n_ratings", "mean", "bias", "inconsistency", "flags"),
+    "alignment_items": ("dataset", "condition", "n_ratings", "n_votes", "quality", "score"),
+    "alignment": ("n_items", "n_shared", "n_ratings", "n_votes", "slope", "rating_noise", "status"),
+    "comparison_pairs": ("dataset", "item_a", "item_b", "n_ratings", "n", "cmos"),
+    "comparison_items": ("dataset", "condition", "n_ratings", "score"),
+    "comparison_models": ("dataset", "n_ratings", "n_participants", "order_effect", "order_se", "status"),
 }
-WHERE_MEASURED = ("measures", "measure_comparisons")  # tables of analyses with objective measures
+ALWAYS_THERE = ("scores", "triads", "observers")  # tables of every analysis of votes
+VOTE_TABLES = (
+    *("scores", "scores_with_excluded", "models", "tie_models", "contrasts", "effects", "tests", "groups", "triads"),
+    *("triads_pooled", "measures", "measure_comparisons", "agreement", "dataset_agreement", "observers", "checks"),
+    "pairs",
+)
+NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there are none
+    "schema_version": 1,
+    "votes": None,
+    "dataset_concordance": None,
+    **{name: [] for name in VOTE_TABLES},
+}
 
 
 def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
@@ -201,6 +288,7 @@ def named_charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
         yield f"group_{_file_name(grouping)}", f"Scores by {grouping}, all datasets.", groups_chart(analysis, grouping)
     yield "response_times", "Response times of each participant.", response_chart(analysis)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis)
+    yield from rating_charts(analysis)
 
 
 def _file_name(text: str) -> str:
@@ -241,15 +329,16 @@ def _number(value: Any) -> str:
 
 def _content(analysis: Mapping[str, Any], figures: Sequence[dict[str, str] | None], source: str) -> dict[str, Any]:
     by_name = {figure["name"]: figure for figure in figures if figure}
+    has_votes = analysis["votes"] is not None
     return {
         "analysis": analysis,
-        "title": f"Pair comparison: {source}",
-        "summary": _summary(analysis),
+        "title": f"{'Pair comparison' if has_votes else 'Ratings'}: {source}",
+        "summary": _summary(analysis) if has_votes else "",
         "figures": {"scores": [figure for name, figure in by_name.items() if name.startswith("scores")]},
         "score_tables": _score_tables(analysis),
         "scores_note": _scores_note(analysis),
         "sections": list(sections(analysis, by_name)),
-        "methods": _methods(analysis),
+        "methods": [*(_methods(analysis) if has_votes else ()), _software()],
     }
 
 
@@ -313,11 +402,14 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
             "Contradictory votes were counted as circular triads (Kendall and Babington Smith 1940) with exact "
             "p-values up to ten items; ties enter by the expectation over all ways of breaking them."
         )
-    texts.append(
+    return texts
+
+
+def _software() -> str:
+    return (
         f"Software: reconstudy {version('reconstudy')}, Python {platform.python_version()}, "
         f"numpy {np.__version__}, scipy {scipy.__version__}."
     )
-    return texts
 
 
 def _interval_in_words(settings: Mapping[str, Any]) -> str:

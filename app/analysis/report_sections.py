@@ -2,70 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from app.analysis.objective.prediction import measures_by_rank
+from app.analysis.ratings.report_sections import rating_sections
+from app.analysis.report_tables import Analysis, Figures, Row, section, table
 
-Analysis = Mapping[str, Any]
-Figures = Mapping[str, dict[str, str]]
-Row = Mapping[str, Any]
-
-ROWS = 80  # rows of a table; the CSV files hold the rest
 MOST_FIGURES = 8  # of measures in the report
 MOST_COMPARED = 30  # pairs of measures in the report
-HEADINGS = {  # of columns; others have their name in analysis.json
-    "auc_a": "AUC of it",
-    "auc_b": "of the other",
-    "auc_better_worse": "AUC better/worse",
-    "auc_different_similar": "AUC different/similar",
-    "auc_p": "p, AUC",
-    "auc_p_holm": "p, AUC (Holm)",
-    "ci_high": "to",
-    "ci_low": "from",
-    "circular_expected_ties": "expected with ties broken",
-    "dataset_a": "dataset",
-    "dataset_b": "and",
-    "flags": "unusual",
-    "g2": "G2",
-    "kendall": "KRCC",
-    "log_nu": "tie parameter",
-    "log_theta": "tie parameter",
-    "loglik": "log-likelihood",
-    "loglik_per_vote_left_out": "log-likelihood per vote",
-    "measure_a": "measure",
-    "measure_b": "and",
-    "model": "in the model of",
-    "moderate": "moderate violated",
-    "n": "points",
-    "n_datasets": "datasets",
-    "n_items": "items",
-    "n_participants": "participants",
-    "n_triples": "triples",
-    "n_votes": "votes",
-    "name": "test",
-    "order_effect": "order effect",
-    "p_holm": "p (Holm)",
-    "p_participant": "p (participants)",
-    "p_value": "p",
-    "pairs_correct": "in order",
-    "pairs_different": "pairs that differ",
-    "outlier_ratio": "outliers",
-    "pairs_similar": "pairs alike",
-    "pearson": "Pearson",
-    "pearson_a": "Pearson of it",
-    "pearson_b": "of the other",
-    "pearson_logistic": "PLCC",
-    "pearson_monotone": "monotone",
-    "pearson_x2": "Pearson X2",
-    "rmse": "RMSE",
-    "rmse_epsilon": "RMSE*",
-    "spearman": "SROCC",
-    "spearman_p": "p, SROCC",
-    "strong": "strong violated",
-    "tie_rate": "tie rate",
-    "weak": "weak violated",
-}
 
 
 def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
@@ -75,7 +20,8 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
     ----------
     figures : name -> figure, of the figures that were drawn
     """
-    yield _model(analysis, figures)
+    if analysis["models"]:
+        yield _model(analysis, figures)
     if analysis["effects"]:
         yield _factors(analysis)
     if analysis["tests"]:
@@ -94,19 +40,7 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _triads(analysis, figures)
     if analysis["observers"]:
         yield _observers(analysis, figures)
-
-
-def _section(
-    title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[dict[str, str]] = ()
-) -> dict[str, Any]:
-    """Return a section with one table of these columns of the rows."""
-    rest = f" The first {ROWS} of {len(rows)} rows." if len(rows) > ROWS else ""
-    return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [_table("", columns, rows)]}
-
-
-def _table(title: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
-    headings = [HEADINGS.get(column, column) for column in columns]
-    return {"title": title, "columns": headings, "rows": [[row[column] for column in columns] for row in rows[:ROWS]]}
+    yield from rating_sections(analysis, figures)
 
 
 def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -118,7 +52,7 @@ def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     )
     shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
     columns = ["comparison", "dataset", "n_votes", parameter, "order_effect", "loglik", "pearson_x2", "df", "p_value"]
-    return _section("Model", text, [*columns, "status"], rows, shown)
+    return section("Model", text, [*columns, "status"], rows, shown)
 
 
 def _factors(analysis: Analysis) -> dict[str, Any]:
@@ -131,7 +65,7 @@ def _factors(analysis: Analysis) -> dict[str, Any]:
         "factor sum to zero. The scores of single factors above use only the pairs that differ in nothing else."
     )
     columns = ["factor", "level", "dataset", "effect", "error", "ci_low", "ci_high"]
-    return _section("Factors together", text, columns, rows)
+    return section("Factors together", text, columns, rows)
 
 
 def _tests(analysis: Analysis) -> dict[str, Any]:
@@ -142,7 +76,7 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
     )
     columns = ["name", "model", "dataset", "g2", "df", "p (votes)", "p_participant", "p_holm"]
     rows = [row | {"p (votes)": row["p_value"]} for row in analysis["tests"]]
-    return _section("Tests", text, columns, rows)
+    return section("Tests", text, columns, rows)
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -163,13 +97,13 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "paragraphs": [MEASURES_TEXT + rest, _chance_text(len(last))],
         "figures": [*shown, *drawn[:MOST_FIGURES]],
         "tables": [
-            _table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
-            _table(
+            table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
+            table(
                 "Pairs told rightly, and errors after the logistic fit",
                 ["measure", "pairs_different", "pairs_similar", *told, "rmse", "rmse_epsilon", "outlier_ratio"],
                 ranked,
             ),
-            *([_table("On each dataset", ["measure", "dataset", "n", *correlations, *told], single)] if single else []),
+            *([table("On each dataset", ["measure", "dataset", "n", *correlations, *told], single)] if single else []),
             *_comparisons(analysis),
         ],
     }
@@ -219,7 +153,7 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
         "auc_p",
         "auc_p_holm",
     ]
-    return [_table(f"Does a measure predict better than another?{rest}", columns, rows[:MOST_COMPARED])]
+    return [table(f"Does a measure predict better than another?{rest}", columns, rows[:MOST_COMPARED])]
 
 
 def _with_intervals(row: Row) -> dict[str, Any]:
@@ -242,7 +176,7 @@ def _excluded(analysis: Analysis) -> dict[str, Any]:
     ]
     text = f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them."
     columns = ["comparison", "dataset", "item", "score", "score with all votes"]
-    return _section("Exclusions", text, columns, rows)
+    return section("Exclusions", text, columns, rows)
 
 
 def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -252,7 +186,7 @@ def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     )
     columns = ["grouping", "group", "n_participants", "dataset", "item", "score", "ci_low", "ci_high", "status"]
     shown = [figure for name, figure in figures.items() if name.startswith("group_")]
-    return _section("Groups of participants", text, columns, analysis["groups"], shown)
+    return section("Groups of participants", text, columns, analysis["groups"], shown)
 
 
 def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
@@ -268,7 +202,7 @@ def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
         f"correlations; the test above tells whether the datasets differ beyond them.{overall}"
     )
     columns = ["dataset_a", "dataset_b", "n_items", "pearson", "spearman", "kendall"]
-    return _section("Agreement between datasets", text, columns, analysis["dataset_agreement"])
+    return section("Agreement between datasets", text, columns, analysis["dataset_agreement"])
 
 
 def _agreement(analysis: Analysis) -> dict[str, Any]:
@@ -280,7 +214,7 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
         "strong stochastic transitivity; without weak transitivity no scores fit the preferences."
     )
     columns = ["dataset", "u", "p_value", *violations]
-    return _section("Agreement", text, columns, rows)
+    return section("Agreement", text, columns, rows)
 
 
 def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -295,7 +229,7 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     )
     shown = [figures["triads"]] if "triads" in figures else []
     columns = ["participant", "n_datasets", "circular", "circular_expected_ties", "p_value"]
-    return _section("Circular triads", text, columns, pooled, shown)
+    return section("Circular triads", text, columns, pooled, shown)
 
 
 def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -307,4 +241,4 @@ def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     rows = [row | {"flags": "; ".join(row["flags"])} for row in flagged]
     shown = [figures["response_times"]] if "response_times" in figures else []
     columns = ["participant", "n_votes", "tie_rate", "loglik_per_vote_left_out", "flags"]
-    return _section("Participants", text, columns, rows, shown)
+    return section("Participants", text, columns, rows, shown)

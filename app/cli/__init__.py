@@ -13,13 +13,13 @@ from typing import Annotated
 
 import typer
 
-from app.cli import analysis, experiments, server, studies
+from app.cli import analysis, experiments, languages, server, studies
 from app.cli.extras import missing_extra
 from app.errors import StudyError
 from recon.cli.main import app as recon_app
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
-for part in (recon_app, experiments.app, studies.app, server.app, analysis.app):
+for part in (recon_app, experiments.app, studies.app, languages.app, server.app, analysis.app):
     app.add_typer(part)
 
 

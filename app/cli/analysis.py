@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.shared import by_step
+from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
 app = typer.Typer()
@@ -46,7 +48,8 @@ def simulate(
 
 @app.command()
 def analyse(
-    votes: Annotated[Path, typer.Argument(help="File of votes: CSV, Parquet or JSON.")],
+    context: typer.Context,
+    votes: Annotated[Path, typer.Argument(help="File of votes, or of ratings: CSV, Parquet or JSON.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
     items: Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")] = None,
     measures: Annotated[
@@ -88,11 +91,26 @@ def analyse(
     choices: Annotated[
         str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
     ] = None,
+    ratings: Annotated[
+        Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse any pair-comparison votes: triads, scores, standard errors, figures and a report."""
-    from app.analysis import AnalysisSettings, analyse_file
+    """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
+    from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
+    from app.analysis.ratings.reading import holds_ratings
 
+    ends = _parse_scale(scale)
+    if holds_ratings(votes):
+        _refuse_options_of_votes(context)
+        analysis = analyse_ratings_file(votes, out, ends, exclude or ())
+        print_result(analysis, rating_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+        return
+    if ends and ratings is None:
+        raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
     if by not in ("dataset", "none"):
         raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
     settings = AnalysisSettings(
@@ -115,36 +133,81 @@ def analyse(
         measures=measures,
         participants=participants,
         groups=group,
+        ratings=ratings,
+        scale=ends,
     )
     print_result(analysis, score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
 
 
 @app.command()
 def plan(
-    conditions: Annotated[int, typer.Option(min=2, help="Conditions of each dataset; every pair is compared.")],
+    conditions: Annotated[int, typer.Option(min=2, help="Conditions of each dataset; with a hidden reference if any.")],
     datasets: Annotated[int, typer.Option(min=1, help="Number of datasets.")],
     participants: Annotated[int, typer.Option(min=2, help="Number of participants.")],
-    effect: Annotated[float, typer.Option(help="True difference of two conditions in JOD, log-odds / ln 3.")] = 0.5,
+    protocol: Annotated[
+        str, typer.Option(help="PC or CCR (every pair is compared), or ACR, ACR-HR, DCR (every film is rated).")
+    ] = "PC",
+    effect: Annotated[
+        float, typer.Option(help="True difference of two conditions: JOD (log-odds / ln 3), or grades where rated.")
+    ] = 0.5,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power.")] = 400,
+    inconsistency: Annotated[
+        float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
+    ] = TYPICAL_INCONSISTENCY,
+    exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
+    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power, where compared.")] = 400,
     seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a study's power and sample size by simulation."""
+    """Find a study's power and sample size: by simulation for comparisons, by a paired t-test for ratings."""
     import numpy as np
 
     from app.analysis.power import StudyPlan, plan_study
+    from app.analysis.ratings.planning import RatingPlan, plan_ratings
+    from app.study.protocols import RATED, minutes_of, parse_protocol
 
-    design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
-    result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    chosen, _ = parse_protocol({"protocol": protocol})
+    is_rated = chosen in RATED
+    if is_rated:
+        result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
+    else:
+        design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
+        result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+    n_trials = result["votes_per_participant"]
+    result |= {"protocol": chosen, "trials": n_trials, "minutes": minutes_of(n_trials, exposure)}
+    unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
+    single, pooled = (result[f"detectable{suffix}_{where}"] for where in ("one_dataset", "pooled"))
     sentences = (
-        f"{result['votes_per_participant']} votes by each of {participants} participants.\n"
-        f"A difference of {effect:g} JOD is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
+        f"{n_trials} trials for each of {participants} participants: about {result['minutes']} minutes.\n"
+        f"A difference of {effect:g} {unit} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
         f"{result['power_pooled']:.2f} over all.\n"
-        f"Found with a power of 0.8: {_jod(result['detectable_jod_one_dataset'])} in one dataset, "
-        f"{_jod(result['detectable_jod_pooled'])} over all."
+        f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."
     )
     print_result(result, sentences, as_json=as_json)
+
+
+OPTIONS_OF_RATINGS = ("votes", "out", "scale", "exclude", "as_json")
+
+
+def _refuse_options_of_votes(context: typer.Context) -> None:
+    """Raise if an option was given that says nothing about ratings."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if source is not None and source.name == "COMMANDLINE" and parameter.name not in OPTIONS_OF_RATINGS:
+            raise typer.BadParameter(f"{parameter.opts[0]} is for votes, and the file holds ratings; leave it out")
+
+
+def _parse_scale(text: str | None) -> tuple[float, float] | None:
+    """Read "low:high"."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(end) for end in text.split(":"))
+    except ValueError as error:
+        raise typer.BadParameter(f"--scale is {text!r}, expected two numbers such as 1:5") from error
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise typer.BadParameter(f"--scale is {text!r}, expected its low end first, such as 1:5")
+    return low, high
 
 
 def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
@@ -175,6 +238,27 @@ def score_sentences(analysis: Mapping[str, Any]) -> str:
     return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
 
 
+def rating_sentences(analysis: Mapping[str, Any]) -> str:
+    """Print the mean opinion scores, or the scores of comparisons, over all datasets, a line each, best first."""
+    if analysis.get("rating_conditions"):
+        rows, name, what = list(analysis["rating_conditions"]), "mos", ""
+    else:
+        datasets = [row["dataset"] for row in analysis["comparison_items"]]
+        last = "all" if "all" in datasets else None
+        rows = [row for row in analysis["comparison_items"] if last in (None, row["dataset"])]
+        name, what = "score", "+"
+    rows.sort(key=lambda row: -row[name])
+    width = max((len(row["condition"]) for row in rows), default=0)
+    return "\n".join(f"  {row['condition']:<{width}}  {_interval_text(row, name, what)}" for row in rows)
+
+
+def _interval_text(row: Mapping[str, Any], name: str, sign: str) -> str:
+    interval = ""
+    if row["ci_low"] is not None:
+        interval = f"  95 % interval {row['ci_low']:{sign}.2f} to {row['ci_high']:{sign}.2f}"
+    return f"{row[name]:{sign}.2f}{interval}"
+
+
 def _score_text(row: Mapping[str, Any]) -> str:
     if row["score"] is None:
         return f"no score ({row['status']})"
@@ -182,5 +266,5 @@ def _score_text(row: Mapping[str, Any]) -> str:
     return f"{row['score']:+.3f}{interval}"
 
 
-def _jod(difference: float | None) -> str:
-    return "no difference considered" if difference is None else f"{difference:.2f} JOD"
+def _detectable(difference: float | None, unit: str) -> str:
+    return "no difference considered" if difference is None else f"{difference:.2f} {unit}"

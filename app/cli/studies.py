@@ -110,6 +110,16 @@ def study_create(
         float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="How to judge: PC (which of two is better, default), CCR (how much better), ACR (films one by one), "
+            "ACR-HR (the reference hidden among them) or DCR (against the reference)."
+        ),
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option(help="Of ACR, ACR-HR and DCR: 5 (default), 9 or 11 grades, or slider (0 to 100).")
+    ] = None,
     preset: Annotated[
         str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
     ] = "quick",
@@ -139,7 +149,10 @@ def study_create(
         ),
     ] = None,
     reference: Annotated[
-        str | None, typer.Option(help="Condition to show as reference beside every pair; it is not compared.")
+        str | None,
+        typer.Option(
+            help="Condition to show as reference: beside every pair, in ACR-HR hidden, in DCR before each film."
+        ),
     ] = None,
     without: Annotated[
         list[str] | None,
@@ -163,9 +176,12 @@ def study_create(
     """Create a study from a stimulus set, with an open invitation."""
     from app.operations.create import create_study, read_options
     from app.settings import Settings
+    from app.study.protocols import typed_scale
     from app.study.stages import PRACTICE
 
     given = {
+        "protocol": protocol,
+        "scale": typed_scale(scale) if scale else None,
         "both_orders": both_orders or None,
         "repeated_pairs": repeated_pairs,
         "identical_pairs": identical_pairs,
@@ -323,13 +339,22 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     study["link"] = url + study["path"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
+    shown = "pairs" if study["n_pairs"] else "films"
+    n_shown = study["n_pairs"] or study["n_trials"]
     sentences = [
-        f"Created the study {study['slug']}: {study['n_pairs']} pairs of {study['n_conditions']} conditions, "
+        f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "
         f"{study['exposure_s']:g} s each.{left_out}",
+        _languages_sentence(study["languages"]),
         *(f"{note}." for note in study.get("notes", ())),
         f"Invite participants with {study['link']} once `reconstudy serve` runs.",
     ]
     print_result(study, "\n".join(sentences), as_json=as_json)
+
+
+def _languages_sentence(languages: Mapping[str, str]) -> str:
+    offered = [tag for tag, state in languages.items() if state == "offered"]
+    refusals = [state for state in languages.values() if state != "offered"]
+    return f"Participants read it in {', '.join(offered)}." + "".join(f" Not offered: {state}." for state in refusals)
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:

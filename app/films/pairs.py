@@ -118,10 +118,36 @@ def prepare_identical(
     return _prepare(stimulus_set, [(stimulus, stimulus) for stimulus in stimulus_set.stimuli], maker, references)
 
 
-def prepare_practice(
-    stimulus_set: StimulusSet, pairs: Sequence[tuple[Stimulus, Stimulus]], maker: FilmMaker
+def prepare_alone(stimulus_set: StimulusSet, maker: FilmMaker) -> list[PairVideo]:
+    """Make a film of every stimulus by itself, whose halves are both the stimulus; otherwise as `prepare_pairs`."""
+    return _prepare(stimulus_set, [(stimulus,) for stimulus in stimulus_set.stimuli], maker, NO_REFERENCES)
+
+
+def prepare_against(
+    stimulus_set: StimulusSet, maker: FilmMaker, references: References, *, has_identical: bool
 ) -> list[PairVideo]:
-    """Make the practice videos: the pairs, then the last one's second film with itself.
+    """Make the film of every stimulus below its dataset's reference; otherwise as `prepare_pairs`.
+
+    Parameters
+    ----------
+    stimulus_set : without the references
+    maker : FilmMaker
+    references : by dataset
+    has_identical : also make the film of each reference below itself
+    """
+    pairs = [(references[stimulus.dataset], stimulus) for stimulus in stimulus_set.stimuli]
+    pairs += [(reference, reference) for reference in references.values() if has_identical]
+    return _prepare(stimulus_set, pairs, maker, NO_REFERENCES, is_sorted=False)
+
+
+def prepare_practice(
+    stimulus_set: StimulusSet,
+    pairs: Sequence[tuple[Stimulus, Stimulus]],
+    maker: FilmMaker,
+    *,
+    is_alone: bool = False,
+) -> list[PairVideo]:
+    """Make the practice videos: the pairs, then the first one's first film with itself; or each film by itself.
 
     Raises
     ------
@@ -130,12 +156,20 @@ def prepare_practice(
     """
     shown = {stimulus.name: stimulus for pair in pairs for stimulus in pair}
     scene = replace(stimulus_set, stimuli=tuple(shown.values()))
-    every = [*pairs, (pairs[-1][1], pairs[-1][1])]
+    every: list[tuple[Stimulus, ...]] = [*pairs, (pairs[0][0], pairs[0][0])]
+    if is_alone:
+        every = [(stimulus,) for pair in pairs for stimulus in reversed(pair)]
     return _prepare(scene, every, replace(maker, progress=no_progress), NO_REFERENCES, is_sorted=False)
 
 
-def split_reference(stimulus_set: StimulusSet, reference: str) -> tuple[StimulusSet, References]:
+def split_reference(stimulus_set: StimulusSet, reference: str, fewest: int = 2) -> tuple[StimulusSet, References]:
     """Split a set into what is compared, and by dataset the reference shown beside it.
+
+    Parameters
+    ----------
+    stimulus_set : with the reference
+    reference : its approach
+    fewest : stimuli that a dataset needs besides
 
     Raises
     ------
@@ -148,21 +182,21 @@ def split_reference(stimulus_set: StimulusSet, reference: str) -> tuple[Stimulus
         if dataset not in references:
             approaches = ", ".join(stimulus.approach for stimulus in stimulus_set.of_dataset(dataset))
             raise StimuliError(f"dataset {dataset} has {approaches}; the reference {reference!r} is not among them")
-        if len(compared.of_dataset(dataset)) < 2:
-            raise StimuliError(f"dataset {dataset} has one stimulus beside the reference, expected two to compare")
+        if (n := len(compared.of_dataset(dataset))) < fewest:
+            raise StimuliError(f"dataset {dataset} has {n} stimuli beside the reference, expected {fewest} or more")
     return compared, references
 
 
 def _prepare(
     stimulus_set: StimulusSet,
-    pairs: Sequence[tuple[Stimulus, Stimulus]],
+    pairs: Sequence[tuple[Stimulus, ...]],
     maker: FilmMaker,
     references: References,
     *,
     is_sorted: bool = True,
 ) -> list[PairVideo]:
-    shown = (*stimulus_set.stimuli, *references.values())
-    digests = {s.name: file_digest(stimulus_set.source(s)) for s in shown}
+    shown = {s.name: s for s in (*(s for pair in pairs for s in pair), *references.values())}
+    digests = {name: file_digest(stimulus_set.source(s)) for name, s in shown.items()}
     planned: list[_PlannedPair] = []
     for pair in pairs:
         below = filter(None, [references.get(pair[0].dataset)])
@@ -195,7 +229,8 @@ def _planned(
 
 
 def _pair_video(planned: _PlannedPair, files: Mapping[Path, FilmFile]) -> PairVideo:
-    top, bottom = planned.stacked[0][1].stimuli[:2]
+    stimuli = planned.stacked[0][1].stimuli
+    top, bottom = stimuli[0], stimuli[min(1, len(stimuli) - 1)]
     first, *others = [files[path] for path, _ in planned.stacked]
     size = (top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
     singles = tuple(files[path] for path, _ in planned.singles)

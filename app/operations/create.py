@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import secrets
 import tomllib
@@ -19,6 +20,8 @@ from app.films.pairs import (
     NO_REFERENCES,
     FilmMaker,
     PairVideo,
+    prepare_against,
+    prepare_alone,
     prepare_identical,
     prepare_pairs,
     prepare_practice,
@@ -26,19 +29,24 @@ from app.films.pairs import (
 )
 from app.films.practice import Practice, choose_practice, without_dataset
 from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
+from app.operations.languages import read_languages
 from app.operations.manage import opened_store
 from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.designs import copy_design, insert_design, insert_practice
-from app.store.engine import Database
+from app.store.engine import Database, Transaction
+from app.store.images import copy_images
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
+from app.store.orders import pairs_to_show, study_plan
 from app.study.adaptive import check_adaptive
 from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.presets import QUICK, read_preset
+from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
+from app.study.wording import LONGEST_NAME, check_languages, refused_languages
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
@@ -71,11 +79,14 @@ def create_study(
     Raises
     ------
     ValueError
-        If a study has this name, or a number is out of bounds; StimuliError if the stimulus set cannot be used.
+        If a study has this name, is complete in no language, or a number is out of bounds; StimuliError if the
+        stimulus set cannot be used.
     """
     slug, wanted = slugify(name), options or StudyOptions()
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
+        packs = read_languages(settings)
+        check_languages(wanted, packs)
         stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), wanted.without)
         practice = _practice(stimulus_set, wanted)
         exposure = _exposure(practice.compared, exposure_s)
@@ -95,7 +106,7 @@ def create_study(
         row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, films.compared, films.pairs)
+            insert_design(connection, study_id, films.shown, films.pairs)
             insert_practice(connection, study_id, films.practice)
             code = insert_invitation(connection, study_id, None, created_at)
             detail = {"stimulus_set": stimulus_set.name, "seed": row["seed"]}
@@ -103,14 +114,25 @@ def create_study(
             record(connection, by, entry, created_at)
         with database.reading() as connection:
             counts = asdict(studies.progress_of(connection, study_id))
+            n_trials = _n_trials(connection, study_id)
     return {
+        "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
         "path": f"/s/{code}",
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
+        "protocol": wanted.protocol,
+        "n_trials": n_trials,
         **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
         "without": list(wanted.without),
         **_noted(practice.notes),
     }
+
+
+def _n_trials(connection: Transaction, study_id: int) -> int:
+    """Count the trials of a study's first participant."""
+    study = studies.study_by_id(connection, study_id)
+    assert study is not None, "it was just inserted"
+    return len(study_plan(connection, study).order_of_slot(0, pairs_to_show(connection, study, 0)))
 
 
 def import_study(
@@ -168,6 +190,7 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
     with database.writing() as connection:
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
+        copy_images(connection, original.id, study_id)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
@@ -200,18 +223,18 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
 
 
 def slugify(name: str) -> str:
-    """Return a study's name as it appears in addresses.
+    """Return a study's name as it appears in addresses; a name in another script appears as a digest.
 
     Raises
     ------
     ValueError
-        If no letter or digit of the name can.
+        If the name is too long, or has no letter or digit.
     """
+    if not any(map(str.isalnum, name)) or len(name) > LONGEST_NAME:
+        raise ValueError(f"{name!r}: expected a name of 1 to {LONGEST_NAME} characters, with a letter or digit")
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
-    if not slug or len(name) > 200:
-        raise ValueError(f"{name!r}: expected a name of at most 200 characters with at least one letter a-z or digit")
-    return slug
+    return slug or f"name-{hashlib.sha256(name.strip().encode()).hexdigest()[:8]}"
 
 
 def _refuse_second(database: Database, slug: str, name: str) -> None:
@@ -245,9 +268,9 @@ def _left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusS
 
 @dataclass(frozen=True)
 class _Films:
-    """The stimuli that a study compares, and the films of its pairs and of the practice."""
+    """The stimuli that a study shows, and the films of its pairs and of the practice."""
 
-    compared: StimulusSet
+    shown: StimulusSet
     pairs: Sequence[PairVideo]
     practice: Sequence[PairVideo]
 
@@ -255,7 +278,7 @@ class _Films:
 def _practice(stimulus_set: StimulusSet, options: StudyOptions) -> Practice:
     """Choose what the study's participants practise with, and what is left to compare."""
     if PRACTICE in options.way:
-        return choose_practice(stimulus_set, options.practice_dataset, options.practice_pairs, options.reference)
+        return choose_practice(stimulus_set, options.practice_dataset, options.practice_pairs, options.reference_beside)
     if options.practice_dataset:
         return Practice((), without_dataset(stimulus_set, options.practice_dataset))
     return Practice((), stimulus_set)
@@ -271,18 +294,27 @@ def _prepare_films(
     """Make the missing films and upload them to the object store, if there is one."""
     compared, references = practice.compared, NO_REFERENCES
     if options.reference:
-        compared, references = split_reference(compared, options.reference)
+        fewest = 1 if options.protocol in WITH_REFERENCE else 2
+        compared, references = split_reference(compared, options.reference, fewest)
     if options.adaptive_pairs:
         check_adaptive(options.adaptive_pairs, len(compared.conditions))
     maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
-    pairs = prepare_pairs(compared, maker, references)
-    if options.identical_pairs:
-        pairs += prepare_identical(compared, maker, references)
-    practised = prepare_practice(stimulus_set, practice.pairs, maker) if practice.pairs else []
+    if options.is_shown_alone:
+        pairs = prepare_alone(practice.compared, maker)
+    elif options.protocol == DCR:
+        pairs = prepare_against(compared, maker, references, has_identical=options.identical_pairs > 0)
+    else:
+        pairs = prepare_pairs(compared, maker, references)
+        if options.identical_pairs:
+            pairs += prepare_identical(compared, maker, references)
+    practised = []
+    if practice.pairs:
+        practised = prepare_practice(stimulus_set, practice.pairs, maker, is_alone=options.is_shown_alone)
     if settings.media_url:
         files = [file for video in [*pairs, *practised] for file in video.files]
         MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-    return _Films(compared, pairs, practised)
+    shown = practice.compared if options.protocol in WITH_REFERENCE else compared
+    return _Films(shown, pairs, practised)
 
 
 def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:

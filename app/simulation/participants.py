@@ -20,14 +20,17 @@ from app.operations.manage import add_own_token, export_study, list_studies
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
+from app.simulation.rating import LOG_ODDS_OF_SCALE, Rater, draw_rater
 from app.simulation.screening import take_screening
-from app.study.comprehension import RIGHT_ANSWER
+from app.study.comprehension import right_answer
+from app.study.protocols import CCR, DCR
 from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
 from app.study.study_file import parse_study_file
 
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8
 TYPICAL_RESPONSE_MS = 1500.0
+ABOVE_ALL = 0.5  # log-odds of a reference over the best of what was drawn
 NO_ANSWERS: Mapping[str, Any] = {}
 
 
@@ -102,7 +105,7 @@ def simulate(
     token : an analyst's bearer token
     participants : how many alike, or each person
     abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
-    tie_rate : probability of no preference between equals
+    tie_rate : probability of no preference between equals, where pairs are compared
     seed : of all choices; the same seed and slots give the same choices
     outside_id : name of the parameter by which the study knows people of a recruiting platform; each gets a random id
     progress : told after each vote
@@ -119,9 +122,10 @@ def simulate(
         study = _ask(client, token, "GET", f"/api/v1/studies/{slug}").json()
         items = sorted({row["item"] for row in study["conditions"]})
         if abilities is None:
-            abilities = dict(
-                zip(items, np.random.default_rng(seed).normal(size=len(items)).round(3).tolist(), strict=True)
-            )
+            drawn = np.random.default_rng(seed).normal(size=len(items)).round(3).tolist()
+            abilities = dict(zip(items, drawn, strict=True))
+            if study["reference"] in abilities:
+                abilities[study["reference"]] = max(drawn) + ABOVE_ALL
         preferences = [
             Preference(abilities if person.abilities is None else person.abilities, tie_rate) for person in people
         ]
@@ -132,7 +136,8 @@ def simulate(
             rngs = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
             session = begin(client, slug, invitation, person.observer, rngs[1], outside_id=outside_id)
             total = len(people) * session["progress"]["total"]
-            for _ in _votes(client, slug, session, token, preference, rngs[0]):
+            rater = draw_rater(np.random.default_rng([seed, number, 2]))
+            for _ in _votes(client, slug, session, token, preference, rater, rngs[0]):
                 n_votes += 1
                 progress(f"votes of participant {number + 1} of {len(people)}", n_votes, total)
             now = _ask(client, session["token"], "GET", "/api/v1/session").json()
@@ -155,17 +160,46 @@ def _votes(
     session: Mapping[str, Any],
     token: str,
     preference: Preference,
+    rater: Rater,
     rng: np.random.Generator,
-) -> Iterator[str]:
-    """Vote in every trial of a session, and yield the choices; nothing for somebody who was screened out."""
+) -> Iterator[str | int]:
+    """Vote in every trial of a session, and yield the answers; nothing for somebody who was screened out."""
     if session["stage"] == SCREENED_OUT:
         return
     hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
     while trial := next_trial(client, session["token"]):
         compared = hidden[trial["trial"]]
-        choice = preference.choose(compared["dataset"], compared["item_a"], compared["item_b"], rng)
-        vote(client, session["token"], trial, choice, rng)
-        yield choice
+        answer = _answer(trial, compared, preference, rater, rng)
+        vote(client, session["token"], trial, answer, rng)
+        yield answer
+
+
+def _answer(
+    trial: Mapping[str, Any],
+    compared: Mapping[str, Any],
+    preference: Preference,
+    rater: Rater,
+    rng: np.random.Generator,
+) -> str | int:
+    """Choose the better of a trial's two stimuli, or rate as its protocol asks.
+
+    Parameters
+    ----------
+    trial : as the participant gets it
+    compared : the analyst's row of it
+    preference, rater : the participant's
+    rng : Generator
+    """
+    dataset, item_a, item_b = (compared[name] for name in ("dataset", "item_a", "item_b"))
+    if trial["grades"] is None:
+        return preference.choose(dataset, item_a, item_b, rng)
+    low, high = trial["grades"]["low"], trial["grades"]["high"]
+    quality = preference.ability(dataset, item_b)
+    if trial["protocol"] in (DCR, CCR):
+        quality -= preference.ability(dataset, item_a)
+    if trial["protocol"] == DCR:  # as good as the reference is the best
+        quality += LOG_ODDS_OF_SCALE / 2
+    return rater.rate(quality, low, high, rng)
 
 
 def simulate_study(
@@ -249,7 +283,7 @@ def stage_data(stage: str, asked: Mapping[str, Any], answers: Mapping[str, Any] 
     """Return the data that completes a stage: consent as asked for, other answers only where required."""
     if stage == INTRODUCTION:
         consent = {"consent": asked["consent"]} if asked["consent"] else {}
-        return consent | ({"comprehension": RIGHT_ANSWER} if asked["comprehension"] else {})
+        return consent | ({"comprehension": right_answer(asked["protocol"])} if asked["comprehension"] else {})
     if stage == INTERVIEW:
         needed = {question["name"]: _some_answer(question) for question in asked["questions"] if question["required"]}
         return {"answers": needed | dict(answers)}
@@ -281,10 +315,11 @@ def next_trial(client: httpx.Client, session_token: str) -> dict[str, Any] | Non
 
 
 def vote(
-    client: httpx.Client, session_token: str, trial: Mapping[str, Any], choice: str, rng: np.random.Generator
+    client: httpx.Client, session_token: str, trial: Mapping[str, Any], answer: str | int, rng: np.random.Generator
 ) -> None:
-    """Send a vote, with looks and pauses such as people make."""
-    body = {"id": str(uuid.uuid4()), "choice": choice, "viewing": viewing(trial, rng)}
+    """Send a vote, a choice or a rating, with looks and pauses such as people make."""
+    kind = "choice" if isinstance(answer, str) else "rating"
+    body = {"id": str(uuid.uuid4()), kind: answer, "viewing": viewing(trial, rng)}
     _ask(client, session_token, "PUT", f"/api/v1/session/trials/{trial['trial']}/vote", body)
 
 
@@ -293,6 +328,8 @@ def viewing(trial: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any
     shown_ms = 1000.0 * trial["exposure_s"]
     times = np.sort(rng.uniform(0, shown_ms, rng.integers(1, MOST_SWITCHES + 1))).round(1).tolist()
     labels = ("b", "a") if trial["first_shown"] == "a" else ("a", "b")
+    if trial["media"]["layout"] == "single":
+        times = []
     length_s = trial["media"]["n_frames"] / trial["media"]["fps"]
     return {
         "first_shown": trial["first_shown"],

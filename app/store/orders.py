@@ -54,7 +54,8 @@ def study_plan(connection: Connection, study: Study) -> StudyPlan:
     pairs = planned_pairs(connection, study.id)
     options = parse_options(study.options)
     names = stimulus_names(connection, study.id)
-    return StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=options.adaptive_pairs > 0)
+    is_adaptive = options.adaptive_pairs > 0
+    return StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=is_adaptive, protocol=options.protocol)
 
 
 def pairs_to_show(connection: Connection, study: Study, slot: int) -> list[PlannedPair]:

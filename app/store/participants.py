@@ -143,6 +143,8 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
             session.c.started_at,
             session.c.finished_at,
             session.c.withdrawn_at,
+            session.c.language,
+            session.c.texts_sha256,
             participant.c.erased_at,
             exclusion.c.reason,
             exclusion.c.excluded_by,

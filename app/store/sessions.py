@@ -10,7 +10,7 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Row, func, insert, select, update
 
 from app.errors import ClosedError, ConflictError, GoneError
-from app.store.engine import Database
+from app.store.engine import Database, insert_or_ignore
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, resume_code, resumed_token, token_of_key
 from app.store.orders import ALL_VOTED, n_taken_in, pairs_to_show, take_order_slot
@@ -18,9 +18,9 @@ from app.store.participants import forget_preview_votes
 from app.store.recruits import insert_recruit, session_of_outside_id
 from app.store.screening import close_screening
 from app.store.studies import Study, lock_study
-from app.store.tables import assignment, participant, session, stage_record, study, trial, vote
-from app.study.design import participant_order
+from app.store.tables import assignment, participant, session, shown_texts, stage_record, study, trial, vote
 from app.study.options import StudyOptions, parse_options
+from app.study.rating_order import trials_in_order
 from app.study.recruiting import Arrival
 from app.study.stages import (
     ENDS,
@@ -34,6 +34,7 @@ from app.study.stages import (
     after_completing,
     next_stage,
 )
+from app.study.wording import Wording
 
 WhyClosed = Literal["paused", "closed", "full"]
 CLOSED: Mapping[WhyClosed, str] = {
@@ -58,6 +59,7 @@ class Session:
     study_options: Mapping[str, Any]
     stage: str
     started_at: datetime
+    language: str | None  # of its texts; None: it was begun by another client than the page
 
     @property
     def options(self) -> StudyOptions:
@@ -129,11 +131,13 @@ class Admission:
     key : random, made by the client, as in `begin_session_once`; None: every request is another person
     arrival : how the person came from a recruiting platform; the same outside id leads to the same session
     token : of the session that the client's cookie opens, if any
+    wording : what the participant reads; None: the client has texts of its own
     """
 
     key: str | None = None
     arrival: Arrival | None = None
     token: str | None = None
+    wording: Wording | None = None
 
 
 def admit(database: Database, invitation: Invitation, admission: Admission, now: datetime) -> Admitted:
@@ -192,9 +196,34 @@ def _admit(
     if current is None or current.is_used:
         raise GoneError("This invitation has been used. Please ask for a new one.")
     participant_id = _insert_session(connection, study_now, invitation.id, token, admission.key, now)
+    if admission.wording is not None:
+        _keep_wording(connection, participant_id, admission.wording)
     options = parse_options(study_now.options).outside
     if options.is_on:
         insert_recruit(connection, study_now.id, participant_id, admission.arrival, options)
+
+
+def _keep_wording(connection: Connection, participant_id: int, shown: Wording) -> None:
+    """Note the texts that a participant reads, in a language that stays the session's."""
+    texts = {"sha256": shown.sha256, "language": shown.language, "content": shown.texts}
+    insert_or_ignore(connection, shown_texts, [texts], shown_texts.c.sha256)
+    connection.execute(
+        update(session)
+        .where(session.c.participant_id == participant_id)
+        .values(language=shown.language, texts_sha256=shown.sha256)
+    )
+
+
+def shown_wordings(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Return all texts that a study's participants have read: language, sha256 and content."""
+    shown = select(session.c.texts_sha256).select_from(session.join(participant))
+    of_study = shown.where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+    rows = connection.execute(
+        select(shown_texts)
+        .where(shown_texts.c.sha256.in_(of_study))
+        .order_by(shown_texts.c.language, shown_texts.c.sha256)
+    )
+    return [dict(row._mapping) for row in rows]
 
 
 def why_closed(connection: Connection, study_now: Study, now: datetime) -> WhyClosed | None:
@@ -398,8 +427,8 @@ def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> in
 
 
 def _insert_trials(connection: Connection, this_study: Study, slot: int, participant_id: int, session_id: int) -> None:
-    repetition = parse_options(this_study.options).repetition
-    order = participant_order(pairs_to_show(connection, this_study, abs(slot)), this_study.seed, abs(slot), repetition)
+    options, pairs = parse_options(this_study.options), pairs_to_show(connection, this_study, abs(slot))
+    order = trials_in_order(options.protocol, pairs, this_study.seed, abs(slot), options.repetition)
     rows = [
         {
             "participant_id": participant_id,
@@ -435,6 +464,7 @@ def _session(connection: Connection, condition: Any) -> Session | None:
             study.c.options.label("study_options"),
             session.c.stage,
             session.c.started_at,
+            session.c.language,
         )
         .select_from(session.join(participant).join(study))
         .where(condition)

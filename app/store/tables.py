@@ -13,6 +13,7 @@ from sqlalchemy import (
     ForeignKeyConstraint,
     Index,
     Integer,
+    LargeBinary,
     String,
     Table,
     Text,
@@ -244,6 +245,27 @@ session = Table(
     required("started_at", UtcDateTime),
     Column("finished_at", UtcDateTime),
     Column("withdrawn_at", UtcDateTime),
+    Column("language", String(40)),  # of its texts, chosen once; NULL: begun by another client than the page
+    Column("texts_sha256", String(64)),  # of `shown_texts`
+)
+
+study_image = Table(  # shown in consent and debriefing
+    "study_image",
+    metadata,
+    key(),
+    reference("study", index=False),
+    required("name", String(80)),
+    digest("sha256", index=True),
+    required("content", LargeBinary),
+    UniqueConstraint("study_id", "name"),
+)
+
+shown_texts = Table(  # all texts that participants have read, by their digest: a pack's file may change later
+    "shown_texts",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    required("language", String(40)),
+    required("content", JSON),
 )
 
 stage_record = Table(
@@ -368,7 +390,8 @@ vote = Table(
     required("client_id", String(36), unique=True),
     reference("session", index=False),
     required("trial_id", Integer),
-    required("choice", String(4)),
+    Column("choice", String(4)),  # NULL: the protocol asks for a rating alone
+    Column("rating", Integer),  # NULL: of a choice; of B, or of B compared with A
     required("first_shown", String(1)),
     required("n_switches", Integer),
     required("shown_ms", Float),
@@ -379,6 +402,7 @@ vote = Table(
     ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
     # without `in`: SQLite builds a table of three values and more for every row that it checks
     CheckConstraint("choice = 'a' or choice = 'b' or choice = 'none'", name="choice"),
+    CheckConstraint("choice is not null or rating is not null", name="answer"),
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 

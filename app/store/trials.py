@@ -24,9 +24,11 @@ from app.store.tables import (
     second_film,
     session,
     stimulus,
+    study,
     trial,
     vote,
 )
+from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE
 from app.study.technique import is_frame_locked
 from app.study.trial import LEFT_THE_PAGE, reveal
 from app.study.valid_vote import has_seen_both, press_to_picture_ms
@@ -158,17 +160,19 @@ def trial_records(connection: Connection, study_id: int, session_id: str | None 
     if session_id is not None:
         query = query.where(session.c.public_id == session_id)
     ordered = query.order_by(*IN_ORDER)
+    protocol, reference = _judging(connection, study_id)
     with connection.execute(
         ordered.execution_options(yield_per=ROWS_AT_ONCE)
     ) as rows:  # else PostgreSQL would send all rows at once
-        yield from map(_described, rows)
+        for row in rows:
+            yield _described(row, protocol, reference)
 
 
 def trial_record(connection: Connection, study_id: int, trial_id: str) -> dict[str, Any] | None:
     """Return a trial of a study as in `trial_records`."""
     query = _records().where(takes_part_in(study_id), trial.c.public_id == trial_id)
     row = connection.execute(query).one_or_none()
-    return None if row is None else _described(row)
+    return None if row is None else _described(row, *_judging(connection, study_id))
 
 
 @dataclass(frozen=True)
@@ -203,7 +207,8 @@ def given_trials(
     # Ids first, so that long viewing records need not be sorted.
     ids = _given(study_id, sought).with_only_columns(trial.c.id).order_by(*latest_first).limit(limit).offset(offset)
     query = _records().where(trial.c.id.in_(ids.subquery().select())).order_by(*latest_first)
-    return [_described(row) for row in connection.execute(query)]
+    protocol, reference = _judging(connection, study_id)
+    return [_described(row, protocol, reference) for row in connection.execute(query)]
 
 
 def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials) -> int:
@@ -230,7 +235,17 @@ def _given(study_id: int, sought: SoughtTrials) -> Select[Any]:
     return query.where(KINDS[sought.kind]) if sought.kind in KINDS else query
 
 
-def _described(row: Row[Any]) -> dict[str, Any]:
+def _judging(connection: Connection, study_id: int) -> tuple[str, str]:
+    """Read a study's protocol, and the condition that is its reference among the rated ones; empty: none.
+
+    They are read by themselves, because a study's options are long and a table has a row for each trial.
+    """
+    names = (study.c.options[name].as_string() for name in ("protocol", "reference"))
+    protocol, reference = connection.execute(select(*names).where(study.c.id == study_id)).one()
+    return protocol or PC, reference if protocol in WITH_REFERENCE else ""
+
+
+def _described(row: Row[Any], protocol: str, reference: str) -> dict[str, Any]:
     items = reveal(row.top, row.bottom, row.a_half, row.first_shown)
     viewing = row.viewing if row.voided_at is None else row.void_viewing
     technique = (viewing or {}).get("technique")
@@ -250,11 +265,14 @@ def _described(row: Row[Any]) -> dict[str, Any]:
         "voided_at": row.voided_at,
         "void_reason": row.void_reason,
         "voted_at": row.received_at,
+        "protocol": protocol,
         "choice": row.choice,
+        "rating": row.rating,
+        "reference": items.item_b == reference,
         "shown_ms": row.shown_ms,
         "response_ms": row.response_ms,
         "n_switches": row.n_switches,
-        "both_seen": has_seen_both(viewing) if viewing else None,
+        "both_seen": has_seen_both(viewing) if viewing and protocol not in SHOWN_ALONE else None,
         "press_to_picture_ms": press_to_picture_ms(viewing) if viewing else None,
         "technique": technique,
         "frame_locked": is_frame_locked(technique),
@@ -289,6 +307,7 @@ def _records() -> Select[Any]:
             exclusion.c.reason.label("exclusion"),
             vote.c.received_at,
             vote.c.choice,
+            vote.c.rating,
             vote.c.shown_ms,
             vote.c.response_ms,
             vote.c.n_switches,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, bindparam, exists, func, select
+from sqlalchemy import Connection, Row, bindparam, exists, select
 
 from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
 from app.store.engine import Database, insert_or_ignore
@@ -15,7 +15,8 @@ from app.store.keys import digest
 from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
 from app.store.trials import is_voted_on, trial_records
-from app.study.valid_vote import Choice, InvalidVoteError, check_viewing
+from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, stored_scale
+from app.study.valid_vote import Choice, InvalidVoteError, check_viewing, choice_of
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Vote:
     token : of the session that it says it comes from
     trial : public id
     client_id : made by the browser before it sends, so that sending twice is harmless
-    choice : the better one, or none
+    choice : the better one, or none; None: it is a rating
+    rating : on the study's scale; None: it is a choice
     viewing : as app/study/valid_vote.py describes it
     session : public id of the session that it is meant for, where its sender says so
     """
@@ -35,10 +37,11 @@ class Vote:
     token: str
     trial: str
     client_id: str
-    choice: Choice
+    choice: Choice | None
     viewing: Mapping[str, Any]
     received_at: datetime
     session: str | None = None
+    rating: int | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ _TRIALS = (
         session.c.withdrawn_at,
         assignment.c.position,
         assignment.c.first_shown,
-        (func.coalesce(study.c.options["reference"].as_string(), "") != "").label("has_reference"),
+        *(study.c.options[name].as_string().label(name) for name in ("reference", "protocol", "scale")),
     )
     .select_from(trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study))
     .where(trial.c.public_id.in_(bindparam("trials", expanding=True)))
@@ -131,10 +134,20 @@ def _refusal(connection: Connection, sent: Vote, row: Row[Any] | None) -> StudyE
     if row.voided_at is not None:
         return ConflictError("This trial was interrupted; it comes again at the end.")
     try:
-        check_viewing(sent.viewing, row.first_shown, has_reference=row.has_reference)
+        _choice(sent, row)
+    except InvalidVoteError as error:
+        return InvalidError(f"The answer is not right: {error}.")
+    protocol, has_reference = row.protocol or PC, bool(row.reference) and row.protocol not in WITH_REFERENCE
+    try:
+        check_viewing(sent.viewing, row.first_shown, has_reference=has_reference, is_alone=protocol in SHOWN_ALONE)
     except InvalidVoteError as error:
         return InvalidError(f"The viewing record is not right: {error}.")
     return None
+
+
+def _choice(sent: Vote, row: Row[Any]) -> Choice | None:
+    """Return the choice that a vote means in its study; studies made before there were protocols compare pairs."""
+    return choice_of(sent.choice, sent.rating, row.protocol or PC, stored_scale(row.scale))
 
 
 def _row(sent: Vote, row: Row[Any]) -> dict[str, Any]:
@@ -142,7 +155,8 @@ def _row(sent: Vote, row: Row[Any]) -> dict[str, Any]:
         "client_id": sent.client_id,
         "session_id": row.session_id,
         "trial_id": row.id,
-        "choice": sent.choice,
+        "choice": _choice(sent, row),
+        "rating": sent.rating,
         "first_shown": sent.viewing["first_shown"],
         "n_switches": len(sent.viewing["switches"]),
         "shown_ms": sent.viewing["shown_ms"],
@@ -167,7 +181,8 @@ def _outcome(connection: Connection, sent: Vote, row: Row[Any], *, is_new: bool)
         return GoneError("You have withdrawn from the study, so this answer was not kept.")
     if on_trial is None:
         return ConflictError("This vote's id belongs to another vote.")
-    if (on_trial.client_id, on_trial.choice, on_trial.viewing) != (sent.client_id, sent.choice, sent.viewing):
+    is_same_answer = on_trial.rating == sent.rating and sent.choice in (on_trial.choice, None)
+    if not is_same_answer or (on_trial.client_id, on_trial.viewing) != (sent.client_id, sent.viewing):
         return ConflictError("This trial has a vote already, and it is another one.")
     return KeptVote(row.position + 1, on_trial.received_at, is_new=False)
 
@@ -175,7 +190,7 @@ def _outcome(connection: Connection, sent: Vote, row: Row[Any], *, is_new: bool)
 def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
     """Return the votes table of a study, as DESIGN's votes file."""
     for record in trial_records(connection, study_id):
-        if record["choice"] is not None:
+        if record["voted_at"] is not None:
             yield {
                 "participant": record["participant"],
                 "dataset": record["dataset"],
@@ -194,4 +209,7 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
                 "both_seen": record["both_seen"],
                 "looks_before": record["looks_before"],
                 "press_to_picture_ms": record["press_to_picture_ms"],
+                "protocol": record["protocol"],
+                "rating": record["rating"],
+                "reference": record["reference"],
             }

@@ -9,7 +9,9 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
-from app.study.design import LONGEST_RUN, Repetition, longest_run, participant_order, williams_square
+from app.study.design import LONGEST_RUN, Repetition, longest_run, williams_square
+from app.study.protocols import PC, RATED, Protocol
+from app.study.rating_order import most_neighbours, trials_in_order
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
 State = Literal["finished", "under way", "abandoned", "withdrawn", "excluded"]
@@ -47,6 +49,7 @@ class StudyPlan:
     repetition : what is shown besides every pair once
     names : (dataset, condition) by the stimulus' key
     is_adaptive : do participants see pairs chosen from earlier votes, and not all?
+    protocol : the study's
     """
 
     pairs: Sequence[PlannedPair]
@@ -54,12 +57,22 @@ class StudyPlan:
     repetition: Repetition
     names: Mapping[int, tuple[str, str]]
     is_adaptive: bool = False
+    protocol: Protocol = PC
+
+    @property
+    def is_rated(self) -> bool:
+        """Do participants rate films one by one?"""
+        return self.protocol in RATED
+
+    def order_of_slot(self, slot: int, pairs: Sequence[PlannedPair]) -> list[PlannedTrial]:
+        """Return the order of these pairs that follows from seed and slot."""
+        return trials_in_order(self.protocol, pairs, self.seed, slot, self.repetition)
 
     def order(self, taken: TakenOrder) -> list[PlannedTrial]:
         """Return the order that follows from seed and slot (in an adaptive study, of the pairs chosen)."""
         shown = {trial.pair for trial in taken.trials}
         pairs = [pair for pair in self.pairs if pair.is_identical or pair.key in shown or not self.is_adaptive]
-        return participant_order(pairs, self.seed, taken.slot, self.repetition)
+        return self.order_of_slot(taken.slot, pairs)
 
     @cached_property
     def _by_key(self) -> Mapping[int, PlannedPair]:
@@ -120,9 +133,14 @@ def _rules_of_each(
     runs = [longest_run([plan.pair(trial).stimuli for trial in order.trials]) for order in orders]
     # With both orders the second half mirrors the first, so an imbalance of one may count twice.
     once = 2 if plan.repetition.both_orders else 1
-    return [
+    of_slots = [
         _rule("orders that do not follow from seed and slot", "each", foreign, 0),
         _rule("slots held by two participants", "each", twice, 0),
+    ]
+    if plan.is_rated:
+        return [*of_slots, *_rules_of_ratings(plan, orders)]
+    return [
+        *of_slots,
         _rule("surplus of trials with a stimulus as A over as B", "each", _worst(seen, _as_a), 1),
         _rule("surplus of trials with A first over B first", "each", _worst(seen, _label_first), once),
         _rule("surplus of trials with a stimulus first over second, by label", "each", _worst(seen, _first_as), once),
@@ -130,7 +148,20 @@ def _rules_of_each(
     ]
 
 
+def _rules_of_ratings(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+    """Return the rules of each order in which films are rated one by one."""
+    datasets = [[plan.pair(trial).dataset for trial in order.trials] for order in orders]
+    surplus = [sum(a == b for a, b in pairwise(row)) - most_neighbours(row) for row in datasets]
+    rated = [Counter[Hashable](trial.pair for trial in order.trials if trial.role == MAIN) for order in orders]
+    return [
+        _rule("trials that needlessly follow one of the same dataset", "each", max(surplus, default=0), 0),
+        _rule("spread of how often a film is rated", "each", max(map(_spread, rated), default=0), 0),
+    ]
+
+
 def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
+    if plan.is_rated:
+        return []  # every order is random by itself
     ways: Counter[Hashable] = Counter()
     for pair in plan.pairs:
         if not pair.is_identical:
@@ -206,6 +237,8 @@ def _datasets_in_order(plan: StudyPlan, order: TakenOrder) -> list[int]:
 
 
 def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+    if plan.is_rated:
+        return []
     seen = [trial for order in orders for trial in _seen(plan, order)]
     shown = Counter(trial.pair for trial in seen)
     as_a = Counter((trial.pair, trial.a) for trial in seen)
@@ -229,6 +262,8 @@ def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, 
 
 
 def _dataset_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+    if plan.is_rated:
+        return []
     names = {pair.dataset: plan.names[pair.top][0] for pair in plan.pairs}
     rows = [_datasets_in_order(plan, order) for order in orders]
     return [

@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
-RIGHT_ANSWER = "switch"
+from app.study.protocols import SHOWN_ALONE, Protocol
+
+ANSWERS = ("wait", "switch", "count")  # what one does while a pair is running
+ANSWERS_ALONE = ("memorise", "rate", "compare")  # what one does after a film that is shown alone
 
 
-def is_understood(answer: object) -> bool:
-    """Does the answer show that the participant understood the instructions?"""
-    return answer == RIGHT_ANSWER
+def right_answer(protocol: Protocol) -> str:
+    """Return the answer that shows that the participant understood the instructions."""
+    return "rate" if protocol in SHOWN_ALONE else "switch"
+
+
+def is_understood(answer: object, protocol: Protocol) -> bool:
+    """Does the answer show that the participant understood the instructions?
+
+    Parameters
+    ----------
+    answer : one of ANSWERS, or of ANSWERS_ALONE where films are shown alone
+    protocol : the study's
+    """
+    return answer == right_answer(protocol)

@@ -68,9 +68,9 @@ def participant_order(
         labels = balanced_labels(main, _rng(seed, _LABELS, slot // FLIPS, number), first_a_so_far=n_first_a)
         n_first_a += sum(1 if trial.first_shown == "a" else -1 for trial in labels)
         trials = [_flip(trial, swap_labels=swap_labels, swap_first=swap_first) for trial in labels]
-        repeated = _in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, number), slot)
+        repeated = in_turn(main, repetition.repeated_pairs, _rng(seed, _REPEATED, number), slot)
         alone = [pair for pair in dataset_pairs if pair.is_identical]
-        identical = _in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, number), slot)
+        identical = in_turn(alone, repetition.identical_pairs, _rng(seed, _IDENTICAL, number), slot)
         rngs = _rng(seed, _PAIRS, slot, number), _rng(seed, _PLACES, slot, number)
         orders[dataset] = _dataset_trials(
             dataset_pairs, trials, repeated, identical, rngs, both_orders=repetition.both_orders
@@ -278,8 +278,16 @@ def _flip(trial: PlannedTrial, *, swap_labels: bool, swap_first: bool) -> Planne
     return PlannedTrial(trial.pair, a_half, other_label(trial.first_shown) if swap_first else trial.first_shown)
 
 
-def _in_turn(pairs: Sequence[PlannedPair], n: int, rng: np.random.Generator, slot: int) -> list[PlannedPair]:
-    """Return the n pairs of this slot; over as many slots as pairs, each pair comes n times."""
+def in_turn(pairs: Sequence[PlannedPair], n: int, rng: np.random.Generator, slot: int) -> list[PlannedPair]:
+    """Return the n pairs of this slot; over as many slots as pairs, each pair comes n times.
+
+    Parameters
+    ----------
+    pairs : to choose from
+    n : how many to choose; all where there are fewer
+    rng : Generator, the same for every slot
+    slot : the participant's, from 0
+    """
     turns = rng.permutation(len(pairs))
     return [pairs[turns[(slot * n + step) % len(pairs)]] for step in range(min(n, len(pairs)))]
 

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
+from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
+from app.study.language_pack import MODEL
 from app.study.practice import PracticeFilms, parse_practice_pairs
+from app.study.protocols import (
+    PC,
+    SCALES,
+    SHOWN_ALONE,
+    WITH_REFERENCE,
+    Grades,
+    Protocol,
+    Scale,
+    check_with_protocol,
+    grades_of,
+    parse_protocol,
+)
 from app.study.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
@@ -23,8 +36,16 @@ from app.study.screening import ScreeningOptions, parse_screening
 from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
 from app.study.technique import TWO_VIDEOS, WEBCODECS
 from app.study.trial import Disturbance
+from app.study.wording import (
+    CONSENT,
+    DEBRIEFING,
+    LONGEST_TEXT,
+    OwnTexts,
+    parse_languages,
+    parse_own_texts,
+    plain_document,
+)
 
-LONGEST_TEXT = 20_000  # characters of a consent text
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
@@ -45,14 +66,20 @@ class StudyOptions:
 
     Parameters
     ----------
+    languages : those that participants may choose from, the first being that of the plain texts here; one: it is
+        fixed; empty: all reviewed ones, the plain texts being English. See `offered_languages`
+    texts : the study's own texts by language and key, in place of a language pack's or besides the plain ones
     optional_stages : those of screening, practice and interview that are on
     screening : its tests and limits
-    consent : text that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
+    consent : Markdown that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
     consent_version : its authors' name for this text
     comprehension : do the instructions end with a comprehension question?
     questions : of the interview
     spoken_questions : asked aloud by the experimenter, who notes the answers in a form of the dashboard
-    debriefing : text that participants read at the end, paragraphs apart by an empty line
+    debriefing : Markdown that participants read at the end, paragraphs apart by an empty line
+    protocol : how participants judge: PC compares pairs, ACR and ACR-HR rate films one by one, DCR against a reference,
+        CCR says how much better one of a pair is
+    scale : of ACR, ACR-HR and DCR: number of grades, or a slider
     both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
@@ -68,7 +95,8 @@ class StudyOptions:
     practice_dataset : the dataset that is for practice only: no trial shows it; empty: none
     practice_pairs : films to practise with; empty: those that the stimulus set names for practice, else two that differ
         plainly
-    reference : the condition shown as the reference beside every pair, and compared with nothing; empty: none
+    reference : the condition shown as the reference beside every pair, and compared with nothing; in ACR-HR hidden
+        among the films, in DCR what each film is rated against; empty: none
     without : conditions of the stimulus set that are left out: neither shown nor compared
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
@@ -81,6 +109,8 @@ class StudyOptions:
     lab_sheet : the room and the display, for the record
     """
 
+    languages: tuple[str, ...] = ()
+    texts: OwnTexts = field(default_factory=dict)
     optional_stages: tuple[str, ...] = ()
     screening: ScreeningOptions = field(default_factory=ScreeningOptions)
     consent: str = ""
@@ -89,6 +119,8 @@ class StudyOptions:
     questions: tuple[Question, ...] = ()
     spoken_questions: tuple[str, ...] = DEFAULT_SPOKEN_QUESTIONS
     debriefing: str = ""
+    protocol: Protocol = PC
+    scale: Scale = SCALES[0]
     both_orders: bool = False
     repeated_pairs: int = 0
     identical_pairs: int = 0
@@ -116,8 +148,29 @@ class StudyOptions:
 
     @property
     def repetition(self) -> Repetition:
-        """Trials shown besides every pair once."""
-        return Repetition(self.both_orders, self.repeated_pairs, self.identical_pairs)
+        """Trials shown besides every pair, or every film, once."""
+        identical = 0 if self.is_shown_alone else self.identical_pairs
+        return Repetition(self.both_orders, self.repeated_pairs, identical)
+
+    @property
+    def comprehension_answers(self) -> tuple[str, ...]:
+        """Answers to the comprehension question, of which one is right."""
+        return ANSWERS_ALONE if self.is_shown_alone else ANSWERS
+
+    @property
+    def grades(self) -> Grades | None:
+        """The scale that participants rate on; None where they choose the better of two."""
+        return grades_of(self.protocol, self.scale)
+
+    @property
+    def is_shown_alone(self) -> bool:
+        """Does a trial show one film?"""
+        return self.protocol in SHOWN_ALONE
+
+    @property
+    def reference_beside(self) -> str:
+        """The condition that participants can view besides A and B; empty: none."""
+        return "" if self.protocol in WITH_REFERENCE else self.reference
 
     @property
     def disturbances(self) -> tuple[Disturbance, ...]:
@@ -136,18 +189,16 @@ class StudyOptions:
 
     @property
     def n_practice(self) -> int:
-        """Number of pairs to practise with: those that differ plainly, and one of the same film twice."""
-        return max(1, len(self.practice_pairs)) + 1
-
-    @property
-    def consent_sha256(self) -> str:
-        return hashlib.sha256(self.consent.encode()).hexdigest() if self.consent else ""
+        """Rounds of practice: pairs that differ plainly and one of the same film twice; or the pairs' films, alone."""
+        n_pairs = max(1, len(self.practice_pairs))
+        return 2 * n_pairs if self.is_shown_alone else n_pairs + 1
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON, which `parse_options` reads."""
         content = asdict(self)
         return {
             **content,
+            "languages": list(self.languages),
             "optional_stages": list(self.optional_stages),
             "void_on": list(self.void_on),
             "without": list(self.without),
@@ -179,15 +230,25 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     questions = parse_questions(content.get("questions", ()))
     if INTERVIEW in stages and not questions:
         questions = DEFAULT_QUESTIONS
-    return StudyOptions(
+    protocol, scale = parse_protocol(content)
+    languages = parse_languages(content.get("languages", ()))
+    texts = parse_own_texts(content.get("texts", {}), questions)
+    first = languages[0] if languages else MODEL
+    consent = plain_document(_text(content, "consent"), texts, first, CONSENT)
+    debriefing = plain_document(_text(content, "debriefing"), texts, first, DEBRIEFING)
+    options = StudyOptions(
+        languages=languages,
+        texts={language: said for language, said in texts.items() if said},
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
-        consent=_text(content, "consent"),
+        consent=consent,
         consent_version=_text(content, "consent_version"),
         comprehension=_flag(content, "comprehension"),
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
-        debriefing=_text(content, "debriefing"),
+        debriefing=debriefing,
+        protocol=protocol,
+        scale=scale,
         both_orders=_flag(content, "both_orders"),
         repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
         identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
@@ -213,6 +274,9 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         limits=parse_limits(content.get("limits", {})),
         lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
     )
+    only_of_pairs = {name: getattr(options, name) for name in ("both_orders", "adaptive_pairs")}
+    check_with_protocol(protocol, options.reference, only_of_pairs)
+    return options
 
 
 def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,13 +10,14 @@ from app.study.comprehension import is_understood
 from app.study.options import StudyOptions
 from app.study.questionnaire import InvalidAnswerError, check_answers
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
+from app.study.wording import consent_in
 
 
 class InvalidStageError(ValueError):
     """The data sent do not complete the stage."""
 
 
-def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions) -> None:
+def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions, language: str) -> None:
     """Check the data of a completed stage; data that the study does not ask for pass unchecked.
 
     Parameters
@@ -23,6 +25,7 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
     stage : the stage completed
     data : sent with it
     options : the study's
+    language : of the session, in which its participant read the consent
 
     Raises
     ------
@@ -31,26 +34,32 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions)
         switch, or an answer does not fit.
     """
     if stage == INTRODUCTION:
-        _check_introduction(data, options)
+        _check_introduction(data, options, language)
     if stage == PRACTICE:
         _check_practice(data, options)
     if stage == INTERVIEW:
         _check_interview(data, options)
 
 
-def _check_introduction(data: Mapping[str, Any], options: StudyOptions) -> None:
-    expected = {"version": options.consent_version, "sha256": options.consent_sha256}
-    if options.consent and data.get("consent") != expected:
+def _check_introduction(data: Mapping[str, Any], options: StudyOptions, language: str) -> None:
+    expected = consent_to_send(options, language)
+    if expected is not None and data.get("consent") != expected:
         raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
-    if options.comprehension and not is_understood(data.get("comprehension")):
+    if options.comprehension and not is_understood(data.get("comprehension"), options.protocol):
         raise InvalidStageError("the question on the instructions is not answered right")
+
+
+def consent_to_send(options: StudyOptions, language: str) -> dict[str, str] | None:
+    """Return what a participant sends to agree: version and digest of the text in their language; None: nothing."""
+    text = consent_in(options, language)
+    return {"version": options.consent_version, "sha256": hashlib.sha256(text.encode()).hexdigest()} if text else None
 
 
 def _check_practice(data: Mapping[str, Any], options: StudyOptions) -> None:
     rounds = data.get("rounds")
     if not isinstance(rounds, list) or len(rounds) != options.n_practice:
         raise InvalidStageError(f"expected {options.n_practice} rounds of practice")
-    for number, practice in enumerate(rounds, start=1):
+    for number, practice in enumerate(() if options.is_shown_alone else rounds, start=1):
         n_switches = practice.get("n_switches") if isinstance(practice, Mapping) else None
         if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:
             raise InvalidStageError(f"round {number} has {n_switches!r} switches, expected at least one")

@@ -71,13 +71,15 @@ def write_study_file(study: StudyFile) -> str:
     """Write the file that `parse_study_file` reads; options with default values are left out."""
     default = StudyOptions().as_json()
     options = {name: value for name, value in study.options.as_json().items() if value != default[name]}
-    questions = options.pop("questions", [])
+    questions, texts = options.pop("questions", []), options.pop("texts", {})
     lines = [_line(key, getattr(study, key)) for key in KEYS[:-1] if getattr(study, key) is not None]
     tables = {name: options.pop(name) for name in list(options) if isinstance(options[name], Mapping)}
     if options:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
     for name, table in tables.items():
         lines += ["", f"[options.{name}]", *(_line(key, value) for key, value in table.items())]
+    for language, said in texts.items():
+        lines += ["", f"[options.texts.{language}]", *(_line(key, text) for key, text in said.items())]
     for question in questions:
         given = {key: value for key, value in question.items() if value not in (None, [])}
         lines += ["", "[[options.questions]]", *(_line(key, value) for key, value in given.items())]
@@ -98,7 +100,7 @@ def _line(key: str, value: Any) -> str:
 def _toml(value: Any) -> str:
     """Write a value; texts, numbers and booleans are the same in TOML and JSON, but for the character DEL."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(_line(key, item) for key, item in value.items()) + "}"
+        return "{ " + ", ".join(_line(key, item) for key, item in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any, Literal
 
+from app.study.protocols import CCR, PC, Protocol, Scale, grades_of
 from app.study.trial import Label
 
 Choice = Literal["a", "b", "none"]
@@ -19,7 +20,39 @@ class InvalidVoteError(ValueError):
     """A vote's viewing record contradicts itself or the trial."""
 
 
-def check_viewing(viewing: Mapping[str, Any], first_shown: Label, *, has_reference: bool = False) -> None:
+def choice_of(choice: Choice | None, rating: int | None, protocol: Protocol, scale: Scale) -> Choice | None:
+    """Return the choice that an answer means: the one given, or that of a comparison's rating; None of other ratings.
+
+    Parameters
+    ----------
+    choice, rating : as sent
+    protocol, scale : options of the study
+
+    Raises
+    ------
+    InvalidVoteError
+        If a rating was sent where a choice was asked for or the other way round, or it is not on the scale.
+    """
+    grades = grades_of(protocol, scale)
+    if grades is None:
+        if choice is None or rating is not None:
+            raise InvalidVoteError(
+                f"choice is {choice!r} and rating {rating!r}; protocol {PC} expects a choice and no rating"
+            )
+        return choice
+    if choice is not None or rating is None or not grades.holds(rating):
+        raise InvalidVoteError(
+            f"choice is {choice!r} and rating {rating!r}; protocol {protocol} expects a rating from {grades.low} to "
+            f"{grades.high} and no choice"
+        )
+    if protocol != CCR:
+        return None
+    return "b" if rating > 0 else "a" if rating < 0 else "none"
+
+
+def check_viewing(
+    viewing: Mapping[str, Any], first_shown: Label, *, has_reference: bool = False, is_alone: bool = False
+) -> None:
     """Check a well-formed viewing record against itself and its trial.
 
     Only contradictions are refused. Short looks and quick answers are facts about a participant: they are kept, and
@@ -30,6 +63,7 @@ def check_viewing(viewing: Mapping[str, Any], first_shown: Label, *, has_referen
     viewing : types and bounds are already checked
     first_shown : the label that the trial shows first
     has_reference : whether the trial shows a reference besides A and B
+    is_alone : whether the trial shows one film, from which nobody can switch
 
     Raises
     ------
@@ -41,6 +75,8 @@ def check_viewing(viewing: Mapping[str, Any], first_shown: Label, *, has_referen
         raise InvalidVoteError(f"shown_ms is {viewing['shown_ms']}; nobody can vote on what was not shown")
     if viewing["first_shown"] != first_shown:
         raise InvalidVoteError(f"first_shown is {viewing['first_shown']!r}; the trial shows {first_shown!r} first")
+    if is_alone and viewing["switches"]:
+        raise InvalidVoteError(f"{len(viewing['switches'])} switches; the trial shows one film")
     shown, at_ms = first_shown, 0.0
     for number, switch in enumerate(viewing["switches"], start=1):
         if switch["to"] == "reference" and not has_reference:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from json import JSONDecodeError
@@ -24,6 +24,7 @@ from app.store.sessions import Session, end_overdue, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
 from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
 from app.store.vote_writer import VoteWriter
+from app.study.language_pack import LanguagePack
 from app.study.text import check_text
 from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
 
@@ -73,6 +74,12 @@ async def check_request_text(request: Request) -> None:
 def database(request: Request) -> Database:
     shared: Database = request.app.state.database
     return shared
+
+
+def languages(request: Request) -> Mapping[str, LanguagePack]:
+    """Return the language packs that were complete when the server started, by tag."""
+    packs: Mapping[str, LanguagePack] = request.app.state.languages
+    return packs
 
 
 def settings(request: Request) -> Settings:

@@ -18,6 +18,8 @@ from app.films.object_store import SIGNED_FOR_S, MediaStore
 from app.films.pairs import FilmFile
 from app.films.strips import SINGLE
 from app.store.designs import film_file
+from app.store.images import image_content
+from app.study.image import media_type
 from app.web.gates import Store, settings
 
 # The content of a name never changes. Private: shared caches must not serve a study's material to others.
@@ -29,6 +31,16 @@ log = logging.getLogger(__name__)
 Piece = bytes | bytearray
 
 router = APIRouter()
+
+
+@router.get("/images/{sha256}", include_in_schema=False)
+def image(sha256: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], database: Store) -> Response:
+    """Serve an image of a study's consent or debriefing."""
+    with database.reading() as connection:
+        content = image_content(connection, sha256)
+    if content is None:
+        raise NotFoundError("There is no such image.")
+    return Response(content, media_type=media_type(content), headers={"Cache-Control": FOREVER})
 
 
 class Film(FileResponse):

@@ -12,10 +12,11 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.store.experimenters import SESSION_LASTS
-from app.study.options import LONGEST_TEXT
+from app.study.image import LARGEST_IMAGE
 from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
 from app.study.study_file import LONGEST_FILE
+from app.study.wording import LONGEST_TEXT
 from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH
 from app.web.problems import problem
 
@@ -49,6 +50,8 @@ LONG_TEXTS = (  # addresses that take more, and how many characters; a note incl
     ),
     (re.compile(r"/admin/studies/[a-z0-9-]+/edit"), 2 * LONGEST_TEXT),
     (re.compile(r"/admin/studies/[a-z0-9-]+/edit/file"), LONGEST_FILE),
+    (re.compile(r"/admin/studies/[a-z0-9-]+/texts"), 5 * LONGEST_TEXT),  # two documents, and all of a language pack
+    (re.compile(r"/admin/studies/[a-z0-9-]+/texts/images"), LARGEST_IMAGE // LARGEST_LETTER),
 )
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 

@@ -33,13 +33,14 @@ NOTE_PRESSES = """
 window.presses = [];
 addEventListener("pointerdown", (event) => presses.push(performance.timeOrigin + event.timeStamp), { capture: true });
 """
+SETTLED = "html:not([data-settling])"  # presses count, see static/js/settling.js
 
 
 async def to_exposure(page: Page, of: Study) -> None:
     """From the invitation to the running film."""
     await page.goto(of.url + of.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
-        await page.locator(f"[data-view={view}]").wait_for()
+        await page.locator(f"{SETTLED} [data-view={view}]").wait_for()
         await page.keyboard.press("Enter")
     await page.locator("#trial[data-state=exposure]").wait_for()
 
@@ -47,7 +48,7 @@ async def to_exposure(page: Page, of: Study) -> None:
 async def vote(page: Page, of: Study) -> dict[str, Any]:
     """End the exposure and vote; the viewing record that the server has then."""
     await page.keyboard.press("Enter")
-    await page.locator("#trial[data-state=voting]").wait_for()
+    await page.locator(f"{SETTLED} #trial[data-state=voting]").wait_for()
     await page.keyboard.press("2")
     async with page.expect_response(lambda answer: answer.url.endswith("/vote")):
         await page.keyboard.press("Enter")

@@ -26,6 +26,7 @@ PAINTS = """(() => {
     addEventListener("MozAfterPaint", (event) => paints.push(event.paintTimeStamp ?? performance.now()));
 })()"""
 QUALITY = "(({totalVideoFrames: n_frames, droppedVideoFrames: n_dropped}) => ({n_frames, n_dropped}))"
+SETTLED = "!('settling' in document.documentElement.dataset)"  # presses count, see static/js/settling.js
 
 
 def run(of: Study, n: int) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def run(of: Study, n: int) -> dict[str, Any]:
 def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
     firefox.tell("WebDriver:Navigate", url=of.url + of.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
-        firefox.wait_for(f"!document.querySelector('[data-view={view}]').hidden")
+        firefox.wait_for(f"!document.querySelector('[data-view={view}]').hidden && {SETTLED}")
         firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")
     size = firefox.run("[innerWidth, innerHeight]")
@@ -109,7 +110,7 @@ def _shots(firefox: Firefox, n: int) -> list[Any]:
 
 def _vote(firefox: Firefox, of: Study) -> dict[str, Any]:
     firefox.press_key("\ue007")
-    firefox.wait_for("document.querySelector('#trial').dataset.state === 'voting'")
+    firefox.wait_for("document.querySelector('#trial').dataset.state === 'voting' && " + SETTLED)
     firefox.press_key("2")
     firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")  # the next: the vote is kept

@@ -60,7 +60,13 @@ def study(folder: Path) -> Iterator[Study]:
     films = folder / "films"
     films.mkdir(exist_ok=True)
     settings = Settings(data_dir=folder / "server")
-    content = {"free_exposure": True, "both_orders": True, "repeated_pairs": 1, "second_codec": "vp9"}
+    content = {
+        "free_exposure": True,
+        "see_both": False,
+        "both_orders": True,
+        "repeated_pairs": 1,
+        "second_codec": "vp9",
+    }
     name = f"Bars {uuid4()}"
     made = create_study(settings, write_films(films), name, exposure_s=SECONDS, seed=1, options=parse_options(content))
     token = add_token(settings, name)["token"]

@@ -6,6 +6,7 @@ const FLOAT_ERROR = 1e-6; // pixels; 1095.9999999 of them are 1096
 
 /** The strips of a film from the top, under the labels of a trial. @param {Media} media @returns {Record<import("./session.js").Shown, number>} */
 export function stripsOf(media) {
+  if (media.layout === "single") return { a: 0, b: 0, reference: 0 };
   return media.a === "top" ? { a: 0, b: 1, reference: 2 } : { a: 1, b: 0, reference: 2 };
 }
 
@@ -49,8 +50,8 @@ export function isTooSmallFor(screen, { width, height, pixels }, [leastWidth = 0
 }
 
 /** The height of a film that holds all strips. @param {Media} media @returns {number} pixels */
-export function stackedHeight({ height, guard_rows, reference }) {
-  const n_strips = reference ? 3 : 2;
+export function stackedHeight({ layout, height, guard_rows, reference }) {
+  const n_strips = layout === "single" ? 1 : reference ? 3 : 2;
   return n_strips * height + (n_strips - 1) * guard_rows;
 }
 

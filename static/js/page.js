@@ -18,6 +18,15 @@ export function fill(text, values) {
   return (text ?? "").replace(/\{(\w+)\}/g, (place, name) => String(values[name] ?? place));
 }
 
+/**
+ * The form of a plural text that its number asks for in the page's language.
+ * @param {Record<string, string>} text forms by their name in Unicode CLDR; `by` is the place whose number counts
+ * @param {Record<string, unknown>} values @returns {string}
+ */
+export function pluralForm(text, values) {
+  return text[new Intl.PluralRules(document.documentElement.lang).select(Number(values[text.by]))] ?? text.other;
+}
+
 /** @param {number} milliseconds @param {AbortSignal} signal @param {() => void} action not done if the signal comes first */
 export function after(milliseconds, signal, action) {
   const timer = setTimeout(action, milliseconds);

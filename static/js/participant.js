@@ -23,12 +23,13 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 
 /** @typedef {import("./session.js").Session} Session */
 
-const N_INSTRUCTIONS = 3;
 const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
+const TEXTS_HAVE_CHANGED = 412; // status of the answer
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
+const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
@@ -121,12 +122,21 @@ function beginNow() {
   const key = inBrowser.get(beginKey) ?? newId();
   inBrowser.set(beginKey, key);
   guarded(async () => {
-    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside));
+    const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside, textsOfPage()));
     history.replaceState(null, "", location.pathname); // the query may have asked for another participant, who has begun now
+    if (session.language && session.language !== document.documentElement.lang) {
+      location.reload(); // who comes back reads on in the session's language
+      return;
+    }
     await enterSession(session);
     if (session.stage === "introduction") await goTo(session);
     else await resume(); // who comes back by a recruiting platform's link
   });
+}
+
+/** The language and the digest of the texts that this page shows. */
+function textsOfPage() {
+  return { language: document.documentElement.lang, texts_sha256: page.dataset.textsSha256 };
 }
 
 /** Goes on with the session that this browser has begun. */
@@ -211,7 +221,7 @@ function showInstructions(number) {
 function turnInstructions(event) {
   const step = Number(/** @type {HTMLElement} */ (event.currentTarget).dataset.step);
   const number = Number(page.dataset.showing?.split("-")[1]) + step;
-  if (number <= N_INSTRUCTIONS) showInstructions(number);
+  if (number <= nInstructions) showInstructions(number);
   else if (page.dataset.stage === "trial") goOnWithTrials();
   else if (document.getElementById("comprehension")) show("comprehension");
   else guarded(endIntroduction);
@@ -282,13 +292,13 @@ async function practise() {
     show("trial");
     const { vote } = await trials.show(description, performance.now());
     if (!vote) throw new Error("practice is not interrupted");
-    if (vote.viewing.switches.length === 0) {
+    if (vote.viewing.switches.length === 0 && description.media.layout !== "single") {
       show("practice-again");
       return;
     }
-    const { choice, viewing } = vote;
+    const { id: _, viewing, ...answer } = vote;
     const { shown_ms, response_ms, switches } = viewing;
-    practised.push({ trial: description.trial, choice, shown_ms, response_ms, n_switches: switches.length });
+    practised.push({ trial: description.trial, ...answer, shown_ms, response_ms, n_switches: switches.length });
   }
   show("practice-done");
 }
@@ -376,6 +386,10 @@ function explain(error, showView) {
   const problem = JSON.parse(page.dataset.problem ?? "{}");
   const isAtTheDoor = !outbox;
   if (isAtTheDoor) inBrowser.forget(beginKey);
+  if (isAtTheDoor && error instanceof Refusal && error.status === TEXTS_HAVE_CHANGED) {
+    location.reload();
+    return;
+  }
   const message = isAtTheDoor && error instanceof Refusal ? messages[messageFor(error)] : undefined;
   if (!isAtTheDoor && error instanceof Refusal && error.status === 410) {
     showView("withdrawn");
@@ -431,24 +445,16 @@ function yieldToOther() {
 }
 
 /** @param {Session} session */
-function tellSession({ study, stage, progress, resume_code, debriefing, ...session }) {
+function tellSession({ study, stage, progress, resume_code, debriefing_html, ...session }) {
   page.dataset.stage = stage;
   ending = session.ending;
   trials.minutes = session.minutes;
-  tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), minutes: minutesTogether(session.minutes), resume_code });
-  tell({ screening_minutes: roughly(session.minutes.screening) });
+  const { trial, screening } = session.minutes;
+  tell({ minutes: roughly(trial), whole_minutes: minutesTogether(session.minutes), screening_minutes: roughly(screening) });
+  tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
   for (const line of /** @type {NodeListOf<HTMLElement>} */ (byId("durations").querySelectorAll("[data-stage]"))) {
     const stage = /** @type {import("./session.js").Stage} */ (line.dataset.stage);
     line.textContent = fill(line.dataset.text, { minutes: roughly(session.minutes[stage]) });
   }
-  byId("debriefing").replaceChildren(...paragraphsOf(debriefing ?? ""));
-}
-
-/** @param {string} text paragraphs with an empty line between */
-function paragraphsOf(text) {
-  return text.split("\n\n").filter(Boolean).map((words) => {
-    const paragraph = document.createElement("p");
-    paragraph.textContent = words;
-    return paragraph;
-  });
+  byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

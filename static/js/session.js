@@ -16,18 +16,19 @@ import { Unreachable, request } from "./connection.js";
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
  * @property {Ending | null} ending null before the end, or where the study says nothing of it
- * @property {string | null} debriefing null before the end; paragraphs apart by an empty line
+ * @property {string | null} language of all its texts; null: it was begun by another client than the page
+ * @property {string | null} debriefing_html made by the server from the study's Markdown; null before the end
  *
  * @typedef {object} Ending where a participant of a recruiting platform goes at the end
  * @property {string | null} code completion code
  * @property {string | null} url
  * @property {number} after_s seconds after which the page goes there by itself; 0: never
  *
- * @typedef {object} Media one film that holds both stimuli, one above the other
+ * @typedef {object} Media one film that holds both stimuli, one above the other, or a single one
  * @property {string} url
  * @property {{url: string, type: string} | null} second the same film, for browsers that do not play the first
  * @property {string[] | null} singles each strip alone, from the top, for browsers that play neither; null where the study has none
- * @property {"stacked"} layout
+ * @property {"stacked" | "single"} layout single: one stimulus, called A
  * @property {"top" | "bottom"} a
  * @property {number} width of one half, pixels
  * @property {number} height of one half, pixels
@@ -80,7 +81,8 @@ import { Unreachable, request } from "./connection.js";
  *
  * @typedef {object} Vote
  * @property {string} id made by the browser, so that a vote sent twice counts once
- * @property {Letter | "none"} choice
+ * @property {Letter | "none"} [choice] where pairs are compared
+ * @property {number} [rating] in all other protocols
  * @property {Viewing} viewing
  */
 
@@ -116,9 +118,16 @@ export function stayWith(id) {
   session = id;
 }
 
-/** @param {string} slug @param {string} invitation @param {string} key the same key leads to the same session @param {Record<string, string>} outside parameters of a recruiting platform's link @returns {Promise<Session>} */
-export function beginSession(slug, invitation, key, outside) {
-  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside });
+/**
+ * @param {string} slug
+ * @param {string} invitation
+ * @param {string} key the same key leads to the same session
+ * @param {Record<string, string>} outside parameters of a recruiting platform's link
+ * @param {{language: string, texts_sha256?: string}} texts that the page shows
+ * @returns {Promise<Session>}
+ */
+export function beginSession(slug, invitation, key, outside, texts) {
+  return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside, ...texts });
 }
 
 /** @returns {Promise<Session>} */

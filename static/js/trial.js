@@ -13,7 +13,7 @@ import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
 import { display, dwell, hasSeenBoth, hasSeenEachFor, tenths } from "./viewing.js";
-import { askForChoice } from "./vote-form.js";
+import { askForAnswer } from "./vote-form.js";
 
 /**
  * @typedef {import("./session.js").TrialDescription} TrialDescription
@@ -314,6 +314,7 @@ export class Trial {
    * @param {number} at performance.now() of the press @param {boolean} isForReference
    */
   #switch(at, isForReference) {
+    if (this.description.media.layout === "single") return;
     const { switches } = this.viewing;
     const isAtReference = this.player.shown === "reference";
     /** @type {Letter} */
@@ -338,8 +339,10 @@ export class Trial {
     if (which !== "reference") this.letter = which;
     this.screen.dataset.letter = which;
     const status = required(HTMLElement, "[data-showing]", this.screen);
-    const { showing, showingReference } = status.dataset;
-    status.textContent = which === "reference" ? showingReference ?? "" : fill(showing, { letter: which.toUpperCase() });
+    const { showing, showingReference, a, b } = status.dataset;
+    const isAlone = this.description.media.layout === "single";
+    const told = which === "reference" ? showingReference : fill(showing, { letter: which === "a" ? a : b });
+    status.textContent = isAlone ? "" : told ?? "";
   }
 
   /** @param {number} at performance.now() @returns {number} ms, to a tenth, since the film appeared */
@@ -351,15 +354,15 @@ export class Trial {
   #ask(signal) {
     const openedAt = performance.now();
     const form = required(HTMLFormElement, "form", this.screen);
-    askForChoice(form, signal, (choice, n_changes) => this.#vote(choice, performance.now() - openedAt, n_changes));
+    askForAnswer(form, signal, (answer, n_changes) => this.#vote(answer, performance.now() - openedAt, n_changes));
   }
 
-  /** @param {Vote["choice"]} choice @param {number} response_ms @param {number} n_changes */
-  #vote(choice, response_ms, n_changes) {
+  /** @param {import("./vote-form.js").Answer} answer @param {number} response_ms @param {number} n_changes */
+  #vote(answer, response_ms, n_changes) {
     this.viewing.response_ms = tenths(response_ms);
     this.viewing.n_changes = n_changes;
     if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
-    this.#go("done", { vote: { id: newId(), choice, viewing: this.viewing } });
+    this.#go("done", { vote: { id: newId(), ...answer, viewing: this.viewing } });
   }
 }
 
@@ -368,9 +371,12 @@ function labelTrial(screen, { number, place, total, attempt, is_practice, free_e
   screen.classList.toggle("is-practice", is_practice);
   screen.classList.toggle("is-free", free_exposure);
   screen.classList.toggle("has-reference", media.reference);
+  screen.classList.toggle("is-alone", media.layout === "single");
   for (const element of /** @type {NodeListOf<HTMLElement>} */ (screen.querySelectorAll("[data-label]"))) {
     const { label, labelAgain, labelPractice } = element.dataset;
-    element.textContent = fill(is_practice ? labelPractice : attempt > 1 ? labelAgain : label, { number: place, total });
+    const numbered = fill(label, { number: place, total });
+    const more = is_practice ? labelPractice : attempt > 1 ? labelAgain : "{label}";
+    element.textContent = fill(more, { label: numbered });
   }
   required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }

@@ -76,7 +76,7 @@ export class TwinPlayer {
   /** Counts a refresh of the display at which A and B are different frames, as far as the browser tells. */
   #compare() {
     const [top, bottom] = this.videos.map((video, strip) => Math.round((this.frameTimes[strip] ?? video.currentTime) * this.fps));
-    if (top !== bottom) this.n_mismatches += 1;
+    if (bottom !== undefined && top !== bottom) this.n_mismatches += 1; // a film that is shown alone has no other
   }
 
   /** The exposure's counts, for the viewing record. */

@@ -1,7 +1,7 @@
 /** The views of the participant's page, of which one is shown at a time, and the values in their texts. */
 
 import { byId, required } from "./elements.js";
-import { fill } from "./page.js";
+import { fill, pluralForm } from "./page.js";
 import { settle } from "./settling.js";
 
 export const page = byId("study");
@@ -15,6 +15,9 @@ export function tell(values) {
   told = { ...told, ...values };
   for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-fill]"))) {
     place.textContent = fill(place.dataset.fill, told);
+  }
+  for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-fill-plural]"))) {
+    place.textContent = fill(pluralForm(JSON.parse(place.dataset.fillPlural ?? ""), told), told);
   }
 }
 

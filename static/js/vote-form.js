@@ -1,52 +1,104 @@
-/** The form on which participants choose, by mouse or by key; they may change their mind until Next. */
+/** The form on which participants choose or rate, by mouse or by key; they may change their mind until Next. */
 
 import { required } from "./elements.js";
 import { enterFullScreen, isPlain } from "./page.js";
-import { settle } from "./settling.js";
+import { isSettling, settle } from "./settling.js";
 
-/** @typedef {import("./session.js").Vote["choice"]} Choice */
+/** @typedef {Pick<import("./session.js").Vote, "choice" | "rating">} Answer a choice, or a rating */
 
-/** Digits by their place: on French keyboards they need the shift key otherwise. @type {Map<string, Choice>} */
-const CHOICE_OF_KEY = new Map([
-  ["Digit1", "a"], ["Digit2", "none"], ["Digit3", "b"], ["Numpad1", "a"], ["Numpad2", "none"], ["Numpad3", "b"],
-]); // prettier-ignore
+const DIGIT = /^(?:Digit|Numpad)(\d)$/; // keys by their place: on French keyboards digits need the shift key otherwise
+
+/** What keys do to a slider that has not the focus. @type {Record<string, (slider: HTMLInputElement) => void>} */
+const SLIDER_KEYS = {
+  ArrowLeft: (slider) => slider.stepDown(),
+  ArrowDown: (slider) => slider.stepDown(),
+  ArrowRight: (slider) => slider.stepUp(),
+  ArrowUp: (slider) => slider.stepUp(),
+  Home: (slider) => (slider.value = slider.min),
+  End: (slider) => (slider.value = slider.max),
+};
 
 /**
  * @param {HTMLFormElement} form @param {AbortSignal} signal
- * @param {(choice: Choice, n_changes: number) => void} onNext
+ * @param {(answer: Answer, n_changes: number) => void} onNext
  */
-export function askForChoice(form, signal, onNext) {
+export function askForAnswer(form, signal, onNext) {
   const hint = required(HTMLElement, ".choose", form);
+  const slider = form.querySelector("input[type=range]");
   form.reset();
   hint.textContent = "";
   required(HTMLElement, "legend", form).focus({ preventScroll: true });
   settle(); // a press meant to switch must not choose
   offerFullScreen(form, signal);
   let n_choices = 0;
+  let isAnswered = false;
+  const answered = () => {
+    isAnswered = true;
+    hint.textContent = "";
+  };
+  if (slider instanceof HTMLInputElement) followSlider(form, slider, signal, answered);
   form.addEventListener("change", () => {
     n_choices += 1;
-    hint.textContent = "";
+    answered();
   }, { signal });
   form.addEventListener("submit", () => {
-    const choice = /** @type {Choice | null} */ (new FormData(form).get("choice"));
-    if (choice) onNext(choice, n_choices - 1);
+    if (isAnswered) onNext(answerOf(form), Math.max(0, n_choices - 1));
     else hint.textContent = hint.dataset.choose ?? "";
   }, { signal });
   document.addEventListener("keydown", (event) => answerByKey(event, form), { signal });
 }
 
+/** @param {HTMLFormElement} form @returns {Answer} */
+function answerOf(form) {
+  const given = new FormData(form);
+  if (given.has("rating")) return { rating: Number(given.get("rating")) };
+  return { choice: /** @type {Answer["choice"]} */ (given.get("choice")) };
+}
+
+/** Shows a slider's value once it was set: moved, or clicked where it stands. @param {HTMLFormElement} form @param {HTMLInputElement} slider @param {AbortSignal} signal @param {() => void} answered */
+function followSlider(form, slider, signal, answered) {
+  const value = required(HTMLOutputElement, "output", form);
+  slider.classList.add("is-unset");
+  value.textContent = "–";
+  const show = () => {
+    slider.classList.remove("is-unset");
+    value.textContent = slider.value;
+    answered();
+  };
+  for (const type of ["input", "click"]) slider.addEventListener(type, show, { signal });
+}
+
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
 function answerByKey(event, form) {
-  if (event.repeat || !isPlain(event)) return;
-  const choice = CHOICE_OF_KEY.get(event.code);
-  if (choice) {
-    const radio = required(HTMLInputElement, `input[value="${choice}"]`, form);
-    radio.focus({ preventScroll: true });
-    radio.click();
+  if (!isPlain(event)) return;
+  const slider = form.querySelector("input[type=range]");
+  if (slider instanceof HTMLInputElement && event.target !== slider && event.key in SLIDER_KEYS) {
+    event.preventDefault();
+    if (!isSettling()) moveSlider(slider, SLIDER_KEYS[event.key]);
+  } else if (event.repeat) {
+    return;
   } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
     event.preventDefault();
     form.requestSubmit();
+  } else {
+    chooseByDigit(event.code, form);
   }
+}
+
+/** @param {HTMLInputElement} slider @param {(slider: HTMLInputElement) => void} move */
+function moveSlider(slider, move) {
+  slider.focus({ preventScroll: true });
+  move(slider);
+  for (const type of ["input", "change"]) slider.dispatchEvent(new Event(type, { bubbles: true }));
+}
+
+/** @param {string} code of a key @param {HTMLFormElement} form */
+function chooseByDigit(code, form) {
+  const digit = DIGIT.exec(code)?.[1];
+  const radio = digit && form.querySelector(`input[aria-keyshortcuts="${digit}"]`);
+  if (!(radio instanceof HTMLInputElement)) return;
+  radio.focus({ preventScroll: true });
+  radio.click();
 }
 
 /** @param {HTMLFormElement} form @param {AbortSignal} signal */

@@ -48,13 +48,17 @@ def test_axe_finds_nothing_serious_from_the_entrance_to_the_thanks(
 
 
 @pytest.mark.slow
-def test_axe_finds_nothing_serious_on_any_page_in_german(new_study: NewStudy, short_films: Path, page: Page) -> None:
+@pytest.mark.parametrize("language", ["de", "ar"])
+def test_axe_finds_nothing_serious_on_any_page_in_another_language(
+    new_study: NewStudy, short_films: Path, page: Page, language: str
+) -> None:
     """Every view of the page is shown by hand, with the texts as they stand before a session."""
     options = {"optional_stages": ["screening", "practice", "interview"], "consent": "Text.", "comprehension": True}
+    options |= {"languages": [language]}
     page.emulate_media(reduced_motion="reduce")
-    page.goto(f"{new_study(short_films, 0.4, parse_options(options)).address}?language=de")
+    page.goto(new_study(short_films, 0.4, parse_options(options)).address)
     page.locator("[data-view=welcome]").wait_for()
-    assert page.evaluate("document.documentElement.lang") == "de"
+    assert page.evaluate("document.documentElement.lang") == language
     views = page.evaluate("[...document.querySelectorAll('[data-view]')].map((view) => view.dataset.view)")
     assert len(views) > 25
     page.evaluate("document.getElementById('trial-label').textContent = 'Paar 1 von 3'")  # a trial names itself

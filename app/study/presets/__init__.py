@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
+from app.study.language_pack import flat_texts
+from app.study.wording import CONSENT, DEBRIEFING
+
 PAPER, QUICK, ONLINE = "paper", "quick", "online"
 PRESETS = (PAPER, QUICK, ONLINE)
 
@@ -28,13 +31,31 @@ class Preset:
     options: Mapping[str, Any]
 
     def overridden_by(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the options with those given in their place; the keys of a table replace one by one."""
+        """Return the options with those given in their place; the keys of a table replace one by one.
+
+        A consent or debriefing given replaces the preset's in every language.
+        """
         tables = {
             key: {**value, **given[key]}
             for key, value in self.options.items()
             if isinstance(value, Mapping) and isinstance(given.get(key), Mapping)
         }
-        return {**self.options, **given, **tables}
+        return {**self.options, **given, **tables, "texts": self._texts_overridden_by(given)}
+
+    def _texts_overridden_by(self, given: Mapping[str, Any]) -> Any:
+        replaced = {key for key in (CONSENT, DEBRIEFING) if key.removeprefix("study.") in given}
+        texts = {language: flat_texts(said) for language, said in self.options.get("texts", {}).items()}
+        kept = {
+            language: {key: text for key, text in said.items() if key not in replaced}
+            for language, said in texts.items()
+        }
+        theirs = given.get("texts", {})
+        if not isinstance(theirs, Mapping) or not all(isinstance(said, Mapping) for said in theirs.values()):
+            return theirs  # which `parse_options` refuses
+        return {
+            language: {**kept.get(language, {}), **flat_texts(theirs.get(language, {}))}
+            for language in {**kept, **theirs}
+        }
 
 
 def read_preset(name: str) -> Preset:

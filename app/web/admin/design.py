@@ -16,12 +16,11 @@ from app.store.engine import Database
 from app.store.orders import study_plan, taken_orders
 from app.store.studies import Study
 from app.study.balance import balance_report
-from app.study.design import participant_order
 from app.study.options import parse_options
+from app.study.protocols import TYPICAL_INCONSISTENCY, minutes_of
 from app.web.admin.layout import study_page
 from app.web.gates import Acting, AStudy, Now, Person, Store, settings
 
-VOTING_S = 4.0  # besides the exposure: fixation, choice, Next; typical of simulated and real sessions
 BEFORE_AND_AFTER_MIN = 5
 REPLICATES = 200  # simulated studies; gives the power to about 3 %
 
@@ -42,15 +41,17 @@ def design_page(
         plan = study_plan(connection, study)
         report = balance_report(plan, taken_orders(connection, study, now))
         conditions = conditions_of(connection, study.id)
-    n_trials = len(participant_order(plan.pairs, plan.seed, 0, plan.repetition))
+    n_trials = len(plan.order_of_slot(0, plan.pairs))
     n_datasets = len({pair.dataset for pair in plan.pairs})
-    power = _power(len(conditions), n_datasets, participants, effect) if participants else None
+    power = _power(len(conditions), n_datasets, participants, effect, is_rated=plan.is_rated) if participants else None
     context = {
         "report": report,
         "conditions": conditions,
         "factors": study.factors,
         "n_trials": n_trials,
-        "minutes": round(n_trials * (study.exposure_s + VOTING_S) / 60 + BEFORE_AND_AFTER_MIN),
+        "is_rated": plan.is_rated,
+        "inconsistency": TYPICAL_INCONSISTENCY,
+        "minutes": minutes_of(n_trials, study.exposure_s) + BEFORE_AND_AFTER_MIN,
         "power": power,
         "asked": {"participants": participants or 22, "effect": effect},
     }
@@ -58,11 +59,17 @@ def design_page(
 
 
 @lru_cache(maxsize=64)
-def _power(conditions: int, datasets: int, participants: int, effect_jod: float) -> tuple[float, float]:
-    """Return the power in one dataset and over all, as shares of studies."""
+def _power(conditions: int, datasets: int, participants: int, effect: float, *, is_rated: bool) -> tuple[float, float]:
+    """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
     from app.analysis.power import StudyPlan, power
+    from app.analysis.ratings.planning import RatingPlan, rating_power
 
-    single, pooled = (power(StudyPlan(conditions, n, participants), effect_jod, 1, REPLICATES) for n in (1, datasets))
+    if is_rated:
+        plans = (RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY) for n in (1, datasets))
+        single, pooled = (rating_power(plan, effect) for plan in plans)
+        return single, pooled
+
+    single, pooled = (power(StudyPlan(conditions, n, participants), effect, 1, REPLICATES) for n in (1, datasets))
     return single, pooled
 
 
@@ -92,7 +99,7 @@ def still(
     database: Store,
 ) -> Response:
     """Show the first picture of a strip of a pair's film."""
-    strips = STRIPS if parse_options(study.options).reference else STRIPS[:2]
+    strips = STRIPS if parse_options(study.options).reference_beside else STRIPS[:2]
     with database.reading() as connection:
         pair = next((row for row in pair_records(connection, study.id) if row["media"] == media), None)
     if pair is None or half not in strips:
@@ -110,7 +117,7 @@ def _stimuli(database: Database, study: Study) -> dict[str, Any]:
         stimuli, pairs = stimulus_records(connection, study.id), pair_records(connection, study.id)
     names = dict.fromkeys(row["dataset"] for row in stimuli)
     datasets = {name: [row for row in stimuli if row["dataset"] == name] for name in names}
-    return {"datasets": datasets, "pairs": pairs, "has_reference": bool(parse_options(study.options).reference)}
+    return {"datasets": datasets, "pairs": pairs, "has_reference": bool(parse_options(study.options).reference_beside)}
 
 
 def _fault(request: Request, pair: dict[str, Any]) -> str | None:

@@ -20,13 +20,15 @@ from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.lab_sheet import BOUNDS, LABELS
 from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
-from app.study.options import LONGEST_TEXT, StudyOptions, check_minimum_viewing, parse_options
+from app.study.language_pack import LanguagePack
+from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
 from app.study.stages import OPTIONAL_STAGES, PRACTICE
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
+from app.study.wording import LONGEST_TEXT, check_languages
 from app.web.admin.layout import see, study_page, unix
-from app.web.gates import Acting, AStudy, Looking, Store
+from app.web.gates import Acting, AStudy, Looking, Store, languages
 
 FREE = ("name", "debriefing", "abandoned_after_h", "outside", "limits", "lab_sheet")  # may change after somebody began
 LONGEST_NAME = 200
@@ -149,6 +151,7 @@ def edit_page(request: Request, person: Looking, study: AStudy, database: Store)
 
 @router.post("/edit")
 def edit(
+    request: Request,
     actor: Acting,
     study: AStudy,
     database: Store,
@@ -184,11 +187,12 @@ def edit(
         check_minimum_viewing(options, wanted.exposure_s or 0.0)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
-    return _save(database, study, wanted, revision, actor)
+    return save_study(database, study, wanted, revision, actor, languages(request))
 
 
 @router.post("/edit/file")
 def edit_file(
+    request: Request,
     actor: Acting,
     study: AStudy,
     database: Store,
@@ -199,7 +203,7 @@ def edit_file(
         wanted = _complete(parse_study_file(unix(text)), study_file_of(study))
     except (tomllib.TOMLDecodeError, ValueError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
-    return _save(database, study, wanted, revision, actor)
+    return save_study(database, study, wanted, revision, actor, languages(request))
 
 
 def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
@@ -212,7 +216,7 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     """
     if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
         raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
-    for name in ("reference", "without"):
+    for name in ("protocol", "reference", "without"):
         if getattr(wanted.options, name) != getattr(now.options, name):
             raise ValueError(f"{name} does not change, as the films are made; create a new study of the stimulus set")
     low, high = EXPOSURE_BOUNDS_S
@@ -229,15 +233,29 @@ def _complete(wanted: StudyFile, now: StudyFile) -> StudyFile:
     return replace(wanted, name=wanted.name.strip(), manifest_sha256=sha256, exposure_s=exposure_s, seed=seed)
 
 
-def _save(database: Database, study: Study, wanted: StudyFile, revision: int, actor: Actor) -> Response:
-    """Save what has changed.
+def save_study(
+    database: Database,
+    study: Study,
+    wanted: StudyFile,
+    revision: int,
+    actor: Actor,
+    packs: Mapping[str, LanguagePack],
+    page: str = "edit",
+) -> Response:
+    """Save what has changed, and lead back to a page of the study.
 
     Raises
     ------
+    InvalidError
+        If the study would be complete in no language.
     ConflictError
         If somebody else has changed the study meanwhile, or participants who have begun would have seen other settings
         than those who come now.
     """
+    try:
+        check_languages(wanted.options, packs)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
     changes = _changes(study_file_of(study), wanted)
     try:
         with database.writing() as connection:
@@ -255,7 +273,7 @@ def _save(database: Database, study: Study, wanted: StudyFile, revision: int, ac
         with database.writing() as connection:
             actor.note(connection, "edit refused", study, study.slug, reason=error.detail)
         raise
-    return see(f"/admin/studies/{study.slug}/edit")
+    return see(f"/admin/studies/{study.slug}/{page}")
 
 
 def _refuse_without_films(

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from app.store.engine import Database
-from app.web.analyst.results import analysis_of
+from app.web.analyst.results import analysis_of, rows_of
 
 AT_MOST_EVERY = timedelta(seconds=10)  # between computations for a study; votes come more often
 PATIENCE_S = 0.5  # a page waits so long for flags, as it should appear within a second
@@ -96,4 +96,4 @@ def _votes_of(people: Sequence[Mapping[str, Any]]) -> Votes:
 
 def _compute(database: Database, study_id: int) -> FlagsOf:
     analysis = analysis_of(database, study_id)
-    return {row["participant"]: tuple(row["flags"]) for row in analysis["observers"]} if analysis else {}
+    return {row["participant"]: tuple(row["flags"]) for row in rows_of(analysis or {}, "observers")}

@@ -21,6 +21,7 @@ TABS: tuple[tuple[str, str, Role], ...] = (
     ("/design", "Design", "viewer"),
     ("/stimuli", "Stimuli", "viewer"),
     ("/invitations", "Invitations", "experimenter"),
+    ("/texts", "Texts", "experimenter"),
     ("/edit", "Settings", "experimenter"),
 )
 

@@ -17,9 +17,21 @@ def results_view(analysis: Mapping[str, Any]) -> dict[str, Any]:
         "comparisons": scores_by_comparison(analysis),
         "datasets": unique(row["dataset"] for row in analysis["triads"]),
         "circular": {(row["participant"], row["dataset"]): row["circular"] for row in analysis["triads"]},
+        "tables": _tables(analysis),
         "decimal": decimal,
         "p_value": p_value,
     }
+
+
+def _tables(analysis: Mapping[str, Any]) -> list[str]:
+    """Return the tables that there is something in, to be downloaded."""
+    shown = {
+        "scores": analysis["scores"],
+        "ratings": analysis.get("rating_items"),
+        "comparisons": analysis.get("comparison_items"),
+        "triads": analysis["triads"],
+    }
+    return ["votes", "trials", *(name for name, rows in shown.items() if rows), "observers", "validation"]
 
 
 def scores_by_comparison(analysis: Mapping[str, Any]) -> dict[str, dict[str, list[Row]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -16,9 +16,11 @@ from app.store.invitations import preview_code
 from app.store.jobs import STOPPED, job_by_id
 from app.store.sessions import begin_preview
 from app.store.studies import Standing, all_studies, progress_by_study, set_standing
-from app.study.options import LONGEST_TEXT, StudyOptions, parse_options
+from app.study.options import StudyOptions, parse_options
 from app.study.presets import PRESETS, QUICK, read_preset
+from app.study.protocols import PC, PROTOCOLS_IN_WORDS, RATED, SCALES, typed_scale
 from app.study.stages import OPTIONAL_STAGES, PRACTICE
+from app.study.wording import LONGEST_TEXT
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
 from app.web.admin.stimulus_sets import known_sets, set_folder
@@ -47,6 +49,8 @@ def new_study_page(request: Request, person: Looking) -> Response:
         "presets": [read_preset(name) for name in PRESETS],
         "default_preset": QUICK,
         "stages": OPTIONAL_STAGES,
+        "protocols": PROTOCOLS_IN_WORDS,
+        "scales": SCALES,
         "longest_text": LONGEST_TEXT,
     }
     return page(request, "new_study", person, context)
@@ -63,6 +67,9 @@ def create(
     exposure_s: Annotated[float | None, EXPOSURE_S] = None,
     consent: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
     preset: Annotated[str, Form(max_length=20)] = QUICK,
+    protocol: Annotated[str, Form(max_length=20)] = PC,
+    scale: Annotated[str, Form(max_length=20)] = str(SCALES[0]),
+    reference: Annotated[str, Form(max_length=200)] = "",
     without: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
     practice_dataset: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
@@ -72,12 +79,17 @@ def create(
     ----------
     stage : optional stages besides those of the preset
     consent : in place of the preset's; empty: the preset's
+    protocol, scale, reference : options of the study; the scale counts where films are rated
     without : conditions to leave out, with commas
     practice_dataset : to practise with, which no trial shows; empty: none
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
-        options = _chosen(preset, stage, unix(consent).strip(), without)
+        left_out = [condition for each in without.split(",") if (condition := each.strip())]
+        given: dict[str, Any] = {"protocol": protocol, "reference": reference.strip(), "without": left_out}
+        if protocol in RATED:
+            given["scale"] = typed_scale(scale)
+        options = _chosen(preset, stage, unix(consent).strip(), given)
         if practice_dataset.strip():
             options = replace(options, practice_dataset=practice_dataset.strip()).with_stage(PRACTICE)
         subject = f"study {slugify(name)}"
@@ -102,8 +114,13 @@ def create(
     return see(f"/admin/jobs/{job}")
 
 
-def _chosen(preset: str, stages: Sequence[str], consent: str, without: str) -> StudyOptions:
+def _chosen(preset: str, stages: Sequence[str], consent: str, others: Mapping[str, Any]) -> StudyOptions:
     """Return a preset's options with the form's.
+
+    Parameters
+    ----------
+    preset, stages, consent : as in `create`
+    others : further options
 
     Raises
     ------
@@ -111,13 +128,10 @@ def _chosen(preset: str, stages: Sequence[str], consent: str, without: str) -> S
         If there is no such preset or stage.
     """
     chosen = read_preset(preset)
-    given: dict[str, Any] = {
-        "optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages])),
-        "without": [condition for each in without.split(",") if (condition := each.strip())],
-    }
+    given: dict[str, Any] = {"optional_stages": list(dict.fromkeys([*chosen.options["optional_stages"], *stages]))}
     if consent:
         given |= {"consent": consent, "consent_version": ""}  # the version names the preset's text
-    return parse_options(chosen.overridden_by(given))
+    return parse_options(chosen.overridden_by({**others, **given}))
 
 
 @router.get("/jobs/{job}")

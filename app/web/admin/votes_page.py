@@ -13,10 +13,19 @@ from app.errors import NotFoundError
 from app.store.designs import datasets_of
 from app.store.trials import SoughtTrials, given_labels, given_trials, n_given_trials, trial_film, trial_record
 from app.study.options import parse_options
+from app.study.protocols import RATED
 from app.web.admin.layout import study_page, turns
 from app.web.gates import AStudy, Looking, Store
 
 VOTES_ON_A_PAGE = 60
+KINDS = {
+    "": "all",
+    "ties": "no preference",
+    "unswitched": "never switched",
+    "voided": "interrupted",
+    "excluded": "not counted",
+}
+KINDS_OF_PAIRS = ("ties", "unswitched")
 REFERENCE = "reference"  # label of a look at it, and the strip of a film that shows it
 
 router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
@@ -56,7 +65,8 @@ def votes_page(
     what: Annotated[str, Query(max_length=20)] = "",
     at: Annotated[int, Query(ge=0, le=1_000_000_000)] = 0,
 ) -> Response:
-    sought = SoughtTrials(participant, dataset, what)
+    sought, options = SoughtTrials(participant, dataset, what), parse_options(study.options)
+    is_rated = options.protocol in RATED
     with database.reading() as connection:
         rows = given_trials(connection, study.id, sought, limit=VOTES_ON_A_PAGE, offset=at)
         n_found = n_given_trials(connection, study.id, sought)
@@ -64,6 +74,9 @@ def votes_page(
         datasets = datasets_of(connection, study.id)
     context = {
         "rows": rows,
+        "is_rated": is_rated,
+        "is_alone": options.is_shown_alone,
+        "kinds": {kind: text for kind, text in KINDS.items() if not (is_rated and kind in KINDS_OF_PAIRS)},
         "n_found": n_found,
         "people": people,
         "datasets": datasets,
@@ -84,10 +97,12 @@ def replay_page(
     if record is None or film is None:
         raise NotFoundError("This study has no such trial.")
     viewing = record["viewing"] or {}
-    looks = looks_of(viewing, study.exposure_s * 1000)
+    looks, options = looks_of(viewing, study.exposure_s * 1000), parse_options(study.options)
     b_half = "bottom" if film.a_half == "top" else "top"
-    shown = [Shown("a", record["item_a"], film.a_half, looks), Shown("b", record["item_b"], b_half, looks)]
-    if reference := parse_options(study.options).reference:
+    shown = [Shown("a", record["item_a"], film.a_half, looks)]
+    if not options.is_shown_alone:
+        shown.append(Shown("b", record["item_b"], b_half, looks))
+    if reference := options.reference_beside:
         shown.append(Shown(REFERENCE, reference, REFERENCE, looks))
     context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "shown": shown}
     return study_page(request, "replay", person, study, context)

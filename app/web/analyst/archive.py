@@ -14,9 +14,11 @@ from app.operations.manage import study_file_of
 from app.store.audit import audit_records
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
+from app.store.images import image_content, image_digests
 from app.store.measurements import measurement_records
 from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
+from app.store.sessions import shown_wordings
 from app.store.studies import Study, study_by_id
 from app.store.trials import trial_records
 from app.store.vote_records import vote_records
@@ -24,7 +26,7 @@ from app.study.options import parse_options
 from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
-from app.web.analyst.results import prepare_results
+from app.web.analyst.results import prepare_results, rows_of
 
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
 
@@ -41,13 +43,18 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
             files.write("study.toml", write_study_file(study_file_of(study)))
+            files.write(
+                "texts.json", json.dumps(shown_wordings(connection, study.id), indent=2, ensure_ascii=False) + "\n"
+            )
+            for name, sha256 in image_digests(connection, study.id).items():
+                files.write_bytes(f"images/{name}", image_content(connection, sha256) or b"")
             analysed = prepare_results(connection, study.id)
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
             _write_items(files, conditions_of(connection, study.id))
         analysis = analysed().analysis
-        for name in ("scores", "triads", "observers"):
-            rows = list((analysis or {}).get(name, ()))
+        for name in ("scores", "ratings", "comparisons", "triads", "observers"):
+            rows = rows_of(analysis or {}, name)
             columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
             files.write_table(name, rows, list(columns))
         if analysis is not None:
@@ -63,8 +70,11 @@ class _Files:
         self.checksums = ""
 
     def write(self, name: str, text: str) -> None:
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, content: bytes) -> None:
         with self._file(name) as file:
-            file.write(text.encode())
+            file.write(content)
 
     def write_table(self, name: str, rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
         with self._file(f"{name}.csv") as file:
@@ -119,7 +129,8 @@ def _dictionary(study: Study) -> str:
     parts = [
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
-        "study again from its stimulus set; the project's documentation describes `analysis.json`.\n"
+        "study again from its stimulus set; `texts.json` has all texts that participants have read, `images` what they "
+        "show; the project's documentation describes `analysis.json`.\n"
     ]
     if noted := parse_options(study.options).lab_sheet.rows():
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)

@@ -10,14 +10,18 @@ TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; em
 BOTH_SEEN = "true if A and B were both on screen"
 PRESS_TO_PICTURE = "median time from a press to the presented picture, milliseconds; empty where not recorded"
 LOOKS_BEFORE = "how often the participant had begun to look at the same trial before, and was interrupted"
+CHOICE = "a, b or none; in CCR by the rating's sign; empty in ACR, ACR-HR and DCR"
+RATING = "grade that was given to item_b; in CCR how much better it is than item_a, -3 to 3; empty in PC"
+REFERENCE = "true if item_b is the study's reference, which ACR-HR hides among the films"
+PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
     "participant": PARTICIPANT,
     "dataset": DATASET,
-    "item_a": "condition labelled A in this trial",
+    "item_a": "condition labelled A in this trial; in DCR the reference, in ACR the film itself",
     "item_b": "condition labelled B",
-    "choice": "a, b or none",
+    "choice": CHOICE,
     "first_shown": "condition that was on screen first",
     "trial": "id of the trial",
     "response_ms": "from the voting screen to the vote, milliseconds",
@@ -30,6 +34,9 @@ VOTES: Columns = {
     "both_seen": BOTH_SEEN,
     "looks_before": LOOKS_BEFORE,
     "press_to_picture_ms": PRESS_TO_PICTURE,
+    "protocol": PROTOCOL,
+    "rating": RATING,
+    "reference": REFERENCE,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
@@ -39,7 +46,7 @@ TRIALS: Columns = {
     "attempt": "from 2 for repetitions of an interrupted trial",
     "looks_before": LOOKS_BEFORE,
     "dataset": DATASET,
-    "item_a": "condition labelled A",
+    "item_a": "condition labelled A; in DCR the reference, in ACR the film itself",
     "item_b": "condition labelled B",
     "first_shown": "condition that was on screen first",
     "role": "main, or what the trial checks about the participant",
@@ -47,7 +54,10 @@ TRIALS: Columns = {
     "voided_at": "when it was interrupted",
     "void_reason": "full screen (was left), hidden, blur (another window in front), resize, or left the page",
     "voted_at": "when the vote arrived",
-    "choice": "a, b or none",
+    "protocol": PROTOCOL,
+    "choice": CHOICE,
+    "rating": RATING,
+    "reference": REFERENCE,
     "shown_ms": "how long the pair was shown, milliseconds",
     "response_ms": "from the voting screen to the vote, milliseconds",
     "n_switches": "switches between A and B",
@@ -70,6 +80,8 @@ PARTICIPANTS: Columns = {
     "finished_at": "when it finished",
     "last_vote_at": "when the last vote arrived",
     "withdrawn_at": "when the participant withdrew",
+    "language": "language of all texts of the session; empty: begun by another client than the page",
+    "texts_sha256": "SHA-256 of these texts, which are in the archive's texts.json",
     "erased_at": "when the participant's data were erased",
     "excluded": "true if excluded by an experimenter",
     "reason": "reason of the exclusion",
@@ -96,6 +108,34 @@ SCORES: Columns = {
     "losses": "votes for the other item",
     "ties": "votes without preference",
     "status": "ok, separated (no finite maximum) or disconnected",
+}
+RATINGS: Columns = {
+    "dataset": DATASET,
+    "condition": "condition that was rated",
+    "is_reference": "true for the study's reference",
+    "n_ratings": "ratings",
+    "n": "participants",
+    "mos": "mean opinion score, on the study's scale",
+    "sd": "standard deviation over participants",
+    "ci_low": "lower end of the 95 % interval of the mean",
+    "ci_high": "upper end",
+    "dmos": "mean differential score to the reference",
+    "dmos_sd": "its standard deviation over participants",
+    "dmos_low": "lower end of its 95 % interval",
+    "dmos_high": "upper end",
+    "quality": "quality, the participants' bias and inconsistency taken off",
+    "quality_se": "its standard error",
+    "quality_low": "lower end of its 95 % interval",
+    "quality_high": "upper end",
+}
+COMPARISONS: Columns = {
+    "dataset": DATASET,
+    "condition": "condition that was compared",
+    "n_ratings": "ratings of pairs with it",
+    "score": "how much better it is than the mean of all, in steps of the scale",
+    "se": "its standard error, clustered by participant",
+    "ci_low": "lower end of the 95 % interval",
+    "ci_high": "upper end",
 }
 TRIADS: Columns = {
     "participant": PARTICIPANT,
@@ -175,6 +215,8 @@ TABLES: dict[str, Columns] = {
     "screening": SCREENING,
     "questionnaire": QUESTIONNAIRE,
     "scores": SCORES,
+    "ratings": RATINGS,
+    "comparisons": COMPARISONS,
     "triads": TRIADS,
     "observers": OBSERVERS,
     "validation": MEASUREMENTS,

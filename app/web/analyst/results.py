@@ -14,14 +14,22 @@ from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
 from app.store.participants import participants_votes, questionnaire_records
-from app.store.studies import Study
+from app.store.studies import Study, study_by_id
 from app.store.vote_records import vote_records
 from app.study.groupings import groupings
-from app.study.options import parse_options
+from app.study.options import StudyOptions, parse_options
+from app.study.protocols import CCR, RATED
 from app.web.once import Shared
 
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 WITHDRAWN = "withdrawn"
+TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
+FIGURE_TABLES = {  # in analysis.json, of figures of ratings
+    "opinion_scores": "rating_items",
+    "differential_scores": "rating_items",
+    "raters": "raters",
+    "comparison_scores": "comparison_items",
+}
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
 
@@ -75,6 +83,13 @@ def grouped_results_of(database: Database, study: Study) -> Results:
     return analysed()
 
 
+def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, Any]]:
+    """Return the rows of an analysis that a table of analysts shows; none where the protocol has no such table."""
+    name = "raters" if table == "observers" and "raters" in analysis else TABLE_NAMES.get(table, table)
+    rows: Sequence[Mapping[str, Any]] = analysis.get(name, ())
+    return rows
+
+
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     """Return the content of analysis.json for the votes so far; None while there are none."""
     return results_of(database, study_id).analysis
@@ -98,6 +113,9 @@ def prepare_results(
     with_excluded : as in `results_of`
     groups : question -> participant -> group, to compare groups by
     """
+    study = study_by_id(connection, study_id)
+    assert study is not None, "studies are never deleted"
+    options = parse_options(study.options)
     votes = participants_votes(connection, study_id)
     if with_excluded:
         votes = [row | {"reason": None} for row in votes]
@@ -108,19 +126,55 @@ def prepare_results(
         "better": better_by_measure(measured),
         "groups": groups or {},
     }
-    digest = hashlib.sha256(json.dumps([votes, inputs], sort_keys=True, default=str).encode()).hexdigest()
+    known = json.dumps([votes, inputs, options.protocol, options.scale], sort_keys=True, default=str)
+    digest = hashlib.sha256(known.encode()).hexdigest()
     if (begun := _results.begun(digest)) is not None:
         return begun.result
     rows = list(vote_records(connection, study_id))
     if with_excluded:
         rows = [row | {"excluded": row["reason"] == WITHDRAWN} for row in rows]
-    return lambda: _results.get(digest, lambda: Results(digest, _analysed(rows, inputs) if rows else None))
+    return lambda: _results.get(digest, lambda: Results(digest, _analysed(rows, inputs, options) if rows else None))
 
 
-def _analysed(rows: Sequence[Mapping[str, Any]], inputs: Mapping[str, Any]) -> Mapping[str, Any]:
+def _analysed(
+    rows: Sequence[Mapping[str, Any]], inputs: Mapping[str, Any], options: StudyOptions
+) -> Mapping[str, Any] | None:
+    """Analyse votes as the study's protocol asks; None where no rating counts.
+
+    Parameters
+    ----------
+    rows : votes
+    inputs : fields of `AnalysisSettings`, for votes on pairs
+    options : the study's
+    """
     from app.analysis import AnalysisSettings, analyse, votes_from_rows
+    from app.analysis.ratings.analyse_ratings import analyse_ratings
+    from app.analysis.ratings.comparisons import analyse_comparisons
+    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
+    from app.analysis.report import NO_VOTES
 
-    return analyse(votes_from_rows(rows), AnalysisSettings(**inputs))
+    counted = counted_ratings(rows)
+    if options.protocol in RATED and options.grades:
+        if not counted:
+            return None
+        table = rating_table(counted, options.protocol, (options.grades.low, options.grades.high))
+        tables = analyse_ratings(table)
+        settings = {"protocol": options.protocol, "scale": options.scale}
+        return _with_tables(NO_VOTES | {"settings": settings, "warnings": []}, tables)
+    analysis = analyse(votes_from_rows(rows), AnalysisSettings(**inputs))
+    if options.protocol == CCR and counted:
+        return _with_tables(analysis, analyse_comparisons(comparison_table(counted)))
+    return analysis
+
+
+def _with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Return an analysis with tables of ratings, and their warnings among its own."""
+    warnings = [*analysis["warnings"], *(row["warning"] for row in tables["rating_warnings"])]
+    return {
+        **analysis,
+        **{name: rows for name, rows in tables.items() if name != "rating_warnings"},
+        "warnings": warnings,
+    }
 
 
 def load_analysis() -> None:
@@ -171,6 +225,8 @@ def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     """Return the numbers behind a figure."""
     kind, _, which = name.partition("_")
+    if name in FIGURE_TABLES:
+        return list(analysis.get(FIGURE_TABLES[name], ()))
     if kind == "scores":
         comparisons = {row["comparison"] for row in analysis["scores"]}
         wanted = next((comparison for comparison in comparisons if _is_called(comparison, which)), "all")

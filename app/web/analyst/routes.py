@@ -27,7 +27,7 @@ from app.web.analyst.archive import write_archive
 from app.web.analyst.formats import IN_MEMORY, ChosenFormat, TableRequest, flattened, json_object, streamed, table
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
-from app.web.analyst.results import analysis_of
+from app.web.analyst.results import analysis_of, rows_of
 from app.web.gates import AStudy, Store, may_read
 
 EMPTY_TABLES = (
@@ -73,12 +73,14 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
         progress = progress_of(connection, study.id)
+    options = parse_options(study.options)
     whole = {
         **study_summary(study, progress),
         "datasets": datasets,
         "conditions": conditions,
         "factors": study.factors,
-        "lab_sheet": parse_options(study.options).lab_sheet.as_json(),
+        **{name: getattr(options, name) for name in ("protocol", "scale", "reference")},
+        "lab_sheet": options.lab_sheet.as_json(),
     }
     return json_object(whole, chosen)
 
@@ -134,6 +136,18 @@ def questionnaire(study: AStudy, database: Store, chosen: ChosenFormat) -> Respo
 def scores(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Fit scores to the votes so far: natural log-odds that sum to zero in each comparison and dataset."""
     return _results(database, study, chosen, "scores")
+
+
+@router.get("/studies/{slug}/ratings", responses=table_answers(columns.RATINGS), dependencies=READING)
+def ratings(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List mean opinion scores, and qualities by the subject model of ITU-T P.910: of ACR, ACR-HR and DCR."""
+    return _results(database, study, chosen, "ratings")
+
+
+@router.get("/studies/{slug}/comparisons", responses=table_answers(columns.COMPARISONS), dependencies=READING)
+def comparisons(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Fit scores to ratings of pairs (CCR), in steps of the scale; they sum to zero in each dataset."""
+    return _results(database, study, chosen, "comparisons")
 
 
 @router.get("/studies/{slug}/triads", responses=table_answers(columns.TRIADS), dependencies=READING)
@@ -216,7 +230,7 @@ def _records(
 
 def _results(database: Database, study: Study, chosen: TableRequest, name: str) -> Response:
     """Send rows of the analysis: the documented columns, then any others of the rows."""
-    rows = _analysis(database, study)[name]
+    rows = rows_of(_analysis(database, study), name)
     names = dict.fromkeys([*columns.TABLES[name], *(key for row in rows for key in row)])
     return table(rows, names, chosen, f"{study.slug}-{name}")
 

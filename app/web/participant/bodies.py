@@ -10,7 +10,8 @@ from typing_extensions import TypedDict
 from app.store.designs import STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
-from app.study.options import FullScreen, Pixels
+from app.study.options import FullScreen, Pixels, StudyOptions
+from app.study.protocols import CCR, Protocol
 from app.study.technique import Technique
 from app.study.trial import Disturbance, Half, Interruption
 from app.study.valid_vote import without_unknowns
@@ -43,7 +44,9 @@ class MediaView(BaseModel):
     singles: list[str] | None = Field(
         description="each strip alone, from the top, for browsers that play neither; null where the study has none"
     )
-    layout: Literal["stacked"]
+    layout: Literal["stacked", "single"] = Field(
+        description="stacked: A and B in one film, one above the other; single: one stimulus, called A"
+    )
     a: Literal["top", "bottom"]
     width: int = Field(description="of one half, pixels")
     height: int = Field(description="of one half, pixels")
@@ -52,6 +55,13 @@ class MediaView(BaseModel):
     fps: float
     n_frames: int
     pixels: Pixels = Field(description="fit: as large as the window allows; 1:1: a pixel of the film is the display's")
+
+
+class GradesView(BaseModel):
+    """The scale to rate on, in whole numbers."""
+
+    low: int = Field(description="the worst; in CCR: B is much worse than A")
+    high: int = Field(description="the best; in CCR: B is much better than A")
 
 
 class OneTrialView(BaseModel):
@@ -69,6 +79,8 @@ class OneTrialView(BaseModel):
     minimum_viewing_s: float = Field(
         description="the vote waits until A and B were each on screen as long; 0: no limit"
     )
+    protocol: Protocol = Field(description="how to judge; in DCR A is the reference and B is rated")
+    grades: GradesView | None = Field(description="null in PC, where the vote is a choice and not a rating")
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
     full_screen: FullScreen = Field(description="required: the film is shown in full screen only")
     minimum_window: list[int] = Field(description="width and height of the smallest window, CSS pixels; empty: any")
@@ -174,7 +186,8 @@ class VoteBody(Strict):
             description="made by the client, the same whenever it sends the vote again; any UUID, best of version 7",
         ),
     ]
-    choice: Literal["a", "b", "none"]
+    choice: Literal["a", "b", "none"] | None = Field(default=None, description="in PC")
+    rating: Annotated[int, Field(ge=-100, le=100)] | None = Field(default=None, description="in all other protocols")
     viewing: Viewing
 
 
@@ -190,8 +203,10 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
-        see_both=session.options.see_both,
-        minimum_viewing_s=session.options.minimum_viewing_s,
+        see_both=session.options.see_both and not session.options.is_shown_alone,
+        minimum_viewing_s=0.0 if session.options.is_shown_alone else session.options.minimum_viewing_s,
+        protocol=session.options.protocol,
+        grades=_grades_view(session.options),
         void_on=list(session.options.disturbances),
         full_screen=session.options.full_screen,
         minimum_window=list(session.options.minimum_window),
@@ -202,17 +217,20 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
 def trial_media(session: Session, current: NextTrial) -> MediaView:
     """Make the view of what a trial shows."""
     return _media_view(
+        session.options,
         current,
         "top" if current.a_half == "top" else "bottom",
-        has_reference=bool(session.options.reference),
-        pixels=session.options.pixels,
+        has_reference=bool(session.options.reference_beside),
         singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
     )
 
 
 def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialView:
     """Make the view of a practice trial, never repeated; sessions differ in whether the better one is A or B."""
-    turn = (session.id + pair.position) % 2
+    options = session.options
+    is_turned = options.grades is None or options.protocol == CCR
+    turn = (session.id + pair.position) % 2 if is_turned else 0
+    a_half: Half = "top" if session.id % 2 or not is_turned else "bottom"
     return OneTrialView(
         trial=f"practice-{pair.position + 1}",
         attempt=MOST_ATTEMPTS,
@@ -225,30 +243,30 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         free_exposure=session.options.free_exposure,
         see_both=False,  # the page shows a pair of the practice again by itself
         minimum_viewing_s=0.0,
-        void_on=list(session.options.disturbances),
-        full_screen=session.options.full_screen,
-        minimum_window=list(session.options.minimum_window),
-        media=_media_view(
-            pair,
-            "top" if session.id % 2 else "bottom",
-            has_reference=False,
-            pixels=session.options.pixels,
-            singles_of=pair.media,
-        ),
+        protocol=options.protocol,
+        grades=_grades_view(options),
+        void_on=list(options.disturbances),
+        full_screen=options.full_screen,
+        minimum_window=list(options.minimum_window),
+        media=_media_view(options, pair, a_half, has_reference=False, singles_of=pair.media),
     )
 
 
+def _grades_view(options: StudyOptions) -> GradesView | None:
+    return GradesView(low=options.grades.low, high=options.grades.high) if options.grades else None
+
+
 def _media_view(
-    shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, pixels: Pixels, singles_of: str
+    options: StudyOptions, shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str
 ) -> MediaView:
-    strips = STRIPS if has_reference else STRIPS[:2]
+    strips = STRIPS if has_reference else STRIPS[:1] if options.is_shown_alone else STRIPS[:2]
     return MediaView(
         url=media_url(shown.media),
         second=SecondView(url=media_url(shown.second_media), type=FILM_TYPES[shown.second_codec])
         if shown.second_media and shown.second_codec
         else None,
         singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if shown.has_singles else None,
-        layout="stacked",
+        layout="single" if options.is_shown_alone else "stacked",
         a=a_half,
         width=shown.width,
         height=shown.height,
@@ -256,7 +274,7 @@ def _media_view(
         reference=has_reference,
         fps=shown.fps,
         n_frames=shown.n_frames,
-        pixels=pixels,
+        pixels=options.pixels,
     )
 
 

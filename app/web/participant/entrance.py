@@ -11,6 +11,7 @@ from fastapi import Request
 
 from app.store.designs import has_single_films, largest_film
 from app.store.engine import Transaction
+from app.store.images import image_digests
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.recruits import recruit_of_session, session_of_outside_id
 from app.store.sessions import Session, WhyClosed, session_by_token, why_closed
@@ -31,9 +32,11 @@ class Entrance:
     slug: str
     title: str
     state: State
+    language: str | None  # of this browser's session, where it has one
     is_shared: bool  # whether another participant may begin at this browser
     options: StudyOptions
     fallback: str  # the option, empty where the study lacks the films for it
+    images: Mapping[str, str]  # SHA-256 by name
     outside: Mapping[str, str]  # the link's parameters by which a recruiting platform says who comes
     no_consent_url: str  # where to go without consent; empty: nowhere
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
@@ -54,6 +57,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
             return None
         token = request.cookies.get(PARTICIPANT_COOKIE)
         session = session_by_token(connection, token) if token else None
+        images = image_digests(connection, study.id)
         has_singles = has_single_films(connection, study.id)
         state: State = _used_or(why_closed(connection, study, now(request)), invitation)
         options = parse_options(study.options)
@@ -69,8 +73,10 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         slug=study.slug,
         title=study.name,
         state=state,
+        language=session.language if session is not None and state == "mine" else None,
         is_shared=study.standing == "open" and places and not options.outside.id,
         options=options,
+        images=images,
         fallback=options.fallback if has_singles else "",
         outside={options.outside.id: arrival.outside_id, **arrival.kept} if arrival else {},
         no_consent_url=options.outside.address("no_consent", arrival),

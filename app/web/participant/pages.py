@@ -5,26 +5,27 @@ The page's script shows the trials, through the session API. A page says nothing
 
 from __future__ import annotations
 
-import json
 import logging
-from functools import cache
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.files import packaged
 from app.store.invitations import invitation_of_session
 from app.store.sessions import resume_session
+from app.study.language_pack import LanguagePack, nested_texts
+from app.study.stage_data import consent_to_send
+from app.study.wording import offered_languages, wording
 from app.web.form_token import entry_token, is_own_form, remember_entry
-from app.web.gates import Store, address, note_refusal, throttle
+from app.web.gates import Store, address, languages, note_refusal, throttle
+from app.web.markdown import render_markdown
 from app.web.participant.bodies import FILM_TYPES
-from app.web.participant.entrance import entrance
+from app.web.participant.entrance import Entrance, entrance
 from app.web.participant.session import remember
 from app.web.throttle import WRONG_CODES
 
-TEXTS = "templates/participant/texts"
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
 STATUS_OF_MESSAGE = {
@@ -56,18 +57,41 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
     state = study.state if study else "unknown"
     if study is None:
         throttle(request).count(WRONG_CODES, address(request))
-    if study is None or state in STATUS_OF_MESSAGE:
-        log.warning("an invitation's page was refused: %s", state)
+    offered = _offered(request, study)
+    if study is None or state in STATUS_OF_MESSAGE or not offered:
+        state = state if state in STATUS_OF_MESSAGE else "paused"
+        log.warning(
+            "an invitation's page was refused: %s", state if offered else "the study is complete in no language"
+        )
         note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
         leads_to = study.full_url if study is not None and state in ("closed", "full", "used") else ""
-        return _page(request, "participant/message.html", STATUS_OF_MESSAGE[state], message=state, leads_to=leads_to)
+        status = STATUS_OF_MESSAGE[state]
+        return _page(request, "participant/message.html", status, offered, message=state, leads_to=leads_to)
+    language = study.language or ""
+    language = language if language in offered else _language(request, offered)
+    shown = wording(offered[language], study.options, study.title, study.images)
     return _page(
         request,
         "participant/study.html",
+        200,
+        {language: offered[language]} if study.language else offered,
+        texts=shown.texts,
+        texts_sha256=shown.sha256,
+        consent=consent_to_send(study.options, language),
+        markdown=render_markdown,
         study=study,
         code=code,
         second_type=FILM_TYPES.get(study.options.second_codec),
     )
+
+
+def _offered(request: Request, study: Entrance | None) -> Mapping[str, LanguagePack]:
+    """Return the packs that a page can be shown in: the study's; else the reviewed ones and one chosen before."""
+    packs = languages(request)
+    if study is not None:
+        return {tag: packs[tag] for tag in offered_languages(study.options, packs)}
+    chosen = _chosen(request)
+    return {tag: pack for tag, pack in packs.items() if pack.status == "reviewed" or tag in chosen}
 
 
 @router.post("/resume")
@@ -94,15 +118,29 @@ def resume_elsewhere(
     return answer
 
 
-def _page(request: Request, template: str, status_code: int = 200, **context: object) -> Response:
-    language = _language(request)
+def _page(
+    request: Request,
+    template: str,
+    status_code: int = 200,
+    offered: Mapping[str, LanguagePack] | None = None,
+    **context: object,
+) -> Response:
+    """Render a page in the reader's language.
+
+    Parameters
+    ----------
+    offered : packs to choose from; None or none: those of pages that belong to no study
+    """
+    packs = offered or _offered(request, None)
+    language = _language(request, packs)
     page: Response = request.app.state.templates.TemplateResponse(
         request,
         template,
         {
             "language": language,
-            "languages": languages(),
-            "texts": texts_in(language),
+            "direction": packs[language].direction,
+            "languages": {tag: pack.name for tag, pack in packs.items()},
+            "texts": nested_texts(packs[language].texts),
             "entry_token": entry_token(request),
             **context,
         },
@@ -115,19 +153,29 @@ def _page(request: Request, template: str, status_code: int = 200, **context: ob
     return page
 
 
-def _language(request: Request) -> str:
-    """Return the language that was chosen by hand, now or before, else the browser's."""
-    for chosen in (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE)):
-        if chosen in languages():
-            return str(chosen)
-    return preferred_language(request.headers.get("accept-language", ""), frozenset(languages()))
+def _language(request: Request, offered: Mapping[str, LanguagePack]) -> str:
+    """Return the language that was chosen by hand, now or before, else the browser's, else the first offered."""
+    chosen = next((tag for tag in _chosen(request) if tag in offered), None)
+    return chosen or preferred_language(request.headers.get("accept-language", ""), list(offered))
 
 
-def preferred_language(accepted: str, available: frozenset[str]) -> str:
-    """Return the first available language of an Accept-Language header by falling weight, else English."""
+def _chosen(request: Request) -> list[str]:
+    chosen = (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE))
+    return [tag for tag in chosen if tag is not None]
+
+
+def preferred_language(accepted: str, offered: Sequence[str]) -> str:
+    """Return the first offered language of an Accept-Language header by falling weight, else English or the first.
+
+    A regional variant stands for its language where it is not offered itself: de-AT for de, zh-CN for zh.
+    """
     weighted = [_weighted(entry) for entry in accepted.split(",") if entry.strip()]
     acceptable = sorted((entry for entry in weighted if entry[0] > 0), key=lambda entry: -entry[0])
-    return next((language for _, language in acceptable if language in available), DEFAULT_LANGUAGE)
+    by_lower = {tag.lower(): tag for tag in offered}
+    for _, wanted in acceptable:
+        if tag := by_lower.get(wanted) or by_lower.get(wanted.split("-")[0]):
+            return tag
+    return DEFAULT_LANGUAGE if DEFAULT_LANGUAGE in offered else offered[0]
 
 
 def _weighted(entry: str) -> tuple[float, str]:
@@ -136,16 +184,4 @@ def _weighted(entry: str) -> tuple[float, str]:
         quality = float(weight.strip().removeprefix("q=") or 1)
     except ValueError:
         quality = 0.0
-    return quality, tag.strip().split("-")[0].lower()
-
-
-@cache
-def languages() -> dict[str, str]:
-    """Each language's name for itself, by tag; there is a file for each."""
-    return {file.stem: texts_in(file.stem)["language"] for file in sorted(packaged(TEXTS).glob("*.json"))}
-
-
-@cache
-def texts_in(language: str) -> dict[str, Any]:
-    texts: dict[str, Any] = json.loads((packaged(TEXTS) / f"{language}.json").read_text(encoding="utf-8"))
-    return texts
+    return quality, tag.strip().lower()

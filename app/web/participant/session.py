@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.errors import ConflictError, InvalidError, NotFoundError
+from app.errors import ChangedError, ConflictError, InvalidError, NotFoundError
 from app.store.engine import Database, Transaction
+from app.store.images import image_digests
 from app.store.keys import resume_code
 from app.store.recruits import recruit_of_session
 from app.store.sessions import (
@@ -26,15 +27,28 @@ from app.store.sessions import (
     session_by_token,
     withdraw,
 )
-from app.store.studies import study_by_id
+from app.store.studies import Study, study_by_id
 from app.study.comprehension import is_understood
 from app.study.duration import stage_minutes
 from app.study.options import parse_options
+from app.study.protocols import Protocol
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.recruiting import MOST_KEPT, Ending
-from app.study.stage_data import InvalidStageError, check_stage_data
+from app.study.stage_data import InvalidStageError, check_stage_data, consent_to_send
 from app.study.stages import FINISHED, INTERVIEW, SCREENED_OUT, TRIAL, IllegalMoveError
-from app.web.gates import PARTICIPANT_COOKIE, Now, Participant, Store, address, invitation_to, is_secure, throttle
+from app.study.wording import DEBRIEFING, Wording, first_language, offered_languages, own_texts, wording
+from app.web.gates import (
+    PARTICIPANT_COOKIE,
+    Now,
+    Participant,
+    Store,
+    address,
+    invitation_to,
+    is_secure,
+    languages,
+    throttle,
+)
+from app.web.markdown import render_markdown
 from app.web.throttle import WRONG_CODES
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
@@ -72,6 +86,12 @@ class AdmissionBody(Strict):
         description="parameters of a recruiting platform's link, by name; needed where the study knows people by them: "
         "the same id again opens the same session",
         examples=[{"PROLIFIC_PID": "5f2a9c0de1b7a4001c3d8e90"}],
+    )
+    language: Annotated[str, Field(max_length=40)] | None = Field(
+        default=None, description="of the texts that the participant reads; null: the client has texts of its own"
+    )
+    texts_sha256: Annotated[str, Field(max_length=64)] | None = Field(
+        default=None, description="digest of the texts that the page has shown so far; 412 where they have changed"
     )
 
 
@@ -130,11 +150,11 @@ class SessionView(BaseModel):
     stages: list[str]
     progress: ProgressView
     minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
+    language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")
     was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
-    debriefing: str | None = Field(
-        description="for the end, paragraphs apart by an empty line; null before it, as it may tell what is compared"
-    )
+    debriefing: str | None = Field(description="Markdown for the end; null before it, as it may tell what is compared")
+    debriefing_html: str | None = Field(description="the same as HTML; raw HTML in it is escaped")
     ending: EndingView | None = Field(description="null before the end, and where the study says nothing of it")
 
 
@@ -144,6 +164,9 @@ class AskedView(BaseModel):
     consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
     comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
     practice: int = Field(description="how many rounds of practice are to be sent, where the study has a practice")
+    protocol: Protocol = Field(
+        description="how to judge; in ACR and ACR-HR other answers to the comprehension are right"
+    )
     questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
 
 
@@ -169,10 +192,37 @@ def begin(
         arrival = parse_options(study.options).outside.arrival(admission.outside)
     except ValueError as error:
         raise InvalidError(f"Please open the link on the platform that invited you: {error}.") from error
+    shown = _wording(request, database, study, admission)
     held = request.cookies.get(PARTICIPANT_COOKIE)
-    admitted = admit(database, invitation, Admission(admission.key, arrival, held), now)
+    admitted = admit(database, invitation, Admission(admission.key, arrival, held, shown), now)
     response.status_code = 201 if admitted.is_new else 200
     return _opened(request, response, database, admitted.token, now)
+
+
+def _wording(request: Request, database: Database, study: Study, admission: AdmissionBody) -> Wording | None:
+    """Return all texts of the study in the language that the page was read in.
+
+    Raises
+    ------
+    InvalidError
+        If the study is not offered in this language.
+    ChangedError
+        If the texts are others than the page's.
+    """
+    if admission.language is None:
+        return None
+    packs, options = languages(request), parse_options(study.options)
+    offered = offered_languages(options, packs)
+    if admission.language not in offered:
+        raise InvalidError(
+            f"This study is not offered in {admission.language!r}; expected one of {', '.join(offered)}."
+        )
+    with database.reading() as connection:
+        images = image_digests(connection, study.id)
+    shown = wording(packs[admission.language], options, study.name, images)
+    if admission.texts_sha256 not in (None, shown.sha256):
+        raise ChangedError("The study's texts have changed meanwhile. Please load the page again.")
+    return shown
 
 
 @router.post("/studies/{slug}/turned-away", status_code=204)
@@ -206,20 +256,24 @@ def look(signed_in: Participant, database: Store, now: Now) -> SessionView:
 
 
 @router.get("/session/asked")
-def asked(signed_in: Participant) -> AskedView:
+def asked(request: Request, signed_in: Participant) -> AskedView:
     """What the introduction's and the interview's completion must hold."""
     options = signed_in.session.options
-    consent = {"version": options.consent_version, "sha256": options.consent_sha256} if options.consent else None
+    consent = consent_to_send(options, _language(request, signed_in.session))
     questions = [asdict(question) for question in options.questions]
     return AskedView(
-        consent=consent, comprehension=options.comprehension, practice=options.n_practice, questions=questions
+        consent=consent,
+        comprehension=options.comprehension,
+        practice=options.n_practice,
+        protocol=options.protocol,
+        questions=questions,
     )
 
 
 @router.put("/session/comprehension")
 def mark_comprehension(body: ComprehensionBody, signed_in: Participant) -> ComprehensionView:
     """Mark the answer to the question on the instructions; the page does not know which is right."""
-    understood = is_understood(body.answer)
+    understood = is_understood(body.answer, signed_in.session.options.protocol)
     if not understood:
         log.info("session %s: the instructions were not understood (%s)", signed_in.session.public_id, body.answer)
     return ComprehensionView(understood=understood)
@@ -235,20 +289,39 @@ def leave(signed_in: Participant, database: Store, now: Now) -> SessionView:
 
 @router.put("/session/stages/{stage}")
 def complete(
-    stage: Annotated[str, Path(max_length=40)], body: StageData, signed_in: Participant, database: Store, now: Now
+    stage: Annotated[str, Path(max_length=40)],
+    body: StageData,
+    request: Request,
+    signed_in: Participant,
+    database: Store,
+    now: Now,
 ) -> SessionView:
     """Complete a stage; one that is already behind stays as it was. 409: not the current one, or it ends by itself."""
     if stage not in signed_in.session.options.way:
         raise NotFoundError("There is no such stage.")
     _check_size(stage, body.data)
     try:
-        check_stage_data(stage, body.data, signed_in.session.options)
+        language = _language(request, signed_in.session, body.data.get("language"))
+        check_stage_data(stage, body.data, signed_in.session.options, language)
         complete_stage(database, signed_in.session, stage, body.data, now)
     except InvalidStageError as error:
         raise InvalidError(f"This stage is not complete: {error}.") from error
     except IllegalMoveError as error:
         raise ConflictError(f"This stage cannot be completed now: {error}.") from error
     return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))
+
+
+def _language(request: Request, session: Session, named: object = None) -> str:
+    """Return the language of a session's texts.
+
+    Parameters
+    ----------
+    named : by the client, for a session that began without a language
+    """
+    if session.language is not None:
+        return session.language
+    offered = offered_languages(session.options, languages(request))
+    return named if isinstance(named, str) and named in offered else (*offered, first_language(session.options))[0]
 
 
 def _check_size(stage: str, data: dict[str, Any]) -> None:
@@ -285,6 +358,8 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         done = done_of(connection, session.id)
         answered_at = last_answer_at(connection, session.id)
         ending = _ending(connection, session)
+        images = image_digests(connection, session.study_id) if session.stage == FINISHED else {}
+    debriefing = _debriefing(session) if session.stage == FINISHED else None
     return {
         "session": session.public_id,
         "study": StudyView(slug=session.slug, title=session.name, exposure_s=session.exposure_s),
@@ -292,11 +367,18 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "stages": list(session.options.way),
         "progress": ProgressView(done=done.n_done, total=done.n_total),
         "minutes": stage_minutes(session.options, done.n_total, session.exposure_s),
+        "language": session.language,
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),
-        "debriefing": session.options.debriefing if session.stage == FINISHED else None,
+        "debriefing": debriefing,
+        "debriefing_html": None if debriefing is None else str(render_markdown(debriefing, images)),
         "ending": ending,
     }
+
+
+def _debriefing(session: Session) -> str:
+    texts = own_texts(session.options, session.language or first_language(session.options))
+    return str(texts.get(DEBRIEFING, ""))
 
 
 def _ending(connection: Transaction, session: Session) -> EndingView | None:

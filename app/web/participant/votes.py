@@ -26,7 +26,8 @@ class VoteView(BaseModel):
     id: str
     trial: str
     number: int
-    choice: Literal["a", "b", "none"]
+    choice: Literal["a", "b", "none"] | None
+    rating: int | None
     received_at: datetime
 
 
@@ -39,8 +40,18 @@ async def vote(
     request: Request,
     response: Response,
 ) -> VoteView:
-    """Vote. 201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon."""
-    sent = Vote(token, trial, body.id, body.choice, body.viewing, now, meant_session(request))
+    """Vote: by a choice in the protocol PC, by a rating in all others.
+
+    201: the vote is on disk; 200: it was already; 409: the trial has another vote; 503: send it again soon.
+    """
+    sent = Vote(token, trial, body.id, body.choice, body.viewing, now, meant_session(request), body.rating)
     kept = await wrap_future(vote_writer(request).submit(sent))
     response.status_code = 201 if kept.is_new else 200
-    return VoteView(id=body.id, trial=trial, number=kept.number, choice=body.choice, received_at=kept.received_at)
+    return VoteView(
+        id=body.id,
+        trial=trial,
+        number=kept.number,
+        choice=body.choice,
+        rating=body.rating,
+        received_at=kept.received_at,
+    )

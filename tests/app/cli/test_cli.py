@@ -309,6 +309,47 @@ def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
+RATINGS = "participant,dataset,condition,rating\n" + "".join(
+    f"p{p},ball,{item},{rating + p % 2}\n" for p in range(4) for item, rating in (("x", 1), ("y", 3), ("z", 4))
+)
+
+
+@pytest.mark.slow
+def test_ratings_become_opinion_scores_and_a_report(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out")
+    assert told.code == 0, told.err
+    assert [line.split()[:2] for line in told.out.splitlines()[:3]] == [["z", "4.50"], ["y", "3.50"], ["x", "1.50"]]
+    for name in ("analysis.json", "rating_items.csv", "raters.csv", "report.html"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (("--scale", "1:4"), 1, "row 6: rating is 5, expected 1 to 4"),
+        (("--scale", "5"), 2, "expected two numbers"),
+        (("--scale", "5:1"), 2, "expected its low end first"),
+        (("--ties", "half"), 2, "--ties is for votes"),
+    ],
+)
+def test_options_that_do_not_fit_ratings_are_refused(
+    command: Command, tmp_path: Path, options: tuple[str, str], code: int, says: str
+) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out", *options)
+    assert told.code == code
+    assert says in " ".join(told.err.replace("│", " ").split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scale_of_votes_is_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--scale", "1:5")
+    assert told.code == 2
+    assert "--ratings FILE" in told.err
+
+
 @pytest.mark.slow
 def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
     votes = real_data / "votes/pwcmp_tone_mapping.csv"
@@ -377,7 +418,7 @@ def test_a_dataset_for_practice_is_left_out_of_the_trials_and_comes_back_with_th
     told = json.loads(spared.out)
     assert (told["n_datasets"], told["n_pairs"], "notes" in told) == (1, 3, False)
     exported = json.loads(command("study", "export", "spared", "--json").out)["toml"]
-    assert 'practice_pairs = [{dataset = "box", a = "id_fa", b = "pm_fb"}]' in exported
+    assert 'practice_pairs = [{ dataset = "box", a = "id_fa", b = "pm_fb" }]' in exported
     (tmp_path / "again.toml").write_text(exported.replace('"Spared"', '"Again"'))
     assert command("study", "import", tmp_path / "again.toml", "--stimuli", stimuli).code == 0
     again = json.loads(command("study", "export", "again", "--json").out)["toml"]
@@ -402,6 +443,21 @@ def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path)
     told = command("study", "create", stimuli, "--name", "Tiny", "--reference", "truth")
     assert told.code == 1
     assert "the reference 'truth' is not among them" in told.err
+
+
+def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(command: Command, stimuli: Path) -> None:
+    refused = command("study", "create", stimuli, "--name", "Rated", "--protocol", "DCR")
+    assert refused.code == 1
+    assert "protocol DCR needs a reference" in refused.err
+    created = command("study", "create", stimuli, "--name", "Rated", "--protocol", "ACR", "--scale", "slider")
+    assert "2 films of 2 conditions" in created.out
+    told = json.loads(command("study", "export", "rated", "--json").out)["toml"]
+    assert 'protocol = "ACR"\nscale = "slider"\n' in told
+    sizes = ("--conditions", 2, "--datasets", 1, "--participants", 20, "--exposure", 11)
+    plan = json.loads(command("plan", *sizes, "--protocol", "ACR", "--json").out)
+    assert (plan["trials"], plan["minutes"], plan["votes"]) == (2, 1, 40)
+    assert "grades" in command("plan", *sizes, "--protocol", "DCR").out
+    assert "protocol is 'MOS', expected one of PC" in command("plan", *sizes, "--protocol", "MOS").err
 
 
 @pytest.mark.slow

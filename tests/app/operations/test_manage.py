@@ -64,12 +64,14 @@ def test_a_bad_stimulus_set_leaves_no_study(tmp_path: Path) -> None:
     assert manage.list_studies(settings) == []
 
 
-@pytest.mark.parametrize(("name", "slug"), [("Temple, round 2", "temple-round-2"), ("Été à Graz", "ete-a-graz")])
+@pytest.mark.parametrize(
+    ("name", "slug"), [("Temple, round 2", "temple-round-2"), ("Été à Graz", "ete-a-graz"), ("日本", "name-cf2abf0c")]
+)
 def test_a_name_becomes_an_address(name: str, slug: str) -> None:
     assert create.slugify(name) == slug
 
 
-@pytest.mark.parametrize("name", ["", "---", "日本", "x" * 201])
+@pytest.mark.parametrize("name", ["", "---", "x" * 201])
 def test_a_name_that_cannot_be_an_address_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="expected a name"):
         create.slugify(name)

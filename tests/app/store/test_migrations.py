@@ -33,6 +33,7 @@ from app.store.participants import exclusion_records
 from app.store.studies import study_by_slug
 from app.store.tables import metadata
 from app.study.options import StudyOptions, parse_options
+from app.study.wording import missing_texts, own_texts
 
 ROOT = Path(__file__).parents[3]
 REVISIONS = revisions()[::-1]
@@ -46,6 +47,7 @@ CHECKED = {
     "vote.first_shown": "b",
     "job.state": "done",
     "screening_test.test": "colour",
+    "screening_entry.test": "acuity",
     "model.kind": "mesh",
     "single_film.strip": "reference",
 }
@@ -110,6 +112,27 @@ def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str]
         kept = study_by_slug(connection, "study.slug")
     assert kept is not None
     assert parse_options(kept.options) == StudyOptions(see_both=sees_both)
+    database.dispose()
+
+
+def test_an_older_study_with_texts_of_its_own_is_offered_as_before(new_database_url: Callable[[], str]) -> None:
+    database = open_database(new_database_url())
+    question = {"name": "job", "kind": "choice", "text": "Your job?", "options": ["x", "y"]}
+    old = {"consent": "We compare.", "questions": [question, {"name": "age", "kind": "number"}]}
+    with database.writing() as connection:
+        upgrade_within(connection, "0018")
+        study = next(table for table in tables_of(connection) if table.name == "study")
+        insert_some_row(connection, study)
+        connection.execute(study.update().values(options=old))
+    upgrade(database)
+    with database.reading() as connection:
+        kept = study_by_slug(connection, "study.slug")
+    assert kept is not None
+    options = parse_options(kept.options)
+    assert options.languages == ("en", "de")
+    assert missing_texts(options, "de") == []
+    assert own_texts(options, "de") == own_texts(options, "en")
+    assert own_texts(options, "de")["questions.job.labels"] == ["x", "y"]
     database.dispose()
 
 

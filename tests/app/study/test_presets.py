@@ -13,7 +13,7 @@ from app.study.options import StudyOptions
 from app.study.presets import ONLINE, PAPER, PRESETS, QUICK, read_preset
 from app.study.study_file import StudyFile, parse_study_file, write_study_file
 
-TEXTS = Path(__file__).parents[3] / "templates/participant/texts"
+TEXTS = Path(__file__).parents[3] / "languages"
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -68,6 +68,15 @@ def test_what_is_given_overrides_the_file_and_the_file_the_preset(tmp_path: Path
     options = read_options(file, {"repeated_pairs": 2}, ONLINE)
     assert (options.break_every, options.repeated_pairs, options.identical_pairs) == (10, 2, 1)
     assert (options.screening.on_failure, options.screening.distance) == ("stop", "blind spot")
+
+
+def test_a_text_that_is_given_leaves_the_presets_others_and_a_consent_replaces_the_presets_in_every_language() -> None:
+    given = {"texts": {"en": {"trial": {"question": "Which?"}}}, "consent": "Ours."}
+    options = read_options(None, given, ONLINE)
+    assert options.consent == "Ours."
+    assert options.debriefing == read_options(None, {}, ONLINE).debriefing
+    assert options.texts["en"] == {"trial.question": "Which?"}
+    assert set(options.texts["de"]) == {"study.debriefing"}
 
 
 def test_an_unknown_preset_is_refused_with_the_names_of_those_there_are() -> None:

@@ -26,10 +26,10 @@ from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
-from app.study.options import LONGEST_TEXT
 from app.study.practice import PracticeFilms
 from app.study.presets import PAPER, PRESETS
 from app.study.study_file import LONGEST_FILE, parse_study_file
+from app.study.wording import LONGEST_TEXT
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -80,8 +80,25 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
         ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
         assert "The practice shows id_fa and pm_fb of ball" in eva.get("/admin/studies/like-the-paper").text
     options = parse_study_file(manage.export_study(own, "like-the-paper")).options
+    preset = read_options(None, {}, PAPER)
+    texts = {"de": {key: text for key, text in preset.texts["de"].items() if key != "study.consent"}}
     lent = (PracticeFilms("ball", "id_fa", "pm_fb"),)
-    assert options == replace(read_options(None, {}, PAPER), consent="Ours.", consent_version="", practice_pairs=lent)
+    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts, practice_pairs=lent)
+
+
+@pytest.mark.slow
+def test_a_study_of_ratings_is_created_by_the_form(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        fields = {"stimulus_set": "tiny", "protocol": "ACR-HR", "scale": "11"}
+        refused = eva.act("/admin/studies/new", name="Rated by form", **fields)
+        assert refused.status_code == 422
+        assert "needs a reference" in refused.text
+        ends(eva, eva.act("/admin/studies/new", name="Rated by form", reference="pm_fb", **fields).url.path)
+        edited = 'name = "Rated by form"\n[options]\nprotocol = "ACR"\n'
+        answer = eva.act("/admin/studies/rated-by-form/edit/file", revision="1", text=edited)
+        assert "protocol is &#39;ACR&#39;, but the films of this study are made for &#39;ACR-HR&#39;" in answer.text
+    options = parse_study_file(manage.export_study(own, "rated-by-form")).options
+    assert (options.protocol, options.scale, options.reference) == ("ACR-HR", 11, "pm_fb")
 
 
 @pytest.mark.parametrize("name", ["../tiny", "/etc", "", "tiny/../../x", "unknown"])

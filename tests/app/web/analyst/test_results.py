@@ -41,11 +41,14 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
     assert summary.items() <= found.items()
 
 
+LATER = "press_to_picture_ms,protocol,rating,reference"
+
+
 def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     votes = rows(analyst, taken, "votes")
     assert len(votes) == 30
     columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason"
-    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before,press_to_picture_ms"
+    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before,{LATER}"
     for vote in votes:
         assert vote["choice"] in ("a", "b", "none")
         assert vote["first_shown"] in (vote["item_a"], vote["item_b"])

@@ -37,7 +37,7 @@ def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
         return n
 
     monkeypatch.setattr(results, "vote_records", noted)
-    monkeypatch.setattr(results, "_analysed", lambda rows, inputs: {"rows": rows, **inputs})
+    monkeypatch.setattr(results, "_analysed", lambda rows, inputs, _options: {"rows": rows, **inputs})
     return count
 
 

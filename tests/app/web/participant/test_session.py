@@ -36,7 +36,9 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "progress",
         "was_away_long",
         "debriefing",
+        "debriefing_html",
         "ending",
+        "language",
     }
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
@@ -131,6 +133,8 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "free_exposure",
         "see_both",
         "minimum_viewing_s",
+        "protocol",
+        "grades",
         "void_on",
         "full_screen",
         "minimum_window",

@@ -1,0 +1,334 @@
+"""Put ratings and pair votes on one scale: both come from the same qualities, linearly related."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.sparse import coo_array, csr_array, hstack
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import t as student
+
+from app.analysis.ratings.table import RatingTable
+from app.analysis.settings import LEVEL
+from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
+from app.analysis.votes_table import NONE, A, B, VotesTable
+
+Array = NDArray[np.float64]
+
+FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
+JOD = np.log(3)  # log-odds
+STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
+CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
+TOLERANCE = 1e-6  # of the gradient, per observation
+MOST_ITERATIONS = 500
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Ratings and votes with common numbers of items and participants.
+
+    Parameters
+    ----------
+    items : the K items, each (dataset, condition)
+    rating : float64 (R,)
+    rated : intp (R,), the item of each rating
+    rater : intp (R,), the participant of each rating
+    difference : sparse (V, K), 1 at the first and -1 at the second item of each vote
+    choice : int8 (V,), as in `VotesTable`
+    count : float64 (V,), votes that each row stands for
+    voter : intp (V,), the participant of each vote
+    n_participants : number of different participants; 0 if they are not all known
+    """
+
+    items: tuple[tuple[str, str], ...]
+    rating: Array
+    rated: NDArray[np.intp]
+    rater: NDArray[np.intp]
+    difference: csr_array
+    choice: NDArray[np.int8]
+    count: Array
+    voter: NDArray[np.intp]
+    n_participants: int
+
+
+def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any]]]:
+    """Estimate the qualities that explain ratings and pair votes together.
+
+    Every item has a quality q in units of the rating scale. A rating is q plus normal noise; the log-odds of preferring
+    an item to another are k times the difference of their qualities, with Davidson's tie parameter if there are ties.
+    Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are clustered by participant (a name in
+    both tables is one person), intervals are of t(J - 1) for J participants.
+
+    Parameters
+    ----------
+    table : RatingTable
+    votes : VotesTable, only rows that are to be used
+
+    Returns
+    -------
+    dict, `alignment_items` (`quality` on the rating scale; `score` in log-odds, with mean 0 in each dataset) and
+    `alignment`, a single row. Without items in common, or without a maximum, there are no items, and the row's `status`
+    says why.
+
+    Source
+    ------
+    Perez-Ortiz, Mikhailiuk, Zerman, Hulusic, Valenzise and Mantiuk (2020), "From Pairwise Comparisons and Rating to a
+    Unified Quality Scale", with the Bradley-Terry-Davidson model in place of Thurstone's.
+    """
+    seen = _observations(table, votes)
+    compared = np.unique(seen.difference.indices)
+    n_shared = len(np.intersect1d(np.unique(seen.rated), compared))
+    row: dict[str, Any] = {
+        "n_items": len(seen.items),
+        "n_shared": n_shared,
+        "n_ratings": len(seen.rating),
+        "n_votes": int(seen.count.sum()),
+        "n_participants": seen.n_participants or None,
+        **dict.fromkeys(("slope", "slope_low", "slope_high", "rating_noise", "log_nu", "loglik")),
+    }
+    if n_shared < FEWEST_SHARED:
+        return {"alignment_items": [], "alignment": [row | {"status": "too few items in common"}]}
+    fit = _fit(seen)
+    if fit is None:
+        return {"alignment_items": [], "alignment": [row | {"status": "no maximum"}]}
+    return {"alignment_items": _item_rows(seen, fit), "alignment": [row | fit.row() | {"status": "ok"}]}
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu."""
+
+    theta: Array
+    covariance: Array
+    n_items: int
+    degrees: float
+    loglik: float
+
+    def interval(self, gradient: Array, value: float) -> tuple[float, float, float]:
+        """Return the error and 95 % interval of a linear function of the parameters."""
+        error = float(np.sqrt(gradient @ self.covariance @ gradient))
+        half = float(student.ppf((1 + LEVEL) / 2, self.degrees)) * error
+        return error, value - half, value + half
+
+    def row(self) -> dict[str, Any]:
+        n = self.n_items
+        slope = float(self.theta[n])
+        _, low, high = self.interval(np.eye(len(self.theta))[n], slope)
+        return {
+            "slope": slope,
+            "slope_low": low,
+            "slope_high": high,
+            "rating_noise": float(np.exp(self.theta[n + 1])),
+            "log_nu": float(self.theta[n + 2]) if len(self.theta) > n + 2 else None,
+            "loglik": self.loglik,
+        }
+
+
+def _observations(table: RatingTable, votes: VotesTable) -> Observations:
+    """Number items and participants of both tables alike; leave out items that no rating is linked to by votes."""
+    names: dict[tuple[str, str], int] = {}
+    rated = _numbers([table.items[index] for index in table.item], names)
+    first, second = (
+        _numbers([(votes.datasets[d], votes.items[i]) for d, i in zip(votes.dataset, item, strict=True)], names)
+        for item in (votes.item_a, votes.item_b)
+    )
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(names), len(names)))
+    part = connected_components(graph, directed=False)[1]
+    is_linked = np.isin(part, part[rated])
+    new = np.cumsum(is_linked) - 1
+    used = is_linked[first]
+    people: dict[str, int] = {}
+    rater = _numbers([table.participants[index] for index in table.person], people)
+    voter = _numbers([votes.participants[index] for index in votes.participant[used]], people)
+    n_votes = int(used.sum())
+    cells = (np.tile(np.arange(n_votes), 2), np.r_[new[first[used]], new[second[used]]])
+    signs = np.repeat([1.0, -1.0], n_votes)
+    return Observations(
+        items=tuple(name for name, index in names.items() if is_linked[index]),
+        rating=table.rating,
+        rated=new[rated],
+        rater=rater,
+        difference=csr_array((signs, cells), shape=(n_votes, int(is_linked.sum()))),
+        choice=votes.choice[used],
+        count=votes.count[used].astype(float),
+        voter=voter,
+        n_participants=len(people) if votes.has_participants else 0,
+    )
+
+
+def _numbers(values: list[Any], known: dict[Any, int]) -> NDArray[np.intp]:
+    """Return each value's number, in order of appearance after those already known."""
+    return np.array([known.setdefault(value, len(known)) for value in values], np.intp)
+
+
+@dataclass(frozen=True)
+class _Likelihood:
+    """The joint log-likelihood of parameters theta: qualities (K,), k, log noise and, with ties, log nu."""
+
+    seen: Observations
+    rating: Array
+    wins: Array
+    losses: Array
+    ties: Array
+
+    @property
+    def has_ties(self) -> bool:
+        return bool(self.ties.any())
+
+    @property
+    def model(self) -> TieModel:
+        """Davidson's model; without ties Bradley and Terry's, which it is then."""
+        return TIE_MODELS["davidson"] if self.has_ties else WITHOUT_TIES
+
+    def _split(self, theta: Array) -> tuple[Array, float, float, Array]:
+        n = len(self.seen.items)
+        log_nu = theta[n + 2 :] if self.has_ties else np.zeros(1)
+        return theta[:n], float(theta[n]), float(theta[n + 1]), log_nu
+
+    def of_votes(self, theta: Array) -> float:
+        quality, slope, _, log_nu = self._split(theta)
+        d = np.asarray(slope * (self.seen.difference @ quality))
+        return float(self.model.loglik(d, log_nu, self.wins, self.losses, self.ties).sum())
+
+    def value(self, theta: Array) -> float:
+        quality, _, log_noise, _ = self._split(theta)
+        residue = (self.rating - quality[self.seen.rated]) / np.exp(log_noise)
+        return float(self.of_votes(theta) - len(residue) * (log_noise + np.log(2 * np.pi) / 2) - residue @ residue / 2)
+
+    def parts(self, theta: Array) -> tuple[csr_array, csr_array]:
+        """Return the gradient of each vote (V, M) and of each rating (R, M)."""
+        quality, slope, log_noise, log_nu = self._split(theta)
+        gap, vote = self._votes(quality, slope, log_nu)
+        columns: list[Any] = [self.seen.difference * (slope * vote.d)[:, None]]
+        columns += [csr_array(column[:, None]) for column in (vote.d * gap, np.zeros_like(gap))]
+        columns += [csr_array(vote.t[:, None])] if self.has_ties else []
+        residue = (self.rating - quality[self.seen.rated]) / np.exp(log_noise)
+        n_ratings, n = len(residue), len(quality)
+        rows = np.arange(n_ratings)
+        ratings = csr_array(
+            (
+                np.r_[residue / np.exp(log_noise), residue**2 - 1],
+                (np.tile(rows, 2), np.r_[self.seen.rated, np.full(n_ratings, n + 1)]),
+            ),
+            shape=(n_ratings, len(theta)),
+        )
+        return csr_array(hstack(columns)), ratings
+
+    def _votes(self, quality: Array, slope: float, log_nu: Array) -> tuple[Array, Derivatives]:
+        gap = np.asarray(self.seen.difference @ quality)
+        d, t = slope * gap, np.broadcast_to(log_nu, gap.shape)
+        return gap, self.model.derivatives(d, t, self.wins, self.losses, self.ties)
+
+    def loss(self, theta: Array) -> float:
+        return -self.value(theta)
+
+    def loss_gradient(self, theta: Array) -> Array:
+        votes, ratings = self.parts(theta)
+        return -np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
+
+    def information(self, theta: Array) -> Array:
+        """Return the negative Hessian, float64 (M, M)."""
+        quality, slope, log_noise, log_nu = self._split(theta)
+        n, precision = len(quality), np.exp(-2 * log_noise)
+        gap, vote = self._votes(quality, slope, log_nu)
+        across = self.seen.difference
+        result = np.zeros((len(theta), len(theta)))
+        result[:n, :n] = slope**2 * (across.T @ (across * vote.dd[:, None])).toarray()
+        result[:n, n] = across.T @ (slope * vote.dd * gap - vote.d)
+        result[n, n] = vote.dd @ gap**2
+        residue = self.rating - quality[self.seen.rated]
+        result[np.arange(n), np.arange(n)] += precision * np.bincount(self.seen.rated, minlength=n)
+        result[:n, n + 1] = 2 * precision * np.bincount(self.seen.rated, residue, minlength=n)
+        result[n + 1, n + 1] = 2 * precision * (residue @ residue)
+        if self.has_ties:
+            result[:n, n + 2] = slope * (across.T @ vote.dt)
+            result[n, n + 2] = vote.dt @ gap
+            result[n + 2, n + 2] = vote.tt.sum()
+        upper = np.triu(result, 1)
+        return np.asarray(np.diag(np.diagonal(result)) + upper + upper.T)
+
+
+def _fit(seen: Observations) -> _Fit | None:
+    """Return the maximum of the joint likelihood; None if there is none."""
+    centre, unit = float(seen.rating.mean()), float(seen.rating.std()) or 1.0
+    counts = [seen.count * (seen.choice == choice) for choice in (A, B, NONE)]
+    likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
+    start = _start(seen, likelihood)
+    n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
+    best = minimize(
+        likelihood.loss,
+        start,
+        jac=likelihood.loss_gradient,
+        hess=likelihood.information,
+        method="trust-exact",
+        options={"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS},
+    )
+    theta = np.asarray(best.x)
+    information = likelihood.information(theta)
+    if np.abs(best.jac).max() > TOLERANCE * n_observations or abs(theta[n]) > STEEPEST:
+        return None
+    if likelihood.of_votes(theta) > CERTAIN:
+        return None
+    try:
+        inverse = cho_solve(cho_factor(information), np.eye(len(theta)))
+    except LinAlgError:
+        return None
+    covariance, degrees = inverse, np.inf
+    if seen.n_participants > 1:
+        covariance, degrees = _clustered(seen, likelihood, theta, inverse), seen.n_participants - 1
+    scale = np.ones(len(theta))
+    scale[:n], scale[n] = unit, 1 / unit
+    theta = theta * scale
+    theta[:n] += centre
+    theta[n + 1] += np.log(unit)
+    loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
+    return _Fit(theta, covariance * np.outer(scale, scale), n, degrees, loglik)
+
+
+def _start(seen: Observations, likelihood: _Likelihood) -> Array:
+    """Return the mean ratings, 1 log-odds per standard deviation, and the ratings' noise."""
+    n = len(seen.items)
+    times = np.bincount(seen.rated, minlength=n)
+    quality = np.bincount(seen.rated, likelihood.rating, minlength=n) / np.maximum(times, 1)
+    noise = max(float(np.std(likelihood.rating - quality[seen.rated])), 0.1)
+    return np.concatenate([quality, [1.0, np.log(noise)], [0.0] if likelihood.has_ties else []])
+
+
+def _clustered(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> Array:
+    """Return the sandwich covariance H^-1 (sum over participants of g g') H^-1 J / (J - 1)."""
+    votes, ratings = likelihood.parts(theta)
+    n = seen.n_participants
+    by_person = np.zeros((n, len(theta)))
+    for who, part in ((seen.voter, votes), (seen.rater, ratings)):
+        belongs = csr_array((np.ones(len(who)), (who, np.arange(len(who)))), shape=(n, len(who)))
+        by_person += (belongs @ part).toarray()
+    spread = by_person @ inverse
+    return np.asarray(spread.T @ spread * n / (n - 1))
+
+
+def _item_rows(seen: Observations, fit: _Fit) -> list[dict[str, Any]]:
+    n, slope = fit.n_items, float(fit.theta[fit.n_items])
+    quality = fit.theta[:n]
+    dataset = np.array([name for name, _ in seen.items], object)
+    n_ratings = np.bincount(seen.rated, minlength=n)
+    n_votes = abs(seen.difference).T @ seen.count
+    rows = []
+    for index, (name, condition) in enumerate(seen.items):
+        direction = np.zeros(len(fit.theta))
+        direction[index] = 1
+        quality_se, low, high = fit.interval(direction, float(quality[index]))
+        there = dataset == name
+        gap = float(quality[index] - quality[there].mean())
+        by_score = slope * (direction - np.r_[there / there.sum(), np.zeros(len(direction) - n)])
+        by_score[n] = gap
+        score_se, score_low, score_high = fit.interval(by_score, slope * gap)
+        row = {"dataset": name, "condition": condition, "n_ratings": int(n_ratings[index])}
+        row |= {"n_votes": int(n_votes[index]), "quality": float(quality[index]), "quality_se": quality_se}
+        row |= {"quality_low": low, "quality_high": high, "score": slope * gap, "score_se": score_se}
+        rows.append(row | {"score_low": score_low, "score_high": score_high, "jod": slope * gap / float(JOD)})
+    return rows

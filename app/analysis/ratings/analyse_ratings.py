@@ -1,0 +1,163 @@
+"""Run the whole analysis of ratings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
+from app.analysis.ratings.outliers import (
+    LOWEST_CORRELATION,
+    correlations_with_means,
+    screen_observers,
+)
+from app.analysis.ratings.subject_model import COMMON, FEWEST_RATINGS, SubjectModel, fit_subject_model
+from app.analysis.ratings.table import RatingTable
+from app.analysis.settings import LEVEL
+
+Z = float(norm.ppf((1 + LEVEL) / 2))
+WHY_NO_MODEL = {
+    "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
+    "by items that they share",
+    "not converged": "the estimate did not settle",
+}
+
+
+def analyse_ratings(table: RatingTable) -> dict[str, list[dict[str, Any]]]:
+    """Analyse ratings: mean opinion scores of items and conditions, participants, and what to be warned of.
+
+    Parameters
+    ----------
+    table : RatingTable
+
+    Returns
+    -------
+    dict, the rows of each table by its name: `rating_items`, `rating_conditions`, `raters`, `rating_model` (a single
+    row) and `rating_warnings`; only lists, dictionaries, text, numbers and None
+    """
+    model = fit_subject_model(table)
+    raters = list(_rater_rows(table, model))
+    return {
+        "rating_items": list(_items_with_quality(table, model)),
+        "rating_conditions": list(_conditions_with_quality(table, model)),
+        "raters": raters,
+        "rating_model": [_model_row(table, model)],
+        "rating_warnings": [{"warning": text} for text in _warnings(table, model, raters)],
+    }
+
+
+def _items_with_quality(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, Any]]:
+    for column, row in enumerate(item_rows(table)):
+        yield row | _quality(model, [column])
+
+
+def _conditions_with_quality(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, Any]]:
+    for row, columns in zip(condition_rows(table), columns_by_condition(table).values(), strict=True):
+        yield row | _quality(model, columns)
+
+
+def _quality(model: SubjectModel, columns: list[int]) -> dict[str, Any]:
+    """Return the mean quality of some items with its error; None where the model has no estimate."""
+    value = float(model.quality[columns].mean())
+    if np.isnan(value):
+        return dict.fromkeys(("quality", "quality_se", "quality_low", "quality_high"))
+    error = float(np.sqrt(model.quality_covariance[np.ix_(columns, columns)].mean()))
+    return {
+        "quality": value,
+        "quality_se": error,
+        "quality_low": value - Z * error,
+        "quality_high": value + Z * error,
+    }
+
+
+def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, Any]]:
+    screening = screen_observers(table)
+    share, imbalance, is_outlier = screening.share, screening.imbalance, screening.is_outlier
+    totals = np.bincount(table.person, table.rating, minlength=len(table.participants))
+    for index, correlation in enumerate(correlations_with_means(table)):
+        n = int(screening.n_ratings[index])
+        row: dict[str, Any] = {
+            "participant": table.participants[index],
+            "n_ratings": n,
+            "mean": float(totals[index]) / n if n else None,
+            **_rater_model(model, index),
+            "correlation": correlation,
+            "bt500_above": int(screening.above[index]),
+            "bt500_below": int(screening.below[index]),
+            "bt500_share": _or_none(share[index]),
+            "bt500_imbalance": _or_none(imbalance[index]),
+            "is_bt500_outlier": bool(is_outlier[index]),
+            "is_correlation_low": correlation is not None and correlation < LOWEST_CORRELATION,
+        }
+        yield row | {"flags": list(_flags(row))}
+
+
+def _rater_model(model: SubjectModel, index: int) -> dict[str, Any]:
+    bias, spread = float(model.bias[index]), float(model.inconsistency[index])
+    if np.isnan(bias):
+        names = ("bias", "bias_low", "bias_high", "inconsistency", "inconsistency_low", "inconsistency_high")
+        return dict.fromkeys(names)
+    half, factor = Z * float(model.bias_se[index]), float(np.exp(Z * model.log_inconsistency_se[index]))
+    low, high = _or_none(spread / factor), _or_none(spread * factor)
+    return {
+        "bias": bias,
+        "bias_low": bias - half,
+        "bias_high": bias + half,
+        "inconsistency": spread,
+        "inconsistency_low": low,
+        "inconsistency_high": high,
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _flags(row: dict[str, Any]) -> Iterator[str]:
+    """Say in words what is unusual about a participant's ratings."""
+    if row["is_bt500_outlier"]:
+        yield f"BT.500: {row['bt500_above']} far above, {row['bt500_below']} far below"
+    if row["is_correlation_low"]:
+        yield f"correlation {row['correlation']:.2f}"
+
+
+def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:
+    return {
+        "protocol": table.protocol,
+        "low": table.low,
+        "high": table.high,
+        "n_ratings": len(table),
+        "n_participants": len(np.unique(table.person)),
+        "n_items": len(np.unique(table.item)),
+        "status": model.status,
+        "loglik": _or_none(model.loglik),
+        "iterations": model.iterations,
+    }
+
+
+def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, Any]]) -> Iterator[str]:
+    if model.status == COMMON:
+        yield (
+            "ratings: the likelihood of the subject model has no maximum, because the qualities can follow one "
+            "participant without any residue (few ratings, or one participant far more consistent than the others); "
+            "qualities and biases take all participants as equally consistent"
+        )
+    elif model.status != "ok":
+        yield f"ratings: there are no qualities, biases and inconsistencies: {WHY_NO_MODEL[model.status]}"
+    few = [row["participant"] for row in raters if 0 < row["n_ratings"] < FEWEST_RATINGS]
+    if few:
+        yield f"ratings: {', '.join(few)} gave fewer than {FEWEST_RATINGS} ratings and are left out of the model"
+    flagged = [row["participant"] for row in raters if row["flags"]]
+    if flagged:
+        yield f"ratings: look at {', '.join(flagged)}, whose ratings are unusual; nobody was left out for it"
+    if table.protocol == "acr-hr":
+        there = {table.items[index][0] for index in np.flatnonzero(table.is_reference)}
+        without = [name for name in dict.fromkeys(dataset for dataset, _ in table.items) if name not in there]
+        if without:
+            yield f"ratings: {', '.join(without)} has no reference, so there are no differential scores"
+    several = np.bincount(table.person * len(table.items) + table.item).max(initial=0)
+    if several > 1:
+        yield "ratings: some participants rated an item several times; their mean counts as one opinion in the MOS"

@@ -1,0 +1,214 @@
+"""Analyse comparison category ratings (CCR): the mean of every pair, and a score for every item."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import t as student
+
+from app.analysis.comparison import ALL
+from app.analysis.ratings.opinion_scores import mean_with_interval
+from app.analysis.ratings.table import ComparisonTable
+from app.analysis.settings import LEVEL
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+RANK_TOLERANCE = 1e-10  # relative eigenvalues below it are rounding errors of 0
+
+
+def analyse_comparisons(table: ComparisonTable) -> dict[str, list[dict[str, Any]]]:
+    """Analyse comparison category ratings: means of pairs, scores of items, and the effect of the order.
+
+    Parameters
+    ----------
+    table : ComparisonTable
+
+    Returns
+    -------
+    dict, the rows of each table by its name: `comparison_pairs`, `comparison_items` (of each dataset and, with several,
+    of `all`), `comparison_models` and `rating_warnings`; only lists, dictionaries, text, numbers and None
+
+    Source
+    ------
+    ITU-T P.910 and BT.500, comparison category rating (double-stimulus comparison scale); the scale is the linear model
+    of Scheffe (1952), "An Analysis of Variance for Paired Comparisons", with a common effect of the order.
+    """
+    names = list(dict.fromkeys(dataset for dataset, _ in table.items))
+    dataset = np.array([names.index(name) for name, _ in table.items])[table.item_a]
+    conditions = list(dict.fromkeys(condition for _, condition in table.items))
+    condition = np.array([conditions.index(name) for _, name in table.items], np.intp)
+    pairs: list[dict[str, Any]] = []
+    scores: list[dict[str, Any]] = []
+    models: list[dict[str, Any]] = []
+    for number, name in enumerate(names):
+        rows = np.flatnonzero(dataset == number)
+        if len(rows):
+            part = _Part.of(table, rows, condition)
+            fit = _fit(part)
+            pairs += _pair_rows(name, conditions, part, fit)
+            scores += _score_rows(name, conditions, part, fit)
+            models.append(_model_row(name, part, fit))
+    if len(models) > 1:
+        part = _Part.of(table, np.arange(len(table)), condition)
+        fit = _fit(part)
+        scores += _score_rows(ALL, conditions, part, fit)
+        models.append(_model_row(ALL, part, fit))
+    warnings = [{"warning": text} for row in models for text in _warnings(row)]
+    return {
+        "comparison_pairs": pairs,
+        "comparison_items": scores,
+        "comparison_models": models,
+        "rating_warnings": warnings,
+    }
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Comparisons between conditions, numbered without gaps.
+
+    Parameters
+    ----------
+    conditions : intp (K,), index of each condition's name
+    a, b : intp (N,), the conditions compared
+    person : intp (N,)
+    rating : float64 (N,), above 0 where b is better
+    order : float64 (N,), 1 where b was shown second, -1 where it was shown first
+    """
+
+    conditions: Indices
+    a: Indices
+    b: Indices
+    person: Indices
+    rating: Array
+    order: Array
+
+    @classmethod
+    def of(cls, table: ComparisonTable, rows: Indices, condition: Indices) -> _Part:
+        """Take some rows of a table whose items have these conditions, (I,)."""
+        ends = condition[np.stack([table.item_a[rows], table.item_b[rows]])]
+        conditions, number = np.unique(ends, return_inverse=True)
+        _, person = np.unique(table.person[rows], return_inverse=True)
+        a, b = number.reshape(2, -1)
+        return cls(conditions, a, b, person, table.rating[rows], np.where(table.a_first[rows], 1.0, -1.0))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Least squares estimates: scores (K,) with mean 0 in each connected group, their covariance, the order effect."""
+
+    score: Array
+    covariance: Array | None
+    order_effect: float | None
+    order_se: float | None
+    n_participants: int
+    n_groups: int
+
+
+def _fit(part: _Part) -> _Fit:
+    """Fit rating = score of b - score of a + order effect, with errors clustered by participant.
+
+    The order effect is what being shown second adds; it is left out where the orders cannot tell it from the scores.
+    """
+    n, n_items = len(part.rating), len(part.conditions)
+    rows = np.arange(n)
+    design = np.zeros((n, n_items + 1))
+    design[rows, part.a] -= 1
+    design[rows, part.b] += 1
+    design[:, n_items] = part.order
+    squares = design.T @ design
+    graph = coo_array((np.ones(n), (part.a, part.b)), shape=(n_items, n_items))
+    n_groups = int(connected_components(graph, directed=False)[1].max()) + 1
+    has_order = int(np.linalg.matrix_rank(squares, tol=RANK_TOLERANCE * np.trace(squares))) == n_items - n_groups + 1
+    if not has_order:
+        design[:, n_items] = 0
+        squares = design.T @ design
+    inverse = np.linalg.pinv(squares, rcond=RANK_TOLERANCE, hermitian=True)
+    estimate = inverse @ (design.T @ part.rating)
+    residue = part.rating - design @ estimate
+    n_participants = int(part.person.max()) + 1
+    covariance = None
+    if n_participants > 1:
+        by_person = np.zeros((n_participants, n_items + 1))
+        np.add.at(by_person, part.person, design * residue[:, None])
+        spread = by_person @ inverse
+        covariance = spread.T @ spread * n_participants / (n_participants - 1)
+    return _Fit(
+        score=estimate[:n_items],
+        covariance=None if covariance is None else covariance[:n_items, :n_items],
+        order_effect=float(estimate[n_items]) if has_order else None,
+        order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
+        n_participants=n_participants,
+        n_groups=n_groups,
+    )
+
+
+def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
+    """Yield each pair's mean, the order effect taken off; the first of the two names is the first to appear."""
+    low, high = np.minimum(part.a, part.b), np.maximum(part.a, part.b)
+    sign = np.where(part.a == low, 1.0, -1.0)
+    corrected = sign * (part.rating - (fit.order_effect or 0.0) * part.order)
+    for key in np.unique(low * len(part.conditions) + high):
+        first, second = divmod(int(key), len(part.conditions))
+        rows = (low == first) & (high == second)
+        times = np.bincount(part.person[rows])
+        totals = np.bincount(part.person[rows], corrected[rows])
+        scores = mean_with_interval(totals[times > 0] / times[times > 0])
+        yield {
+            "dataset": dataset,
+            "item_a": conditions[part.conditions[first]],
+            "item_b": conditions[part.conditions[second]],
+            "n_ratings": int(rows.sum()),
+            "n_a_first": int((part.order[rows] == sign[rows]).sum()),
+            "n": scores["n"],
+            "cmos": scores["mean"],
+            "sd": scores["sd"],
+            "ci_low": scores["ci_low"],
+            "ci_high": scores["ci_high"],
+        }
+
+
+def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
+    """Yield each item's score; none if pairs do not link all items."""
+    if fit.n_groups > 1:
+        return
+    n_ratings = np.bincount(np.r_[part.a, part.b])
+    factor = float(student.ppf((1 + LEVEL) / 2, max(fit.n_participants - 1, 1)))
+    for number, name in enumerate(part.conditions):
+        score = float(fit.score[number])
+        row = {"dataset": dataset, "condition": conditions[name], "n_ratings": int(n_ratings[number]), "score": score}
+        row |= dict.fromkeys(("se", "ci_low", "ci_high"))
+        if fit.covariance is not None:
+            error = float(np.sqrt(fit.covariance[number, number]))
+            row |= {"se": error, "ci_low": score - factor * error, "ci_high": score + factor * error}
+        yield row
+
+
+def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
+    return {
+        "dataset": dataset,
+        "n_ratings": len(part.rating),
+        "n_participants": fit.n_participants,
+        "order_effect": fit.order_effect,
+        "order_se": fit.order_se,
+        "n_second_better": int((part.rating * part.order > 0).sum()),
+        "n_first_better": int((part.rating * part.order < 0).sum()),
+        "status": "ok" if fit.n_groups == 1 else "disconnected",
+    }
+
+
+def _warnings(row: dict[str, Any]) -> Iterator[str]:
+    where = f"comparisons, dataset {row['dataset']}"
+    if row["status"] != "ok":
+        yield f"{where}: no pair links some conditions to the others, so there are no scores"
+    if row["order_effect"] is None:
+        yield (
+            f"{where}: the orders cannot tell an order effect from the scores, so none is taken off; show each pair in "
+            "both orders"
+        )

@@ -1,0 +1,139 @@
+"""Average ratings: mean opinion scores of items and conditions, and differential scores to the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from app.analysis.ratings.table import RatingTable
+from app.analysis.settings import LEVEL
+
+Array = NDArray[np.float64]
+
+
+def person_means(table: RatingTable) -> Array:
+    """Return each participant's mean rating of each item, so that repeated ratings count as one opinion.
+
+    Parameters
+    ----------
+    table : RatingTable of N ratings
+
+    Returns
+    -------
+    float64 (P, I), NaN where a participant did not rate an item
+    """
+    shape = (len(table.participants), len(table.items))
+    cell = np.ravel_multi_index((table.person, table.item), shape)
+    times = np.bincount(cell, minlength=shape[0] * shape[1])
+    totals = np.bincount(cell, table.rating, minlength=len(times))
+    return np.where(times > 0, totals / np.maximum(times, 1), np.nan).reshape(shape)
+
+
+def differential_scores(table: RatingTable) -> Array:
+    """Return each participant's rating of each item relative to the same participant's rating of the reference.
+
+    With a hidden reference: rating - rating of the dataset's reference + high end of the scale, which on the scale from
+    1 to 5 is the + 5 of the Recommendation. Values above the high end (better than the reference) stay as they are.
+    With degradation category rating, the rating itself.
+
+    Returns
+    -------
+    float64 (P, I), NaN where a participant did not rate the item or its reference, and for the references themselves
+
+    Source
+    ------
+    ITU-T P.910, ACR with hidden reference: DV(PVS) = V(PVS) - V(REF) + 5.
+    """
+    means = person_means(table)
+    if table.protocol == "dcr":
+        return means
+    reference = {table.items[column][0]: means[:, column] for column in np.flatnonzero(table.is_reference)}
+    missing = np.full(len(table.participants), np.nan)
+    columns = [
+        missing if is_reference else means[:, column] - reference.get(dataset, missing) + table.high
+        for column, ((dataset, _), is_reference) in enumerate(zip(table.items, table.is_reference, strict=True))
+    ]
+    return np.stack(columns, axis=1)
+
+
+def mean_with_interval(values: Array) -> dict[str, Any]:
+    """Return the mean of items with its 95 % interval over participants; each item counts alike.
+
+    For a single item, and wherever everybody rated every item, it is mean +- t(n - 1) sd / sqrt(n) of the participants'
+    means. Where ratings are missing, the mean of the items' means has the variance n / (n - 1) sum(u^2), where u is a
+    participant's part in it: the average over items of (value - item's mean) / (number of values of the item).
+
+    Parameters
+    ----------
+    values : float64 (P,) for an item or (P, M) for M items, NaN where missing
+
+    Returns
+    -------
+    dict, `n` (participants), `mean`, `sd` (of the participants' means; denominator n - 1), `ci_low`, `ci_high`;
+    None where too few values define it
+    """
+    values = values[:, None] if values.ndim == 1 else values
+    values = values[:, ~np.isnan(values).all(axis=0)]
+    values = values[~np.isnan(values).all(axis=1)]
+    n = len(values)
+    if n == 0:
+        return {"n": 0, "mean": None, "sd": None, "ci_low": None, "ci_high": None}
+    item_means = np.nanmean(values, axis=0)
+    row: dict[str, Any] = {"n": n, "mean": float(item_means.mean()), "sd": None, "ci_low": None, "ci_high": None}
+    if n == 1:
+        return row
+    parts = np.nanmean(values, axis=1)
+    influence = np.nan_to_num((values - item_means) / (~np.isnan(values)).sum(axis=0)).mean(axis=1)
+    error = float(np.sqrt(n / (n - 1) * (influence @ influence)))
+    half = float(student.ppf((1 + LEVEL) / 2, n - 1)) * error
+    return row | {"sd": float(parts.std(ddof=1)), "ci_low": row["mean"] - half, "ci_high": row["mean"] + half}
+
+
+def item_rows(table: RatingTable) -> Iterator[dict[str, Any]]:
+    """Yield each item's mean opinion score, and its differential score where there is a reference."""
+    means, differences = person_means(table), differential_scores(table)
+    times = np.bincount(table.item, minlength=len(table.items))
+    for column, (dataset, condition) in enumerate(table.items):
+        place = {"dataset": dataset, "condition": condition, "is_reference": bool(table.is_reference[column])}
+        yield place | {"n_ratings": int(times[column])} | _scores(means[:, column], differences[:, column])
+
+
+def condition_rows(table: RatingTable) -> Iterator[dict[str, Any]]:
+    """Yield each condition's mean opinion score over all datasets, each of which counts alike."""
+    means, differences = person_means(table), differential_scores(table)
+    for condition, columns in columns_by_condition(table).items():
+        place = {
+            "condition": condition,
+            "n_datasets": len(columns),
+            "n_ratings": int(np.isin(table.item, columns).sum()),
+        }
+        yield place | _scores(means[:, columns], differences[:, columns])
+
+
+def columns_by_condition(table: RatingTable) -> dict[str, list[int]]:
+    """Return the indices of each condition's items that somebody rated."""
+    rated = set(table.item.tolist())
+    columns: dict[str, list[int]] = {}
+    for column, (_, condition) in enumerate(table.items):
+        if column in rated:
+            columns.setdefault(condition, []).append(column)
+    return columns
+
+
+def _scores(values: Array, differences: Array) -> dict[str, Any]:
+    opinion, differential = mean_with_interval(values), mean_with_interval(differences)
+    return {
+        "n": opinion["n"],
+        "mos": opinion["mean"],
+        "sd": opinion["sd"],
+        "ci_low": opinion["ci_low"],
+        "ci_high": opinion["ci_high"],
+        "dmos": differential["mean"],
+        "dmos_sd": differential["sd"],
+        "dmos_low": differential["ci_low"],
+        "dmos_high": differential["ci_high"],
+    }

@@ -1,0 +1,189 @@
+"""Read tables of ratings that were made elsewhere, row by row checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
+from app.analysis.tabular import numbers, read_frame, refuse
+from app.analysis.votes_table import VotesError
+
+Columns = Mapping[str, NDArray[np.object_]]
+
+SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
+COMPARISON_SCALE = (-3.0, 3.0)  # of ITU-T P.910, seven-level
+REQUIRED = ("participant", "dataset", "condition", "rating")
+COMPARED = ("participant", "dataset", "item_a", "item_b", "rating")
+FLAGS = {"": False, "0": False, "false": False, "no": False, "1": True, "true": True, "yes": True}
+
+
+def holds_ratings(path: Path) -> bool:
+    """Does a table have ratings in a column `rating`? A study's table of choices has that column, too, and it is empty.
+
+    Raises
+    ------
+    VotesError
+        If the file cannot be read.
+    """
+    frame = read_frame(path)
+    return "rating" in frame.columns and bool(_text(frame["rating"].to_list()).any())
+
+
+def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
+    """Read ratings from CSV, Parquet or JSON, a row for each.
+
+    With the columns `participant, dataset, condition, rating` they are of single stimuli; `protocol` (`acr` by default)
+    and `reference` (is the item its dataset's reference?) are optional. With `participant, dataset, item_a, item_b,
+    rating` they compare two; `first_shown` is the name of the item shown first, `item_a` by default. A study's table of
+    votes is read as it was exported: practice, exclusions and checks are left out, and what ACR, ACR-HR and DCR rate is
+    `item_b`.
+
+    Parameters
+    ----------
+    path : a file whose name ends in .csv, .parquet or .json
+    scale : its ends; from 1 to 5 by default, for comparisons from -3 to 3
+
+    Raises
+    ------
+    VotesError
+        Naming the file, the row and the value.
+    """
+    frame = read_frame(path)
+    columns = {str(name): _text(frame[name].to_list()) for name in frame.columns}
+    try:
+        counted = _exported(columns)
+        return _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
+    except VotesError as error:
+        raise VotesError(f"{path}: {error}") from error
+    except ValueError as error:  # of the table itself
+        raise VotesError(f"{path}: {error}") from error
+
+
+def _exported(columns: Columns) -> Columns:
+    """Return the counted rows of a study's table of votes under the names of a table of ratings; others unchanged."""
+    if not {"protocol", "role", "item_b"} <= set(columns):
+        return columns
+    is_left_out = _flags(columns, "practice") | _flags(columns, "excluded") | ~np.isin(columns["role"], ("", "main"))
+    kept = {name: values[~is_left_out] for name, values in columns.items()}
+    kept["protocol"] = np.array([str(value).lower() for value in kept["protocol"]], object)
+    if (kept["protocol"] == "ccr").all():
+        return kept
+    return {name: values for name, values in kept.items() if name != "item_a"} | {"condition": kept["item_b"]}
+
+
+def _text(values: list[Any]) -> NDArray[np.object_]:
+    """Return cells as text, empty where missing; whole numbers without decimals."""
+
+    def text(value: Any) -> str:
+        if value is None or (isinstance(value, float) and np.isnan(value)):
+            return ""
+        return f"{value:g}" if isinstance(value, float) and value.is_integer() else str(value).strip()
+
+    return np.array([text(value) for value in values], object)
+
+
+def _ratings(columns: Columns, scale: tuple[float, float] | None) -> RatingTable:
+    _check(columns, REQUIRED)
+    low, high = scale or SCALE
+    rating = _scaled(columns, low, high)
+    protocol = _protocol(columns)
+    flags = _flags(columns, "reference")
+    participants, person = _names(columns["participant"])
+    items, item = _names(list(zip(columns["dataset"], columns["condition"], strict=True)))
+    is_reference = np.zeros(len(items), bool)
+    is_reference[item[flags]] = True
+    refuse(
+        is_reference[item] & ~flags,
+        lambda row: f"{items[item[row]][1]} of {items[item[row]][0]} is not the reference here, but in another row",
+    )
+    if protocol == "acr-hr" and not is_reference.any():
+        raise VotesError("has the protocol acr-hr, but no row whose column reference is true")
+    return RatingTable(participants, items, person, item, rating, is_reference, protocol, low, high)
+
+
+def _comparisons(columns: Columns, scale: tuple[float, float] | None) -> ComparisonTable:
+    _check(columns, COMPARED)
+    low, high = scale or COMPARISON_SCALE
+    if low != -high:
+        raise VotesError(f"the scale of a comparison goes from {low:g} to {high:g}, expected the same on both sides")
+    protocol = columns.get("protocol", np.array([], object))
+    refuse((protocol != "") & (protocol != "ccr"), lambda row: f"protocol is {protocol[row]!r}, expected ccr")
+    rating = _scaled(columns, low, high)
+    a, b = columns["item_a"], columns["item_b"]
+    first = columns.get("first_shown", np.full(len(a), "", object))
+    refuse(
+        (first != "") & (first != a) & (first != b),
+        lambda row: f"first_shown is {first[row]!r}, expected {a[row]!r} or {b[row]!r} or nothing",
+    )
+    refuse(a == b, lambda row: f"the item {a[row]!r} is compared with itself")
+    participants, person = _names(columns["participant"])
+    dataset = columns["dataset"]
+    items, both = _names([*zip(dataset, a, strict=True), *zip(dataset, b, strict=True)])
+    item_a, item_b = both.reshape(2, -1)
+    return ComparisonTable(participants, items, person, item_a, item_b, rating, first != b, high)
+
+
+def _check(columns: Columns, required: tuple[str, ...]) -> None:
+    """Raise for a missing column, an empty table or an empty cell."""
+    missing = [name for name in required if name not in columns]
+    if missing:
+        raise VotesError(
+            f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; "
+            f"found {', '.join(columns)}"
+        )
+    if not len(columns["rating"]):
+        raise VotesError("has no row, expected at least one rating")
+    for name in required:
+        values = columns[name]
+        if name != "dataset" or values.any():  # a table may have no datasets at all
+            refuse(values == "", _says(f"{name} is empty"))
+
+
+def _says(text: str) -> Callable[[int], str]:
+    return lambda _: text
+
+
+def _scaled(columns: Columns, low: float, high: float) -> NDArray[np.float64]:
+    """Return the ratings as numbers between the ends of the scale."""
+    values = columns["rating"]
+    rating = numbers(values, "rating", may_be_negative=True)
+    refuse(
+        (rating < low) | (rating > high),
+        lambda row: f"rating is {values[row]}, expected {low:g} to {high:g} (--scale names another scale)",
+    )
+    return rating
+
+
+def _protocol(columns: Columns) -> str:
+    values = columns.get("protocol", np.array([""], object))
+    values = np.where(values == "", "acr", values)
+    refuse(
+        ~np.isin(values.astype(str), list(PROTOCOLS)),
+        lambda row: f"protocol is {values[row]!r}, expected {', '.join(PROTOCOLS)} (or ccr, with item_a and item_b)",
+    )
+    refuse(
+        values != values[0],
+        lambda row: f"protocol is {values[row]}, in the rows above {values[0]}: analyse them in separate files",
+    )
+    return str(values[0])
+
+
+def _flags(columns: Columns, name: str) -> NDArray[np.bool_]:
+    values = columns.get(name, np.full(len(columns["rating"]), "", object))
+    refuse(
+        ~np.isin(np.array([str(value).lower() for value in values]), list(FLAGS)),
+        lambda row: f"{name} is {values[row]!r}, expected true or false",
+    )
+    return np.array([FLAGS[str(value).lower()] for value in values])
+
+
+def _names(values: Any) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
+    """Return the different values in order of appearance, and each value's index (N,)."""
+    known: dict[Any, int] = {}
+    index = np.array([known.setdefault(value, len(known)) for value in values], np.intp)
+    return tuple(known), index

@@ -1,0 +1,138 @@
+"""Hold ratings as columns that point into lists of names: the input of the analysis of ratings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+PROTOCOLS = {
+    "acr": "absolute category rating (ITU-T P.910)",
+    "acr-hr": "absolute category rating with hidden reference (ITU-T P.910)",
+    "dcr": "degradation category rating (ITU-T P.910; double-stimulus impairment scale of ITU-R BT.500)",
+}
+
+
+@dataclass(frozen=True)
+class RatingTable:
+    """Ratings of single stimuli; the analysis takes them as they are, so leave practice and exclusions out.
+
+    Parameters
+    ----------
+    participants : the P participants' names
+    items : the I items, each (dataset, condition)
+    person : intp (N,), index of the participant of each rating
+    item : intp (N,), index of the item of each rating
+    rating : float64 (N,), between `low` and `high`; more is better
+    is_reference : bool (I,), the item is a dataset's (hidden) reference; at most one for each dataset
+    protocol : one of `PROTOCOLS`
+    low, high : ends of the scale, such as 1 and 5
+    """
+
+    participants: tuple[str, ...]
+    items: tuple[tuple[str, str], ...]
+    person: NDArray[np.intp]
+    item: NDArray[np.intp]
+    rating: NDArray[np.float64]
+    is_reference: NDArray[np.bool_]
+    protocol: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if self.protocol not in PROTOCOLS:
+            raise ValueError(f"the protocol is {self.protocol!r}, expected one of {', '.join(PROTOCOLS)}")
+        if not self.low < self.high:
+            raise ValueError(f"the scale goes from {self.low:g} to {self.high:g}, expected its low end first")
+        lengths = {name: len(getattr(self, name)) for name in ("person", "item", "rating")}
+        if len(set(lengths.values())) > 1 or len(self.is_reference) != len(self.items):
+            raise ValueError(
+                f"columns have lengths {lengths}, references {len(self.is_reference)} for {len(self.items)} items; "
+                "expected equal lengths"
+            )
+        is_bad = ~((self.rating >= self.low) & (self.rating <= self.high))  # NaN too
+        if is_bad.any():
+            row = int(np.flatnonzero(is_bad)[0])
+            dataset, condition = self.items[self.item[row]]
+            raise ValueError(
+                f"{self.participants[self.person[row]]} rated {condition} of {dataset} with {self.rating[row]:g}, "
+                f"expected {self.low:g} to {self.high:g}"
+            )
+        referenced = [dataset for (dataset, _), is_it in zip(self.items, self.is_reference, strict=True) if is_it]
+        if len(set(referenced)) < len(referenced):
+            raise ValueError(
+                f"the dataset {max(referenced, key=referenced.count)!r} has several references, expected 1"
+            )
+
+    def __len__(self) -> int:
+        return len(self.rating)
+
+    def without(self, names: Collection[str]) -> RatingTable:
+        """Return the ratings of the other participants."""
+        kept = [index for index, name in enumerate(self.participants) if name not in names]
+        rows = np.isin(self.person, kept)
+        return replace(
+            self,
+            participants=tuple(self.participants[index] for index in kept),
+            person=np.searchsorted(kept, self.person[rows]),
+            item=self.item[rows],
+            rating=self.rating[rows],
+        )
+
+
+@dataclass(frozen=True)
+class ComparisonTable:
+    """Comparison category ratings (CCR): how much better the second stimulus of a pair is than the first.
+
+    Parameters
+    ----------
+    participants, items : as in `RatingTable`
+    person : intp (N,), index of the participant
+    item_a, item_b : intp (N,), the two items, of one dataset
+    rating : float64 (N,), between -`high` and `high`; above 0 where `item_b` is better than `item_a`
+    a_first : bool (N,), was `item_a` shown first?
+    high : end of the scale, 3 on the 7-point scale
+    """
+
+    participants: tuple[str, ...]
+    items: tuple[tuple[str, str], ...]
+    person: NDArray[np.intp]
+    item_a: NDArray[np.intp]
+    item_b: NDArray[np.intp]
+    rating: NDArray[np.float64]
+    a_first: NDArray[np.bool_]
+    high: float = 3.0
+
+    def __post_init__(self) -> None:
+        is_bad = ~(np.abs(self.rating) <= self.high)  # NaN too
+        if is_bad.any():
+            row = int(np.flatnonzero(is_bad)[0])
+            raise ValueError(
+                f"{self.participants[self.person[row]]} compared {self.items[self.item_a[row]][1]} and "
+                f"{self.items[self.item_b[row]][1]} with {self.rating[row]:g}, expected {-self.high:g} to {self.high:g}"
+            )
+        dataset = np.array([dataset for dataset, _ in self.items], object)
+        is_foreign = (dataset[self.item_a] != dataset[self.item_b]) | (self.item_a == self.item_b)
+        if is_foreign.any():
+            row = int(np.flatnonzero(is_foreign)[0])
+            a, b = self.items[self.item_a[row]], self.items[self.item_b[row]]
+            raise ValueError(f"{a[1]} of {a[0]} is compared with {b[1]} of {b[0]}, expected two items of a dataset")
+
+    def __len__(self) -> int:
+        return len(self.rating)
+
+    def without(self, names: Collection[str]) -> ComparisonTable:
+        """Return the comparisons of the other participants."""
+        kept = [index for index, name in enumerate(self.participants) if name not in names]
+        rows = np.isin(self.person, kept)
+        return replace(
+            self,
+            participants=tuple(self.participants[index] for index in kept),
+            person=np.searchsorted(kept, self.person[rows]),
+            item_a=self.item_a[rows],
+            item_b=self.item_b[rows],
+            rating=self.rating[rows],
+            a_first=self.a_first[rows],
+        )

@@ -1,0 +1,98 @@
+"""Make the parts of a report: a section with its table, and the headings of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Analysis = Mapping[str, Any]
+Figures = Mapping[str, dict[str, str]]
+Row = Mapping[str, Any]
+
+ROWS = 80  # rows of a table; the CSV files hold the rest
+HEADINGS = {  # of columns; others have their name in analysis.json
+    "auc_a": "AUC of it",
+    "auc_b": "of the other",
+    "auc_better_worse": "AUC better/worse",
+    "auc_different_similar": "AUC different/similar",
+    "auc_p": "p, AUC",
+    "auc_p_holm": "p, AUC (Holm)",
+    "ci_high": "to",
+    "ci_low": "from",
+    "circular_expected_ties": "expected with ties broken",
+    "cmos": "mean rating",
+    "dataset_a": "dataset",
+    "dataset_b": "and",
+    "flags": "unusual",
+    "g2": "G2",
+    "jod": "JOD",
+    "kendall": "KRCC",
+    "log_nu": "tie parameter",
+    "log_theta": "tie parameter",
+    "loglik": "log-likelihood",
+    "loglik_per_vote_left_out": "log-likelihood per vote",
+    "measure_a": "measure",
+    "measure_b": "and",
+    "model": "in the model of",
+    "moderate": "moderate violated",
+    "n": "points",
+    "n_datasets": "datasets",
+    "n_first_better": "first better",
+    "n_items": "items",
+    "n_participants": "participants",
+    "n_ratings": "ratings",
+    "n_second_better": "second better",
+    "n_triples": "triples",
+    "n_votes": "votes",
+    "name": "test",
+    "order_effect": "order effect",
+    "order_se": "its error",
+    "outlier_ratio": "outliers",
+    "p_holm": "p (Holm)",
+    "p_participant": "p (participants)",
+    "p_value": "p",
+    "pairs_correct": "in order",
+    "pairs_different": "pairs that differ",
+    "pairs_similar": "pairs alike",
+    "pearson": "Pearson",
+    "pearson_a": "Pearson of it",
+    "pearson_b": "of the other",
+    "pearson_logistic": "PLCC",
+    "pearson_monotone": "monotone",
+    "pearson_x2": "Pearson X2",
+    "rmse": "RMSE",
+    "rmse_epsilon": "RMSE*",
+    "scored": "score",
+    "spearman": "SROCC",
+    "spearman_p": "p, SROCC",
+    "strong": "strong violated",
+    "tie_rate": "tie rate",
+    "weak": "weak violated",
+}
+
+
+def section(
+    title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[dict[str, str]] = ()
+) -> dict[str, Any]:
+    """Return a section with one table.
+
+    Parameters
+    ----------
+    title, text : heading and paragraph
+    columns : of the rows, in this order
+    figures : to show before the table
+    """
+    rest = f" The first {ROWS} of {len(rows)} rows." if len(rows) > ROWS else ""
+    return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [table("", columns, rows)]}
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+    """Return a table with the headings of these columns, and as many rows as a report shows.
+
+    Parameters
+    ----------
+    title : may be empty
+    columns : of the rows, in this order
+    """
+    headings = [HEADINGS.get(column, column) for column in columns]
+    return {"title": title, "columns": headings, "rows": [[row[column] for column in columns] for row in rows[:ROWS]]}

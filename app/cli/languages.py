@@ -1,0 +1,67 @@
+"""The commands on language packs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from recon.cli.console import JsonOption, print_result
+
+app = typer.Typer()
+languages_app = typer.Typer(
+    invoke_without_command=True, help="List the languages of the participants' pages, or check a language pack."
+)
+app.add_typer(languages_app, name="languages")
+
+
+@languages_app.callback()
+def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
+    """List the languages of the participants' pages, or check a language pack."""
+    if context.invoked_subcommand is not None:
+        return
+    from app.operations.languages import find_language_packs
+    from app.settings import Settings
+
+    settings = Settings()
+    files = find_language_packs(settings)
+    used = {file.pack.tag: file.path for file in files if file.pack is not None}
+    rows = [
+        {
+            "tag": file.path.stem,
+            "name": file.pack.name if file.pack else None,
+            "direction": file.pack.direction if file.pack else None,
+            "status": file.pack.status if file.pack else "refused",
+            "in_use": used.get(file.path.stem) == file.path,
+            "path": str(file.path),
+            "refusal": file.refusal or None,
+        }
+        for file in files
+    ]
+    lines = [
+        f"refused: {row['refusal']}"
+        if row["refusal"]
+        else f"{row['tag']}: {row['name']} ({row['direction']}, {row['status']}), {row['path']}"
+        + ("" if row["in_use"] else "; replaced by a pack in the data folder")
+        for row in rows
+    ]
+    result = {"languages": rows, "folder": str(settings.languages_dir)}
+    print_result(result, "\n".join([*lines, f"Your own packs go into {settings.languages_dir}"]), as_json=as_json)
+
+
+@languages_app.command("check")
+def languages_check(
+    files: Annotated[list[Path], typer.Argument(help="Language packs, such as fr.json.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check language packs: missing and unknown keys, placeholders, empty texts, plurals, HTML."""
+    from app.study.language_pack import language_pack_faults
+
+    faults = {str(file): language_pack_faults(file) for file in files}
+    lines = [f"{file}: {fault}" for file, listed in faults.items() for fault in listed]
+    lines += [f"{file}: complete" for file, listed in faults.items() if not listed]
+    print_result({"faults": faults, "ok": not any(faults.values())}, "\n".join(lines), as_json=as_json)
+    if any(faults.values()):
+        sys.exit(1)

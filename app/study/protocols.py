@@ -1,0 +1,197 @@
+"""Define the protocols of a study: comparing two films, or rating films one by one, and on which scale.
+
+Source
+------
+ITU-T P.910 (10/2023), "Subjective video quality assessment methods for multimedia applications": ACR, ACR-HR, DCR, CCR
+and PC, the names of their grades, and the scales of 9 and 11 grades. ITU-R BT.500-15 calls DCR the double-stimulus
+impairment scale (DSIS).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Protocol = Literal["PC", "ACR", "ACR-HR", "DCR", "CCR"]
+PC: Protocol = "PC"  # pair comparison: which of two is better, or neither
+ACR: Protocol = "ACR"  # absolute category rating: how good is this film?
+ACR_HR: Protocol = "ACR-HR"  # the same with the reference hidden among the films
+DCR: Protocol = "DCR"  # degradation category rating: how much worse than the reference is this film?
+CCR: Protocol = "CCR"  # comparison category rating: how much better is B than A?
+PROTOCOLS: tuple[Protocol, ...] = (PC, ACR, ACR_HR, DCR, CCR)
+PROTOCOLS_IN_WORDS: Mapping[Protocol, str] = {
+    PC: "pair comparison: which of two is better, or neither",
+    CCR: "comparison category rating: how much better or worse B is than A, in seven grades",
+    ACR: "absolute category rating: how good each film is, one by one",
+    ACR_HR: "ACR with the reference hidden among the films",
+    DCR: "degradation category rating (DSIS): how disturbing a film’s flaws are beside the reference",
+}
+RATED = (ACR, ACR_HR, DCR)  # each rating is of one item
+SHOWN_ALONE = (ACR, ACR_HR)  # a trial shows one film
+WITH_REFERENCE = (ACR_HR, DCR)  # need the option `reference`
+
+Scale = Literal[5, 9, 11, "slider"]
+SLIDER: Scale = "slider"
+SCALES: tuple[Scale, ...] = (5, 9, 11, SLIDER)
+ENDS: Mapping[Scale, tuple[int, int]] = {5: (1, 5), 9: (1, 9), 11: (0, 10), SLIDER: (0, 100)}  # worst, best
+COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
+
+TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
+VOTING_S = 4.0  # of a trial besides the exposure: fixation, answer, Next; typical of simulated and real sessions
+
+GradeNames = Literal["quality", "impairment", "comparison"]  # under this key in the participants' texts
+
+
+@dataclass(frozen=True)
+class Grade:
+    """An answer on a scale.
+
+    Parameters
+    ----------
+    value : the rating
+    name : its place among the names of the grades, from the worst; None: it has no name
+    key : the digit that chooses it; empty: none
+    """
+
+    value: int
+    name: int | None
+    key: str
+
+
+@dataclass(frozen=True)
+class Grades:
+    """The scale of a study.
+
+    Parameters
+    ----------
+    low, high : worst and best rating, whole numbers
+    names : which names the grades have
+    is_slider : is any whole number between them set by a slider?
+    """
+
+    low: int
+    high: int
+    names: GradeNames
+    is_slider: bool = False
+
+    @property
+    def steps(self) -> tuple[Grade, ...]:
+        """The grades from the worst; none of a slider."""
+        values = () if self.is_slider else range(self.low, self.high + 1)
+        return tuple(Grade(value, self._name(value), self._key(value)) for value in values)
+
+    def _name(self, value: int) -> int | None:
+        """Of 9 and 11 grades those with the odd numbers 1 to 9 have the names of 5."""
+        if self.high in (COMPARISON_END, 5):
+            return value - self.low
+        return value // 2 if value % 2 else None
+
+    def _key(self, value: int) -> str:
+        digit = value if self.low >= 0 else value - self.low + 1
+        return str(digit) if digit <= 9 else ""
+
+    def holds(self, rating: int) -> bool:
+        """Is the rating on the scale?"""
+        return self.low <= rating <= self.high
+
+
+def grades_of(protocol: Protocol, scale: Scale) -> Grades | None:
+    """Return the scale that a study's participants rate on; None where they choose the better of two.
+
+    Parameters
+    ----------
+    protocol, scale : options of the study
+    """
+    if protocol == PC:
+        return None
+    if protocol == CCR:
+        return Grades(-COMPARISON_END, COMPARISON_END, "comparison")
+    return Grades(*ENDS[scale], "impairment" if protocol == DCR else "quality", is_slider=scale == SLIDER)
+
+
+def minutes_of(n_trials: int, exposure_s: float) -> int:
+    """Return about how long a session's trials take, minutes.
+
+    Parameters
+    ----------
+    n_trials : of a participant
+    exposure_s : seconds of a trial's film
+    """
+    return max(1, round(n_trials * (exposure_s + VOTING_S) / 60))
+
+
+def typed_scale(text: str) -> int | str:
+    """Return a scale as it was typed, for `parse_protocol` to check: numbers of grades are numbers."""
+    return int(text) if text.isdecimal() else text
+
+
+def stored_scale(text: str | None) -> Scale:
+    """Return the scale that a database tells as text; None: the study was made before there were scales."""
+    return next((scale for scale in SCALES if str(scale) == text), SCALES[0])
+
+
+def parse_protocol(content: Mapping[str, Any]) -> tuple[Protocol, Scale]:
+    """Read the options `protocol` and `scale`.
+
+    Raises
+    ------
+    ValueError
+        Naming the option with an invalid value.
+    """
+    protocol, scale = content.get("protocol", PC), content.get("scale", SCALES[0])
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"protocol is {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
+    if isinstance(scale, bool) or scale not in SCALES:
+        raise ValueError(f"scale is {scale!r}, expected one of {', '.join(map(repr, SCALES))}")
+    if scale != SCALES[0] and protocol in (PC, CCR):
+        answers = "three answers" if protocol == PC else "seven grades"
+        raise ValueError(f"scale is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
+    return protocol, scale
+
+
+def check_with_protocol(protocol: Protocol, reference: str, only_of_pairs: Mapping[str, object]) -> None:
+    """Check a study's other options against its protocol.
+
+    Parameters
+    ----------
+    protocol : the study's
+    reference : the option, empty for none
+    only_of_pairs : options that only a study of pairs has, with their values
+
+    Raises
+    ------
+    ValueError
+        If the reference is missing or of no use, or an option is on that the protocol does not have.
+    """
+    if protocol in WITH_REFERENCE and not reference:
+        raise ValueError(f"protocol {protocol} needs a reference: name one of the conditions as `reference`")
+    if protocol == ACR and reference:
+        raise ValueError(
+            f"reference is {reference!r}, but protocol ACR shows none: choose ACR-HR to hide it among the films, or "
+            "DCR to rate each film against it"
+        )
+    for name, value in only_of_pairs.items():
+        if value and protocol in RATED:
+            raise ValueError(f"{name} is {value!r}, but protocol {protocol} compares no pairs: leave {name} out")
+
+
+def texts_of(texts: Mapping[str, Any], protocol: Protocol) -> dict[str, Any]:
+    """Return participants' texts with those that fit the protocol in place; the others are those of pair comparison.
+
+    Parameters
+    ----------
+    texts : in one language, with differing ones under `protocols`
+    protocol : the study's
+    """
+    kind = ACR if protocol in SHOWN_ALONE else protocol
+    return _overlaid(texts, texts["protocols"].get(kind, {}))
+
+
+def _overlaid(texts: Mapping[str, Any], differing: Mapping[str, Any]) -> dict[str, Any]:
+    deeper = {
+        name: _overlaid(texts[name], value)
+        for name, value in differing.items()
+        if isinstance(value, Mapping) and isinstance(texts.get(name), Mapping)
+    }
+    return {**texts, **differing, **deeper}

@@ -1,0 +1,64 @@
+"""Render the Markdown of a study's own texts as safe HTML: no raw HTML, no scripts, nothing loaded from elsewhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
+from markupsafe import Markup
+
+from app.study.image import IMAGE_NAME
+
+OUTWARD = re.compile(r"(https?://|mailto:)", re.IGNORECASE)
+SMALLEST_HEADING = 6
+
+
+def render_markdown(text: str, images: Mapping[str, str] | None = None) -> Markup:
+    """Render a text; links open in a new tab.
+
+    Parameters
+    ----------
+    text : CommonMark; HTML in it is shown as it is written, indented lines are paragraphs
+    images : SHA-256 of the study's images, by name; an image that is not among them leaves its description
+    """
+    parser = MarkdownIt("commonmark", {"html": False}).disable("code")
+    parser.validateLink = _is_allowed  # type: ignore[method-assign]  # the parser's documented way to say what may be linked
+    parser.add_render_rule("link_open", _open_link)
+    parser.add_render_rule("heading_open", _smaller_heading)
+    parser.add_render_rule("heading_close", _smaller_heading)
+    parser.add_render_rule("image", _image)
+    return Markup(parser.render(text, {"images": images or {}}))
+
+
+def _is_allowed(url: str) -> bool:
+    return OUTWARD.match(url) is not None or IMAGE_NAME.fullmatch(url) is not None
+
+
+def _open_link(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, _env: Any) -> str:
+    token = tokens[index]
+    if OUTWARD.match(str(token.attrGet("href"))):
+        token.attrSet("target", "_blank")
+        token.attrSet("rel", "noopener noreferrer")
+    else:
+        token.attrs.pop("href")  # an image's name: there is no page behind it
+    return self.renderToken(tokens, index, options, _env)
+
+
+def _smaller_heading(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    """Render a heading one step smaller: the page has one above it."""
+    token = tokens[index]
+    token.tag = f"h{min(int(token.tag[1]) + 1, SMALLEST_HEADING)}"
+    return self.renderToken(tokens, index, options, env)
+
+
+def _image(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    token = tokens[index]
+    description = self.renderInlineAsText(token.children, options, env)
+    sha256 = env["images"].get(token.attrGet("src"))
+    if sha256 is None:
+        return str(Markup.escape(description))
+    return str(Markup('<img src="/images/{}" alt="{}">').format(sha256, description))

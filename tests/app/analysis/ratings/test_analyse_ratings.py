@@ -1,0 +1,78 @@
+"""The analysis of ratings as a whole: what it warns of, and that it survives tables with next to nothing in them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from app.analysis.ratings.analyse_ratings import analyse_ratings
+from app.analysis.ratings.table import ComparisonTable, RatingTable
+from tests.app.analysis.ratings.rated_tables import known_table, rating_table, simulated
+
+
+def warnings_of(table: RatingTable) -> str:
+    return " ".join(row["warning"] for row in analyse_ratings(table)["rating_warnings"])
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        rating_table([0], [0], [3]),
+        rating_table([0, 0, 0], [0, 1, 2], [1, 2, 3]),
+        rating_table([0, 1, 2], [0, 0, 0], [3, 3, 3]),
+        rating_table([0, 0, 0, 1, 1, 1], [0, 1, 2] * 2, [1, 2, 5] * 2),
+        rating_table([0], [0], [3]).without(["p0"]),
+    ],
+    ids=["one rating", "one participant", "one item", "all agree", "nobody"],
+)
+def test_tables_with_next_to_nothing_have_numbers_or_none(table: RatingTable) -> None:
+    tables = analyse_ratings(table)
+    json.dumps(tables, allow_nan=False)
+    assert len(tables["rating_items"]) == len(table.items)
+    assert [row["participant"] for row in tables["raters"]] == list(table.participants)
+
+
+def test_a_conditions_quality_is_the_mean_of_its_items_with_their_common_error() -> None:
+    table, truth = simulated(np.random.default_rng(2), 30, 40, n_datasets=2)
+    tables = analyse_ratings(table)
+    assert tables["rating_model"][0]["status"] == "ok"
+    for row in tables["rating_conditions"]:
+        items = [item for item in tables["rating_items"] if item["condition"] == row["condition"]]
+        assert row["quality"] == pytest.approx(np.mean([item["quality"] for item in items]))
+        assert row["quality_se"] < max(item["quality_se"] for item in items)
+    qualities = [row["quality"] for row in tables["rating_items"]]
+    assert np.corrcoef(qualities, truth.quality)[0, 1] > 0.95
+
+
+def test_a_study_is_told_what_it_lacks() -> None:
+    assert "takes two participants" in warnings_of(rating_table([0, 0, 0], [0, 1, 2], [1, 2, 3]))
+    assert "several times" in warnings_of(known_table())
+    assert "p7" in warnings_of(known_table())
+    hidden = rating_table([0, 1], [0, 0], [3, 4], protocol="acr-hr")
+    assert "d0 has no reference" in warnings_of(hidden)
+
+
+@pytest.mark.parametrize(("rating", "says"), [(6.0, "with 6, expected 1 to 5"), (np.nan, "with nan, expected 1 to 5")])
+def test_a_rating_outside_of_the_scale_is_refused(rating: float, says: str) -> None:
+    with pytest.raises(ValueError, match=f"p0 rated c0 of d0 {says}"):
+        rating_table([0], [0], [rating])
+
+
+def test_an_unknown_protocol_and_an_upside_down_scale_are_refused() -> None:
+    with pytest.raises(ValueError, match="the protocol is 'mushra', expected one of acr, acr-hr, dcr"):
+        rating_table([0], [0], [3], protocol="mushra")
+    with pytest.raises(ValueError, match="from 5 to 1, expected its low end first"):
+        rating_table([0], [0], [3], scale=(5.0, 1.0))
+
+
+def test_a_comparison_across_datasets_is_refused() -> None:
+    with pytest.raises(ValueError, match="x of ball is compared with y of box"):
+        ComparisonTable(
+            ("p0",),
+            (("ball", "x"), ("box", "y")),
+            *(np.array([index]) for index in (0, 0, 1)),
+            np.ones(1),
+            np.ones(1, bool),
+        )

@@ -1,0 +1,105 @@
+"""Comparison category ratings against a regression by hand and simulated people."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.analysis.ratings.comparisons import analyse_comparisons
+from app.analysis.ratings.table import ComparisonTable
+
+ITEMS = (("d", "c0"), ("d", "c1"), ("d", "c2"))
+
+
+def comparisons(rows: list[tuple[int, int, int, float, bool]]) -> ComparisonTable:
+    person, a, b, rating, a_first = (np.array(column) for column in zip(*rows, strict=True))
+    names = tuple(f"p{index}" for index in range(int(person.max()) + 1))
+    return ComparisonTable(names, ITEMS, person, a, b, rating.astype(float), a_first.astype(bool))
+
+
+def test_exchanged_orders_cancel_in_a_pairs_mean() -> None:
+    table = comparisons([(0, 0, 1, 2, True), (1, 0, 1, 0, False), (2, 1, 0, -2, False), (3, 1, 0, 0, True)])
+    tables = analyse_comparisons(table)
+    (pair,) = tables["comparison_pairs"]
+    assert (pair["item_a"], pair["item_b"], pair["n_ratings"], pair["n_a_first"]) == ("c0", "c1", 4, 2)
+    assert pair["cmos"] == pytest.approx(1)  # c1 is better by 1; being shown second adds 1
+    assert tables["comparison_models"][0]["order_effect"] == pytest.approx(1)
+    assert pair["sd"] == pytest.approx(0, abs=1e-12)
+
+
+def test_naming_the_items_the_other_way_round_changes_nothing() -> None:
+    rng = np.random.default_rng(1)
+    rows = [
+        (p, a, b, float(rng.integers(-3, 4)), bool(rng.integers(2)))
+        for p in range(6)
+        for a, b in ((0, 1), (0, 2), (1, 2))
+    ]
+    turned = [(p, b, a, -rating, not first) for p, a, b, rating, first in rows]
+    for name in ("comparison_pairs", "comparison_items"):
+        for row, other in zip(
+            analyse_comparisons(comparisons(rows))[name], analyse_comparisons(comparisons(turned))[name], strict=True
+        ):
+            for key in ("cmos", "score", "ci_low", "ci_high"):
+                if key in row:
+                    assert other[key] == pytest.approx(row[key])
+
+
+def test_scores_are_the_least_squares_of_the_pairs_and_differences_predict_ratings() -> None:
+    rows = [(p, a, b, r, p % 2 == 0) for p in range(4) for a, b, r in ((0, 1, 1.0), (1, 2, 1.0), (0, 2, 2.0))]
+    tables = analyse_comparisons(comparisons(rows))
+    scores = {row["condition"]: row["score"] for row in tables["comparison_items"]}
+    assert scores == pytest.approx({"c0": -1, "c1": 0, "c2": 1})
+
+
+def test_intervals_cover_the_truth_where_people_differ() -> None:
+    rng, covered, orders = np.random.default_rng(7), [], []
+    truth = np.array([-0.6, 0.1, 0.5])
+    for _ in range(200):
+        rows = []
+        for p in range(14):
+            taste = truth + rng.normal(0, 0.4, 3)
+            for a, b in ((0, 1), (0, 2), (1, 2)):
+                first = bool(rng.integers(2))
+                rating = taste[b] - taste[a] + (0.3 if first else -0.3) + rng.normal(0, 0.4)
+                rows.append((p, a, b, float(np.clip(rating, -3, 3)), first))
+        tables = analyse_comparisons(comparisons(rows))
+        covered += [
+            row["ci_low"] < value < row["ci_high"] for row, value in zip(tables["comparison_items"], truth, strict=True)
+        ]
+        orders.append(tables["comparison_models"][0]["order_effect"])
+    assert 0.92 < np.mean(covered) < 0.98
+    assert np.mean(orders) == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:
+    tables = analyse_comparisons(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, True)]))
+    assert tables["comparison_models"][0]["order_effect"] is None
+    assert tables["comparison_pairs"][0]["cmos"] == pytest.approx(1.5)
+    assert "show each pair in both orders" in tables["rating_warnings"][0]["warning"]
+
+
+def test_datasets_are_scored_alone_and_together() -> None:
+    items = (("x", "c0"), ("x", "c1"), ("y", "c0"), ("y", "c1"))
+    a, b = np.array([0, 0, 2, 2]), np.array([1, 1, 3, 3])
+    table = ComparisonTable(
+        ("p0", "p1"), items, np.array([0, 1, 0, 1]), a, b, np.array([1.0, 1, 3, 3]), np.array([True, False] * 2)
+    )
+    tables = analyse_comparisons(table)
+    scores = {(row["dataset"], row["condition"]): row["score"] for row in tables["comparison_items"]}
+    assert (scores["x", "c1"], scores["y", "c1"], scores["all", "c1"]) == pytest.approx((0.5, 1.5, 1.0))
+
+
+def test_conditions_that_no_pair_links_have_no_scores() -> None:
+    items = tuple(("d", f"c{index}") for index in range(4))
+    table = ComparisonTable(
+        ("p0",),
+        items,
+        np.zeros(2, int),
+        np.array([0, 2]),
+        np.array([1, 3]),
+        np.array([1.0, 1.0]),
+        np.array([True, False]),
+    )
+    tables = analyse_comparisons(table)
+    assert tables["comparison_items"] == []
+    assert tables["comparison_models"][0]["status"] == "disconnected"
