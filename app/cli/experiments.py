@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 DEMO_SECONDS = 5.0
 DEMO_FRAMES = 6
 DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for five
-DEMO_TAKES = "about three minutes on two idle cores"
+PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
+PRACTICE_FRAMES = 2
+COARSE_MM = 40.0  # voxels, twice as large as the good model's
+DEMO_TAKES = "about three and a half minutes on two idle cores"
 EXPERIMENT_TAKES = {
     "small": "about nine minutes on two idle cores",
     "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
@@ -94,11 +97,12 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
     from recon.pipeline.stages import ReconstructOptions
     from recon.studio import SynthParameters, synthesise
     from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models
+    from recon.surface import SurfaceParameters
     from recon.validation.films.evaluation import FilmSettings, measure_films
     from recon.validation.films.report import write_films_report
 
-    capture, run, truth, stimuli, measured = (
-        out / name for name in ("capture", "run", TRUTH, "stimuli", "validation/films")
+    capture, run, truth, stimuli, measured, practice = (
+        out / name for name in ("capture", "run", TRUTH, "stimuli", "validation/films", "practice")
     )
 
     def record() -> None:
@@ -106,16 +110,25 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
             parameters = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
             synthesise(capture, parameters, progress=progress)
             segment_capture(capture, progress=progress)
+        if not (practice / "capture" / CAPTURE_FILE).exists():
+            parameters = SynthParameters(scene=PRACTICE_SCENE, n_frames=PRACTICE_FRAMES, size=(270, 480), fps=5.0)
+            synthesise(practice / "capture", parameters, progress=progress)
+            segment_capture(practice / "capture", progress=progress)
 
     def make_models() -> None:
         reconstruct(capture, run, ReconstructOptions(), progress)
         write_stage_pictures(read_run(run.resolve()), 0, out / "front")
+        good = ReconstructOptions(depths=("dr",), fusions=("fb",))
+        coarse = ReconstructOptions(depths=("id",), fusions=("fa",), surface=SurfaceParameters(voxel_mm=COARSE_MM))
+        reconstruct(practice / "capture", practice / "good", good, progress)
+        reconstruct(practice / "capture", practice / "coarse", coarse, progress)
 
     def film() -> None:
         if not (truth / SCENE_FILE).exists():
             write_truth_models(read_capture(capture), truth)
         options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
-        render([run, truth], stimuli, options, progress)
+        folders = [run, truth, practice / "good", practice / "coarse"]
+        render(folders, stimuli, options, progress, practice=PRACTICE_SCENE)
 
     def measure() -> None:
         if not (measured / "report.html").exists():

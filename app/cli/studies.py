@@ -141,6 +141,13 @@ def study_create(
         bool,
         typer.Option("--free-exposure", help="Let participants end the exposure; videos repeat until then."),
     ] = False,
+    practice: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DATASET",
+            help="Dataset to practise with, which no trial shows; default: the set's own, or two films.",
+        ),
+    ] = None,
     reference: Annotated[
         str | None,
         typer.Option(
@@ -170,6 +177,7 @@ def study_create(
     from app.operations.create import create_study, read_options
     from app.settings import Settings
     from app.study.protocols import typed_scale
+    from app.study.stages import PRACTICE
 
     given = {
         "protocol": protocol,
@@ -178,6 +186,7 @@ def study_create(
         "repeated_pairs": repeated_pairs,
         "identical_pairs": identical_pairs,
         "free_exposure": free_exposure or None,
+        "practice_dataset": practice,
         "reference": reference,
         "without": without or None,
         "second_codec": second_codec,
@@ -185,6 +194,8 @@ def study_create(
         "break_every": break_every,
     }
     options = read_options(options_file, {name: value for name, value in given.items() if value is not None}, preset)
+    if practice is not None:
+        options = options.with_stage(PRACTICE)
     progress = ProgressLine()
     study = create_study(
         Settings(),
@@ -330,12 +341,14 @@ def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     shown = "pairs" if study["n_pairs"] else "trials"
     n_shown = study["n_pairs"] or study["n_trials"]
-    sentences = (
+    sentences = [
         f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "
-        f"{study['exposure_s']:g} s each.{left_out}\n{_languages_sentence(study['languages'])}\n"
-        f"Invite participants with {study['link']} once `reconstudy serve` runs."
-    )
-    print_result(study, sentences, as_json=as_json)
+        f"{study['exposure_s']:g} s each.{left_out}",
+        _languages_sentence(study["languages"]),
+        *(f"{note}." for note in study.get("notes", ())),
+        f"Invite participants with {study['link']} once `reconstudy serve` runs.",
+    ]
+    print_result(study, "\n".join(sentences), as_json=as_json)
 
 
 def _languages_sentence(languages: Mapping[str, str]) -> str:

@@ -15,6 +15,7 @@ from app.operations.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
 from app.study.presets import QUICK
+from app.study.stages import PRACTICE
 from app.web.front import FRONT_FILE
 
 # What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
@@ -29,7 +30,7 @@ MEASURES = ("ssim_actor", "vmaf", "flicker")  # of the films, those that are com
 def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: float, progress: Progress) -> None:
     """Create the demo's study of all but the truth, with what was measured of its films, if it is not there."""
     if not list_studies(settings):
-        options = read_options(None, {"without": [TRUTH]}, QUICK)
+        options = read_options(None, {"without": [TRUTH]}, QUICK).with_stage(PRACTICE)
         create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
         attach_results(settings, [report], only=MEASURES)
 

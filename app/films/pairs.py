@@ -12,18 +12,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from app.errors import StimuliError
-from app.ffmpeg import Progress, in_parallel, no_progress, run_ffmpeg
+from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest
 from app.films.strips import GUARD_ROWS, H264, SINGLE, Strips, film_key, make_film
 from app.intake.stimuli import Stimulus, StimulusSet
-
-PRACTICE_S = 2  # length of the practice videos, which play in a loop
-PRACTICE_SIZE = "480x270"  # drawn, then enlarged: a fractal in full size takes minutes
-PRACTICE_BLUR = "gblur=sigma=6"  # pixels of that size: nobody overlooks it
-PRACTICE_ENCODING = ["-c:v", "libx264", "-preset", "ultrafast", "-qp", "0"]  # lossless
 
 References = Mapping[str, Stimulus]  # by dataset
 NO_REFERENCES: References = {}
@@ -146,25 +140,26 @@ def prepare_against(
     return _prepare(stimulus_set, pairs, maker, NO_REFERENCES, is_sorted=False)
 
 
-def prepare_practice(stimulus_set: StimulusSet, maker: FilmMaker, *, is_alone: bool = False) -> list[PairVideo]:
-    """Make the practice videos: an obvious pair, then an identical one; or each of the two by itself.
-
-    The set's practice stimuli are used where it has them. Otherwise a zoom into a grey fractal is made, sharp and
-    blurred, in the size of the study's videos; it shows nothing of the study.
+def prepare_practice(
+    stimulus_set: StimulusSet,
+    pairs: Sequence[tuple[Stimulus, Stimulus]],
+    maker: FilmMaker,
+    *,
+    is_alone: bool = False,
+) -> list[PairVideo]:
+    """Make the practice videos: the pairs, then the first one's first film with itself; or each film by itself.
 
     Raises
     ------
     StimuliError
         If a pair cannot be encoded.
     """
-    with TemporaryDirectory() as folder:
-        practising = stimulus_set if stimulus_set.practice else _made_for_practice(stimulus_set, Path(folder))
-        sharp, other = practising.practice
-        scene = replace(practising, stimuli=practising.practice)
-        return [
-            _prepare(scene, [pair], replace(maker, progress=no_progress), NO_REFERENCES, is_sorted=False)[0]
-            for pair in (((other,), (sharp,)) if is_alone else ((sharp, other), (sharp, sharp)))
-        ]
+    shown = {stimulus.name: stimulus for pair in pairs for stimulus in pair}
+    scene = replace(stimulus_set, stimuli=tuple(shown.values()))
+    every: list[tuple[Stimulus, ...]] = [*pairs, (pairs[0][0], pairs[0][0])]
+    if is_alone:
+        every = [(stimulus,) for pair in pairs for stimulus in reversed(pair)]
+    return _prepare(scene, every, replace(maker, progress=no_progress), NO_REFERENCES, is_sorted=False)
 
 
 def split_reference(stimulus_set: StimulusSet, reference: str, fewest: int = 2) -> tuple[StimulusSet, References]:
@@ -231,21 +226,6 @@ def _planned(
 
     singles = [film((stimulus,), SINGLE) for stimulus in stimuli] if maker.has_singles else []
     return _PlannedPair([film(stimuli, codec) for codec in maker.codecs], singles)
-
-
-def _made_for_practice(stimulus_set: StimulusSet, folder: Path) -> StimulusSet:
-    like = stimulus_set.stimuli[0]
-    n_frames = min(like.n_frames, max(1, round(PRACTICE_S * like.fps)))
-    drawn = f"mandelbrot=size={PRACTICE_SIZE}:rate={like.fps:g}:maxiter=400,hue=s=0"
-    enlarged = f"scale={like.width}:{like.height},format=yuv420p"
-    stimuli = []
-    for name, graph in (("sharp", f"{drawn},{enlarged}"), ("blurred", f"{drawn},{PRACTICE_BLUR},{enlarged}")):
-        path = folder / f"{name}.mkv"
-        command = ["-f", "lavfi", "-i", graph, "-frames:v", str(n_frames), *PRACTICE_ENCODING, str(path)]
-        run_ffmpeg(command, f"the practice video {name} cannot be made")
-        changes = {"approach": name, "video": path.name, "master": None, "n_frames": n_frames}
-        stimuli.append(like.model_copy(update=changes))
-    return replace(stimulus_set, folder=folder, practice=tuple(stimuli))
 
 
 def _pair_video(planned: _PlannedPair, files: Mapping[Path, FilmFile]) -> PairVideo:

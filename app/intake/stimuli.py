@@ -94,6 +94,15 @@ class StimulusSet:
             self, stimuli=tuple(stimulus for stimulus in self.stimuli if stimulus.approach not in conditions)
         )
 
+    def without_dataset(self, dataset: str) -> StimulusSet:
+        """Return the set without a dataset, and without the levels that only it has."""
+        stimuli = tuple(stimulus for stimulus in self.stimuli if stimulus.dataset != dataset)
+        levels = {(factor, level) for stimulus in stimuli for factor, level in stimulus.levels.items()}
+        left = {
+            factor: [level for level in known if (factor, level) in levels] for factor, known in self.factors.items()
+        }
+        return replace(self, stimuli=stimuli, factors={factor: known for factor, known in left.items() if known})
+
     def of_dataset(self, dataset: str) -> tuple[Stimulus, ...]:
         return tuple(stimulus for stimulus in self.stimuli if stimulus.dataset == dataset)
 

@@ -8,7 +8,7 @@ import secrets
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from app.films.pairs import (
     prepare_practice,
     split_reference,
 )
+from app.films.practice import Practice, choose_practice, without_dataset
 from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
 from app.operations.languages import read_languages
 from app.operations.manage import opened_store
@@ -81,26 +82,26 @@ def create_study(
         If a study has this name, is complete in no language, or a number is out of bounds; StimuliError if the
         stimulus set cannot be used.
     """
-    slug = slugify(name)
+    slug, wanted = slugify(name), options or StudyOptions()
     with opened_store(settings) as database:
         _refuse_second(database, slug, name)
-        options = options or StudyOptions()
         packs = read_languages(settings)
-        check_languages(options, packs)
-        stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
-        exposure = _exposure(stimulus_set, exposure_s)
-        check_minimum_viewing(options, exposure)
+        check_languages(wanted, packs)
+        stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), wanted.without)
+        practice = _practice(stimulus_set, wanted)
+        exposure = _exposure(practice.compared, exposure_s)
+        check_minimum_viewing(wanted, exposure)
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
             "exposure_s": exposure,
             "seed": _seed(seed),
-            "factors": stimulus_set.factors,
-            "options": options.as_json(),
+            "factors": practice.compared.factors,
+            "options": replace(wanted, practice_pairs=practice.films).as_json(),
             "manifest_sha256": stimulus_set.sha256,
         }
-        films = _prepare_films(settings, stimulus_set, options, progress)
+        films = _prepare_films(settings, stimulus_set, practice, wanted, progress)
         row["created_at"] = created_at = utc_now()
         row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
@@ -108,20 +109,22 @@ def create_study(
             insert_design(connection, study_id, films.shown, films.pairs)
             insert_practice(connection, study_id, films.practice)
             code = insert_invitation(connection, study_id, None, created_at)
-            entry = Entry("study created", study_id, slug, {"stimulus_set": stimulus_set.name, "seed": row["seed"]})
+            detail = {"stimulus_set": stimulus_set.name, "seed": row["seed"]}
+            entry = Entry("study created", study_id, slug, {**detail, **_noted(practice.notes)})
             record(connection, by, entry, created_at)
         with database.reading() as connection:
             counts = asdict(studies.progress_of(connection, study_id))
             n_trials = _n_trials(connection, study_id)
     return {
-        "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(options, packs).items()},
+        "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
         "path": f"/s/{code}",
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
-        "protocol": options.protocol,
+        "protocol": wanted.protocol,
         "n_trials": n_trials,
         **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
-        "without": list(options.without),
+        "without": list(wanted.without),
+        **_noted(practice.notes),
     }
 
 
@@ -272,31 +275,46 @@ class _Films:
     practice: Sequence[PairVideo]
 
 
-def _prepare_films(settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, progress: Progress) -> _Films:
+def _practice(stimulus_set: StimulusSet, options: StudyOptions) -> Practice:
+    """Choose what the study's participants practise with, and what is left to compare."""
+    if PRACTICE in options.way:
+        return choose_practice(stimulus_set, options.practice_dataset, options.practice_pairs, options.reference_beside)
+    if options.practice_dataset:
+        return Practice((), without_dataset(stimulus_set, options.practice_dataset))
+    return Practice((), stimulus_set)
+
+
+def _noted(notes: Sequence[str]) -> dict[str, list[str]]:
+    return {"notes": list(notes)} if notes else {}
+
+
+def _prepare_films(
+    settings: Settings, stimulus_set: StimulusSet, practice: Practice, options: StudyOptions, progress: Progress
+) -> _Films:
     """Make the missing films and upload them to the object store, if there is one."""
-    compared, references = stimulus_set, NO_REFERENCES
+    compared, references = practice.compared, NO_REFERENCES
     if options.reference:
         fewest = 1 if options.protocol in WITH_REFERENCE else 2
-        compared, references = split_reference(stimulus_set, options.reference, fewest)
+        compared, references = split_reference(compared, options.reference, fewest)
     if options.adaptive_pairs:
         check_adaptive(options.adaptive_pairs, len(compared.conditions))
     maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
     if options.is_shown_alone:
-        pairs = prepare_alone(stimulus_set, maker)
+        pairs = prepare_alone(practice.compared, maker)
     elif options.protocol == DCR:
         pairs = prepare_against(compared, maker, references, has_identical=options.identical_pairs > 0)
     else:
         pairs = prepare_pairs(compared, maker, references)
         if options.identical_pairs:
             pairs += prepare_identical(compared, maker, references)
-    practice = []
-    if PRACTICE in options.way:
-        practice = prepare_practice(stimulus_set, maker, is_alone=options.is_shown_alone)
+    practised = []
+    if practice.pairs:
+        practised = prepare_practice(stimulus_set, practice.pairs, maker, is_alone=options.is_shown_alone)
     if settings.media_url:
-        files = [file for video in [*pairs, *practice] for file in video.files]
+        files = [file for video in [*pairs, *practised] for file in video.files]
         MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-    shown = stimulus_set if options.protocol in WITH_REFERENCE else compared
-    return _Films(shown, pairs, practice)
+    shown = practice.compared if options.protocol in WITH_REFERENCE else compared
+    return _Films(shown, pairs, practised)
 
 
 def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:

@@ -288,7 +288,8 @@ def stage_data(stage: str, asked: Mapping[str, Any], answers: Mapping[str, Any] 
         needed = {question["name"]: _some_answer(question) for question in asked["questions"] if question["required"]}
         return {"answers": needed | dict(answers)}
     if stage == PRACTICE:
-        return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in (1, 2)]}
+        rounds = range(1, asked["practice"] + 1)
+        return {"rounds": [{"trial": f"practice-{number}", "n_switches": 1, "choice": "none"} for number in rounds]}
     return {}
 
 

@@ -46,6 +46,13 @@ class Display:
     height_px: int
     distance_mm: float | None
     distance_source: str | None
+    measured: Mapping[str, Any]
+
+    @property
+    def seat_mm(self) -> float | None:
+        """From the display to where the participant sits during the study: without a step back for the rings."""
+        seat = self.measured.get("seat_mm", self.distance_mm)
+        return None if seat is None else float(seat)
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,7 @@ def keep_display(
 def keep_distance(
     database: Database, session_id: int, distance_mm: float, source: str, measured: Mapping[str, Any]
 ) -> None:
-    """Store the viewing distance; a later one replaces it.
+    """Store the viewing distance; a later one replaces it, and the first one stays known as the seat.
 
     Raises
     ------
@@ -114,11 +121,8 @@ def keep_distance(
         if before is None:
             raise ConflictError("The display has not been measured yet.")
         values = {"distance_mm": distance_mm, "distance_source": source}
-        connection.execute(
-            update(screening_display)
-            .where(of_session)
-            .values(**values, measured={**before, "distance": dict(measured)})
-        )
+        facts = {**before, "seat_mm": before.get("seat_mm", distance_mm), "distance": dict(measured)}
+        connection.execute(update(screening_display).where(of_session).values(**values, measured=facts))
 
 
 def states_of(connection: Connection, session_id: int, options: ScreeningOptions) -> list[TestState]:

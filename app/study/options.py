@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.language_pack import MODEL
+from app.study.practice import PracticeFilms, parse_practice_pairs
 from app.study.protocols import (
     PC,
     SCALES,
@@ -48,6 +49,7 @@ from app.study.wording import (
 MOST_CHECKS = 100  # of a kind in each dataset
 MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
+LONGEST_BREAK_S = 3600
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
@@ -90,6 +92,9 @@ class StudyOptions:
     minimum_window : width and height, CSS pixels, of the smallest window in which films are shown; empty: any
     phones : are phones and tablets let in?
     pixels : the films are as large as the window allows (fit), or a pixel of a film is a pixel of the display (1:1)
+    practice_dataset : the dataset that is for practice only: no trial shows it; empty: none
+    practice_pairs : films to practise with; empty: those that the stimulus set names for practice, else two that differ
+        plainly
     reference : the condition shown as the reference beside every pair, and compared with nothing; in ACR-HR hidden
         among the films, in DCR what each film is rated against; empty: none
     without : conditions of the stimulus set that are left out: neither shown nor compared
@@ -97,6 +102,7 @@ class StudyOptions:
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
     break_every : trials after which a break is offered; 0: never
+    break_s : how long a break lasts at least, s; 0: as long as its participant likes
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
     outside : how people come from a recruiting platform and go back
     limits : how many are taken in, until when, and how long each may take
@@ -127,11 +133,14 @@ class StudyOptions:
     minimum_window: tuple[int, ...] = ()
     phones: bool = True
     pixels: Pixels = "fit"
+    practice_dataset: str = ""
+    practice_pairs: tuple[PracticeFilms, ...] = ()
     reference: str = ""
     without: tuple[str, ...] = ()
     second_codec: str = ""
     fallback: str = WEBCODECS
     break_every: int = BREAK_EVERY
+    break_s: int = 0
     abandoned_after_h: float = ABANDONED_AFTER_H
     outside: OutsideOptions = field(default_factory=OutsideOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
@@ -174,6 +183,16 @@ class StudyOptions:
         """The study's stages in order."""
         return way_through(self.optional_stages)
 
+    def with_stage(self, stage: str) -> StudyOptions:
+        """Return the options with an optional stage on."""
+        return replace(self, optional_stages=tuple(dict.fromkeys([*self.optional_stages, stage])))
+
+    @property
+    def n_practice(self) -> int:
+        """Rounds of practice: pairs that differ plainly and one of the same film twice; or the pairs' films, alone."""
+        n_pairs = max(1, len(self.practice_pairs))
+        return 2 * n_pairs if self.is_shown_alone else n_pairs + 1
+
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON, which `parse_options` reads."""
         content = asdict(self)
@@ -186,6 +205,7 @@ class StudyOptions:
             "minimum_window": list(self.minimum_window),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
+            "practice_pairs": [asdict(films) for films in self.practice_pairs],
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
             "lab_sheet": self.lab_sheet.as_json(),
@@ -241,11 +261,14 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         minimum_window=_minimum_window(content),
         phones=_flag(content, "phones", default=True),
         pixels=_choice(content, "pixels", get_args(Pixels)),
+        practice_dataset=_text(content, "practice_dataset"),
+        practice_pairs=parse_practice_pairs(content.get("practice_pairs", ())),
         reference=_text(content, "reference"),
         without=_names(content, "without"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
+        break_s=_count(content, "break_s", 0, LONGEST_BREAK_S),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
         outside=parse_outside(content.get("outside", {})),
         limits=parse_limits(content.get("limits", {})),

@@ -12,8 +12,6 @@ from app.study.questionnaire import InvalidAnswerError, check_answers
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
 from app.study.wording import consent_in
 
-N_PRACTICE = 2  # an obvious pair and an identical one
-
 
 class InvalidStageError(ValueError):
     """The data sent do not complete the stage."""
@@ -38,7 +36,7 @@ def check_stage_data(stage: str, data: Mapping[str, Any], options: StudyOptions,
     if stage == INTRODUCTION:
         _check_introduction(data, options, language)
     if stage == PRACTICE:
-        _check_practice(data, has_switches=not options.is_shown_alone)
+        _check_practice(data, options)
     if stage == INTERVIEW:
         _check_interview(data, options)
 
@@ -57,11 +55,11 @@ def consent_to_send(options: StudyOptions, language: str) -> dict[str, str] | No
     return {"version": options.consent_version, "sha256": hashlib.sha256(text.encode()).hexdigest()} if text else None
 
 
-def _check_practice(data: Mapping[str, Any], *, has_switches: bool) -> None:
+def _check_practice(data: Mapping[str, Any], options: StudyOptions) -> None:
     rounds = data.get("rounds")
-    if not isinstance(rounds, list) or len(rounds) != N_PRACTICE:
-        raise InvalidStageError(f"expected {N_PRACTICE} rounds of practice")
-    for number, practice in enumerate(rounds if has_switches else (), start=1):
+    if not isinstance(rounds, list) or len(rounds) != options.n_practice:
+        raise InvalidStageError(f"expected {options.n_practice} rounds of practice")
+    for number, practice in enumerate(() if options.is_shown_alone else rounds, start=1):
         n_switches = practice.get("n_switches") if isinstance(practice, Mapping) else None
         if isinstance(n_switches, bool) or not isinstance(n_switches, int) or n_switches < 1:
             raise InvalidStageError(f"round {number} has {n_switches!r} switches, expected at least one")

@@ -94,7 +94,13 @@ def _typed(content: Mapping[str, Any], key: str, kind: Any, expected: str) -> An
 
 
 def _line(key: str, value: Any) -> str:
-    """Write a key; texts, numbers, booleans and lists are the same in TOML and JSON, but for the character DEL."""
+    return f"{key} = {_toml(value)}"
+
+
+def _toml(value: Any) -> str:
+    """Write a value; texts, numbers and booleans are the same in TOML and JSON, but for the character DEL."""
     if isinstance(value, Mapping):
-        return f"{key} = {{ {', '.join(_line(name, part) for name, part in value.items())} }}"
-    return f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
+        return "{ " + ", ".join(_line(key, item) for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -22,7 +22,7 @@ from app.study.language_pack import (
     nested_texts,
     text_faults,
 )
-from app.study.protocols import texts_of
+from app.study.protocols import Protocol, texts_of
 from app.study.questionnaire import Question
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
 QUESTIONS = "questions"
+PROTOCOLS = (
+    "protocols"  # texts of packs that fit other protocols than pair comparison, in place of those of the same key
+)
 LONGEST_TEXT = 20_000  # characters of a consent text
 LONGEST_NAME = 200  # characters of a study's name
 
@@ -63,9 +66,8 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mappin
     name : the study's, used where it has none in this language
     images : SHA-256 of the study's images, by name
     """
-    said, fitting = own_texts(options, pack.tag), texts_of(pack.texts, options.protocol)
-    replaced = {key: said.get(key, text) for key, text in fitting.items() if not key.startswith(f"{QUESTIONS}.")}
-    texts = nested_texts(replaced)
+    said = own_texts(options, pack.tag)
+    texts = nested_texts({**protocol_texts(pack, options.protocol), **_of_pack(said)})
     texts["study"] = {
         "name": said.get(NAME, name),
         "consent": said.get(CONSENT, ""),
@@ -75,6 +77,17 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mappin
     texts[QUESTIONS] = {question.name: _asked(question, pack, said) for question in options.questions}
     content = json.dumps([pack.tag, texts], ensure_ascii=False, sort_keys=True)
     return Wording(pack.tag, pack.direction, texts, hashlib.sha256(content.encode()).hexdigest())
+
+
+def protocol_texts(pack: LanguagePack, protocol: Protocol) -> dict[str, Text]:
+    """Return a pack's texts for a protocol by key, without the questions of the interview."""
+    texts = texts_of(nested_texts(pack.texts), protocol)
+    return flat_texts({name: part for name, part in texts.items() if name not in (QUESTIONS, PROTOCOLS)})
+
+
+def _of_pack(said: Mapping[str, Text]) -> dict[str, Text]:
+    """Return those of a study's own texts that stand in place of a pack's."""
+    return {key: text for key, text in said.items() if key.partition(".")[0] not in (QUESTIONS, "study")}
 
 
 def own_texts(options: StudyOptions, language: str) -> dict[str, Text]:
@@ -225,7 +238,7 @@ def _faults_of_own(key: str, text: Any, questions: Mapping[str, Question]) -> li
     if group == QUESTIONS:
         name, _, part = rest.partition(".")
         return _question_faults(key, part, text, questions.get(name))
-    if key not in model_texts():
+    if key not in model_texts() or group == PROTOCOLS:
         return [f"{key!r} is not known; expected a key of the language packs, {CONSENT}, {DEBRIEFING} or {NAME}"]
     if len(str(text)) > LONGEST_TEXT:
         return [f"{key}: expected a text of at most {LONGEST_TEXT} characters"]

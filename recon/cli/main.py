@@ -265,6 +265,9 @@ def render(
     ] = "",
     renderer: Annotated[str, typer.Option(help="Renderer: auto or a name.")] = "auto",
     master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
+    practice: Annotated[
+        str, typer.Option(metavar="DATASET", help="Scene with two videos that a study's participants practise with.")
+    ] = "",
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
@@ -290,10 +293,10 @@ def render(
         cluster=cluster,
     )
     progress = ProgressLine()
-    manifest = render_folders(folders, out, options, progress)
+    manifest = render_folders(folders, out, options, progress, practice=practice)
     progress.close()
     content = read_json(manifest)
-    stimuli = content["stimuli"]
+    stimuli = [*content["stimuli"], *content["practice"]]
     for warning in content["provenance"]["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]

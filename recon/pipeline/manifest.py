@@ -46,7 +46,9 @@ class Stimulus:
     mask: str | None = None
 
 
-def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any]) -> Path:
+def write_manifest(
+    folder: Path, name: str, stimuli: Sequence[Stimulus], provenance: dict[str, Any], *, practice: str = ""
+) -> Path:
     """Write ``manifest.json`` with the digest of every video.
 
     Parameters
@@ -54,6 +56,7 @@ def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provena
     folder, name : of the stimulus set
     stimuli : its videos
     provenance : which runs, options and versions they come from
+    practice : the dataset whose videos are for practice only; empty: none
 
     Raises
     ------
@@ -66,6 +69,7 @@ def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provena
     if len(set(keys)) != len(keys):
         twice = sorted({key for key in keys if keys.count(key) > 1})
         raise ValueError(f"{folder}: more than one video for {twice}; give every capture a name of its own")
+    compared = [stimulus for stimulus in stimuli if stimulus.dataset != practice]
     path = folder / "manifest.json"
     write_json(
         path,
@@ -73,9 +77,9 @@ def write_manifest(folder: Path, name: str, stimuli: Sequence[Stimulus], provena
             "schema_version": SCHEMA_VERSION,
             "name": name,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
-            "stimuli": [_entry(folder, stimulus) for stimulus in stimuli],
-            "factors": _factors(stimuli),
-            "practice": [],
+            "stimuli": [_entry(folder, stimulus) for stimulus in compared],
+            "factors": _factors(compared),
+            "practice": [_entry(folder, stimulus) for stimulus in stimuli if stimulus.dataset == practice],
             "provenance": provenance,
         },
     )

@@ -189,7 +189,14 @@ def reconstruct(
     return content
 
 
-def render(folders: Sequence[Path], out: Path, options: RenderOptions, progress: Progress = no_progress) -> Path:
+def render(
+    folders: Sequence[Path],
+    out: Path,
+    options: RenderOptions,
+    progress: Progress = no_progress,
+    *,
+    practice: str = "",
+) -> Path:
     """Make a video of every approach of every run and models folder, and the manifest; returns the manifest's path.
 
     Path, light, background, renderer and encoder settings are the same for all approaches of a scene. The path is
@@ -200,12 +207,14 @@ def render(folders: Sequence[Path], out: Path, options: RenderOptions, progress:
     folders, out : runs and models folders, and the folder of the stimulus set
     options : how to show the models
     progress : told after each model that is checked, and after each part of a video, in frames
+    practice : the scene whose two videos are for practice only; empty: none
 
     Raises
     ------
     ValueError
         If a folder is neither a run nor a models folder, a model cannot be filmed, two folders have a film in common or
-        would take different paths around one scene, or a file of cameras does not fit. Nothing is written then.
+        would take different paths around one scene, a file of cameras does not fit, or the practice does not have two
+        videos beside others. Nothing is written then.
     """
     out = out.resolve()
     options = replace(options, renderer=choose_renderer(options.renderer))
@@ -214,6 +223,7 @@ def render(folders: Sequence[Path], out: Path, options: RenderOptions, progress:
     check_path_is_read_only(sources, options, out)
     with open_pool(options.workers, options.cluster) as pool:
         films, warnings = planned_films(sources, options, pool, progress)
+        _check_practice(practice, films)
         remove_leftovers(out)
         paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
         parts = [
@@ -236,7 +246,20 @@ def render(folders: Sequence[Path], out: Path, options: RenderOptions, progress:
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
-    return write_manifest(out, out.name, stimuli, provenance)
+    return write_manifest(out, out.name, stimuli, provenance, practice=practice)
+
+
+def _check_practice(practice: str, films: Sequence[Film]) -> None:
+    if not practice:
+        return
+    datasets = [film.dataset for film in films]
+    n_practised = datasets.count(practice)
+    n_compared = len(datasets) - n_practised
+    if n_practised != 2 or n_compared == 0:
+        raise ValueError(
+            f"the practice {practice!r} has {n_practised} videos, and other scenes have {n_compared}; expected a scene "
+            f"with two, one plainly better, beside those that are compared: {', '.join(sorted(set(datasets)))}"
+        )
 
 
 def _digests(source: Source, films: Sequence[Film]) -> dict[str, Any]:

@@ -5,7 +5,15 @@ import { required } from "./elements.js";
 const START_MM = 30;
 const START_RANGE_MM = 25; // random each time, so that nobody answers by the time that passes
 const SPEED_MM_S = 20; // slow: answering takes a third of a second, or 7 mm
+const CROSS_AT = 0.12; // of the window's width, as the style sheet has it
+const FARTHEST_RAD = (16 * Math.PI) / 180; // where the dot vanishes for nearly everybody; for most at 13.5 degrees
 const MARGIN_MM = 10; // to the right edge of the window, where the dot begins again
+
+/** Whether the window is wide enough to lose the dot from a distance. @param {number} distance_cm @param {number} cssPixelMm */
+export function fitsBlindSpot(distance_cm, cssPixelMm) {
+  const offset_mm = 10 * distance_cm * Math.tan(FARTHEST_RAD) + MARGIN_MM;
+  return offset_mm <= (1 - CROSS_AT) * window.innerWidth * cssPixelMm;
+}
 
 /**
  * @param {HTMLElement} field with a cross and a dot

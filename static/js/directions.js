@@ -1,11 +1,12 @@
-/** Directions by key: the number pad, the keys around S, or the arrows, two together for a diagonal. */
+/** Directions by key: numbers as on a number pad, the keys around S, or the arrows, two together for a diagonal. */
 
 /** From 0 (right) anticlockwise by 45 degrees; keys by their place, whatever is printed on them. @type {Record<string, number>} */
 const BY_PLACE = {
   Numpad6: 0, Numpad9: 1, Numpad8: 2, Numpad7: 3, Numpad4: 4, Numpad1: 5, Numpad2: 6, Numpad3: 7,
+  Digit6: 0, Digit9: 1, Digit8: 2, Digit7: 3, Digit4: 4, Digit1: 5, Digit2: 6, Digit3: 7,
   KeyD: 0, KeyE: 1, KeyW: 2, KeyQ: 3, KeyA: 4, KeyZ: 5, KeyX: 6, KeyC: 7,
 }; // prettier-ignore
-const MIDDLE = new Set(["Numpad5", "Numpad0", "Digit0", "KeyS", "KeyN"]);
+const MIDDLE = new Set(["Numpad5", "Numpad0", "Digit5", "Digit0", "KeyS", "KeyN"]);
 /** @type {Record<string, [number, number]>} */
 const ARROWS = { ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowLeft: [-1, 0], ArrowDown: [0, -1] };
 

@@ -1,5 +1,6 @@
 /** The participant's page, from Begin to the thanks. The server knows the stage; the page shows it. */
 
+import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
@@ -15,13 +16,14 @@ import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
+import { minutesTogether, roughly } from "./time-left.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
 import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
 
 /** @typedef {import("./session.js").Session} Session */
 
-const VOTING_S = 5; // of a trial, roughly, for the length that the page announces
+const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const TEXTS_HAVE_CHANGED = 412; // status of the answer
@@ -32,6 +34,7 @@ const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
+const begunKey = `begun here: ${beginKey}`;
 const shelf = await openShelf();
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
@@ -49,6 +52,7 @@ let agreedText = ""; // digest of the consent's text that was agreed to before t
 let ending = null; // of the session
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
 let isUnderWay = false; // see `guarded`
+let stopClock = () => {}; // of a break
 
 /** What the page does in each stage of a session. @type {Record<import("./session.js").Stage, () => void | Promise<void>>} */
 const STAGES = {
@@ -100,6 +104,7 @@ function turnAway(why) {
 }
 
 function welcome() {
+  byId("moved").hidden = new URLSearchParams(location.search).has("another") || !inBrowser.get(begunKey);
   byId("begin").toggleAttribute("disabled", false);
   show("welcome");
 }
@@ -319,10 +324,15 @@ function goOnWithTrials() {
 }
 
 async function runTrials() {
+  stopClock();
   show("trial");
   const end = await trials.run(outbox, openLook);
-  if (end === "over") await goTo(await patiently(readSession));
-  else show(end);
+  if (end === "over") {
+    await goTo(await patiently(readSession));
+    return;
+  }
+  show(end);
+  if (end === "break") stopClock = startBreak(viewOf(end), Number(page.dataset.breakS));
 }
 
 /** @param {string} view the last one */
@@ -405,6 +415,7 @@ function sentence(error, problem) {
 /** @param {Session} session */
 async function enterSession(session) {
   inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
+  inBrowser.set(begunKey, "yes");
   stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
   openLook = new OpenLook(session.session);
@@ -437,7 +448,13 @@ function yieldToOther() {
 function tellSession({ study, stage, progress, resume_code, debriefing_html, ...session }) {
   page.dataset.stage = stage;
   ending = session.ending;
-  const minutes = Math.ceil((progress.total * (study.exposure_s + VOTING_S)) / 60);
-  tell({ ...progress, seconds: Math.round(study.exposure_s), minutes, resume_code });
+  trials.minutes = session.minutes;
+  const { trial, screening } = session.minutes;
+  tell({ minutes: roughly(trial), whole_minutes: minutesTogether(session.minutes), screening_minutes: roughly(screening) });
+  tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (byId("durations").querySelectorAll("[data-stage]"))) {
+    const stage = /** @type {import("./session.js").Stage} */ (line.dataset.stage);
+    line.textContent = fill(line.dataset.text, { minutes: roughly(session.minutes[stage]) });
+  }
   byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

@@ -1,7 +1,7 @@
 /** The screening: the display's size, the distance of the eyes, rings and plates. Only the server knows the right answers. */
 
 import { BankCard } from "./bank-card.js";
-import { watchDot } from "./blind-spot.js";
+import { fitsBlindSpot, watchDot } from "./blind-spot.js";
 import { Refusal, patiently } from "./connection.js";
 import { listenForDirections } from "./directions.js";
 import { byId, required } from "./elements.js";
@@ -26,18 +26,30 @@ const N_CARDS = 2;
 const N_BLIND_SPOTS = 5;
 const BLANK_MS = 250; // between pictures
 
-/** Takes a participant through every test that is not over yet. @param {Page} page */
+/** Takes a participant through every test that is not over yet, and back to the seat. @param {Page} page */
 export async function takeScreening(page) {
   const state = await patiently(readScreening);
-  if (state.tests.every((test) => test.is_over)) return;
-  page.show("screening");
-  await pressed("begin-screening");
-  enterFullScreen();
+  if (state.tests.some((test) => !test.is_over)) {
+    page.show("screening");
+    await pressed("begin-screening");
+    enterFullScreen();
+  }
   for (const { test, has_begun, is_over } of state.tests) {
     if (is_over) continue;
     if (test === "acuity") await takeRings(page, state, has_begun);
     else await takePlates(page);
   }
+  if (!(await knowsSeat(page))) return;
+  page.show("seat");
+  await pressed("confirm-seat");
+  enterFullScreen();
+}
+
+/** Tells how far from the display the participant sits. @param {Page} page @returns {Promise<boolean>} false where that was not measured */
+async function knowsSeat(page) {
+  const { seat_cm } = await patiently(readScreening);
+  page.tell({ seat_cm });
+  return seat_cm !== null;
 }
 
 /** @param {Page} page @param {ScreeningState} state @param {boolean} hasBegun then the display and the distance are measured already */
@@ -57,6 +69,7 @@ async function takeRings(page, state, hasBegun) {
 
 /** @param {Page} page */
 async function takePlates(page) {
+  byId("plates-seat").hidden = !(await knowsSeat(page));
   page.show("plates-intro");
   await pressed("begin-plates");
   const plate = required(HTMLImageElement, "#plate");
@@ -125,7 +138,7 @@ async function measure(page, state) {
   if (!measured) return null;
   if (measured.certificate) return measured.certificate; // the distance is fixed
   const certificate = await (state.distance === "blind spot" ? findBlindSpot(page, measured) : typeDistance(page, "distance"));
-  return certificate.can_certify ? certificate : stepBack(page, certificate);
+  return certificate.can_certify ? certificate : stepBack(page, certificate, measured);
 }
 
 /** @param {Page} page @returns {Promise<ScreeningState | null>} null: there is no card */
@@ -172,9 +185,8 @@ async function typeDistance(page, view, orElse = new Promise(() => {})) {
 }
 
 /** @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate>} */
-async function findBlindSpot(page, { pixel_mm }) {
+async function findBlindSpot(page, state) {
   const device_pixel_ratio = devicePixelRatio;
-  const cssPixelMm = Number(pixel_mm) * device_pixel_ratio;
   byId("blind-again").hidden = true;
   for (;;) {
     page.show("blind-intro");
@@ -184,7 +196,7 @@ async function findBlindSpot(page, { pixel_mm }) {
     while (blind_spots.length < N_BLIND_SPOTS) {
       page.tell({ spot: blind_spots.length + 1, spots: N_BLIND_SPOTS });
       if (page.showing() !== "blind") page.show("blind");
-      blind_spots.push(await watchDot(byId("blind-field"), cssPixelMm, () => page.showing() === "blind" && !isDialogOpen()));
+      blind_spots.push(await watchDot(byId("blind-field"), cssPixelMm(state), () => page.showing() === "blind" && !isDialogOpen()));
     }
     const measured = await unlessImplausible(() => sendDistance({ blind_spots, device_pixel_ratio }));
     if (measured) return certificateOf(measured);
@@ -192,17 +204,36 @@ async function findBlindSpot(page, { pixel_mm }) {
   }
 }
 
-/** Asks to sit farther away: from here the display's pixels are too large for a certificate. @param {Page} page @param {Certificate} certificate @returns {Promise<Certificate>} */
-async function stepBack(page, certificate) {
+/**
+ * Asks to sit farther away: from here the display's pixels are too large for a certificate. The new distance is measured
+ * like the first one, where the display is wide enough for a blind spot from there; else it is typed.
+ * @param {Page} page @param {Certificate} certificate @param {ScreeningState} state @returns {Promise<Certificate>}
+ */
+async function stepBack(page, certificate, state) {
   let current = certificate;
   const stay = pressed("stay");
   while (!current.can_certify) {
+    const isMeasured = state.distance === "blind spot" && fitsBlindSpot(current.needed_distance_cm, cssPixelMm(state));
     page.tell({ ...current });
-    const next = await typeDistance(page, "step-back", stay);
+    for (const id of ["step-back-form", "new-distance"]) byId(id).hidden = isMeasured;
+    byId("moved-back").hidden = !isMeasured;
+    const next = await (isMeasured ? measureAgain(page, state, stay) : typeDistance(page, "step-back", stay));
     if (typeof next === "string") break;
     current = next;
   }
   return current;
+}
+
+/** @param {Page} page @param {ScreeningState} state @param {Promise<string>} stay */
+async function measureAgain(page, state, stay) {
+  page.show("step-back");
+  const choice = await Promise.race([pressed("moved-back"), stay]);
+  return choice === "moved-back" ? findBlindSpot(page, state) : choice;
+}
+
+/** @param {ScreeningState} state @returns {number} */
+function cssPixelMm({ pixel_mm }) {
+  return Number(pixel_mm) * devicePixelRatio;
 }
 
 /** @param {ScreeningState} state @returns {Certificate} */

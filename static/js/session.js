@@ -12,6 +12,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {Stage} stage
  * @property {Stage[]} stages of this study, in order
  * @property {{done: number, total: number}} progress
+ * @property {Partial<Record<Stage, number>>} minutes about how long each stage takes
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
  * @property {Ending | null} ending null before the end, or where the study says nothing of it
@@ -40,8 +41,10 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {object} TrialDescription
  * @property {string} trial
  * @property {number} attempt from 2 when it is repeated because it was interrupted
- * @property {number} number
+ * @property {number} number one more than there are votes
+ * @property {number} place its own number, which it keeps when it comes again
  * @property {number} total
+ * @property {boolean} is_practice
  * @property {number} exposure_s
  * @property {boolean} free_exposure the participant ends it
  * @property {boolean} see_both the vote waits until A and B were both on screen
@@ -94,6 +97,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {"typed" | "fixed" | "blind spot"} distance how to measure it
  * @property {number | null} pixel_mm of the display's own pixels
  * @property {Certificate | null} certificate
+ * @property {number | null} seat_cm from the display to where the films are seen from; null while it is not measured
  *
  * @typedef {object} ScreeningItem a ring or a plate
  * @property {number} number

@@ -30,7 +30,7 @@ import { askForAnswer } from "./vote-form.js";
 const FIXATION_MS = 500;
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const PROGRESS_EVERY_MS = 250;
-const REFERENCE_KEY = "r";
+const REFERENCE_KEY = "r"; // or what lies in its place on keyboards of other alphabets
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
 
@@ -223,7 +223,7 @@ export class Trial {
     };
     const onKey = (/** @type {KeyboardEvent} */ event) => {
       if (!isPlain(event)) return;
-      const isForReference = media.reference && event.key.toLowerCase() === REFERENCE_KEY;
+      const isForReference = media.reference && (event.key.toLowerCase() === REFERENCE_KEY || event.code === "KeyR");
       if (isForReference || SWITCH_KEYS.has(event.key)) {
         event.preventDefault();
         if (!event.repeat) this.#switch(event.timeStamp, isForReference);
@@ -367,12 +367,16 @@ export class Trial {
 }
 
 /** @param {HTMLElement} screen @param {TrialDescription} description */
-function labelTrial(screen, { number, total, free_exposure, media }) {
+function labelTrial(screen, { number, place, total, attempt, is_practice, free_exposure, media }) {
+  screen.classList.toggle("is-practice", is_practice);
   screen.classList.toggle("is-free", free_exposure);
   screen.classList.toggle("has-reference", media.reference);
   screen.classList.toggle("is-alone", media.layout === "single");
-  for (const label of screen.querySelectorAll("[data-label]")) {
-    label.textContent = fill(/** @type {HTMLElement} */ (label).dataset.label, { number, total });
+  for (const element of /** @type {NodeListOf<HTMLElement>} */ (screen.querySelectorAll("[data-label]"))) {
+    const { label, labelAgain, labelPractice } = element.dataset;
+    const numbered = fill(label, { number: place, total });
+    const more = is_practice ? labelPractice : attempt > 1 ? labelAgain : "{label}";
+    element.textContent = fill(more, { label: numbered });
   }
   required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }

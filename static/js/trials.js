@@ -5,6 +5,7 @@ import { Films } from "./films.js";
 import { watchPage } from "./happenings.js";
 import { readFilmsAhead, readNextTrial, sendVoid, tellTrouble } from "./session.js";
 import { filmsOf } from "./technique.js";
+import { minutesLeft } from "./time-left.js";
 import { Trial } from "./trial.js";
 import { tell } from "./views.js";
 
@@ -29,6 +30,8 @@ export class Trials {
     this.technique = technique;
     this.breakEvery = breakEvery;
     this.lastBreak = 0; // answers before it
+    /** About how long each stage takes. @type {Partial<Record<import("./session.js").Stage, number>>} */
+    this.minutes = {};
     this.films = new Films();
     /** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
     this.ahead = null;
@@ -53,6 +56,7 @@ export class Trials {
       const description = await this.#next(outbox);
       if (this.isAbandoned) return NEVER;
       if (!description) return "over";
+      tell({ left: minutesLeft(this.minutes, description) });
       if (this.#isTimeForBreak(description)) return "break";
       this.ahead = description.following ?? null;
       if (!(await this.#take(description, askedAt, outbox, openLook))) return "interrupted";

@@ -39,9 +39,10 @@ function change(name) {
     view.hidden = view.dataset.view !== name;
   }
   page.dataset.showing = name;
-  page.className = name === "trial" ? "dark" : "light";
+  const isDim = "dim" in viewOf(name).dataset; // no bright page between two films
+  page.className = name === "trial" ? "dark" : isDim ? "light dim" : "light";
   window.scrollTo(0, 0);
-  const first = viewOf(name).querySelector("[data-first]"); // where one types
+  const first = viewOf(name).querySelector("form:not([hidden]) [data-first]"); // where one types
   const heading = /** @type {HTMLElement | null} */ (viewOf(name).querySelector('h1[tabindex="-1"]'));
   if (first instanceof HTMLInputElement) first.select();
   else heading?.focus({ preventScroll: true });

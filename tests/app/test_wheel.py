@@ -171,8 +171,9 @@ def test_it_has_the_papers_numbers(server: Installed) -> None:
 
 def test_it_runs_the_whole_demo(recon: Installed) -> None:
     """From a smaller recording than its own: the demo goes on from what is there."""
-    recon.run("reconstudy", "capture", "synth", "demo/capture", "--scene", "ball", "--frames", 6, "--size", "90x160")
-    recon.run("reconstudy", "capture", "segment", "demo/capture")
+    for folder, scene, n_frames in (("demo/capture", "ball", 6), ("demo/practice/capture", "box", 2)):
+        recon.run("reconstudy", "capture", "synth", folder, "--scene", scene, "--frames", n_frames, "--size", "90x160")
+        recon.run("reconstudy", "capture", "segment", folder)
     told = recon.run("reconstudy", "demo", "--no-serve", "--participants", 1, "--port", 0)
     assert "As a participant:" in told
     assert "</html>" in (recon.work / "demo" / "analysis" / "report.html").read_text(encoding="utf-8")

@@ -79,7 +79,7 @@ def answers_plates(page: Page) -> None:
 
 
 def passes_screening(visitor: Visitor) -> None:
-    """From its first page to the end of its last test."""
+    """From its first page to the end of its last test, and back to the seat."""
     for view in ("screening", "card", "distance", "rings-intro"):
         visitor.sees(view)
         if view == "card":
@@ -92,3 +92,6 @@ def passes_screening(visitor: Visitor) -> None:
     visitor.sees("plates-intro")
     visitor.page.keyboard.press("Enter")
     answers_plates(visitor.page)
+    visitor.sees("seat")
+    expect(visitor.page.locator("[data-view=seat]")).to_contain_text("about 250 cm from the display")
+    visitor.page.keyboard.press("Enter")

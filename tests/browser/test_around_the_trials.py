@@ -307,3 +307,52 @@ def test_a_break_is_offered_as_often_as_the_study_says(
     expect(page.locator("[data-view=break]")).to_contain_text("2 of 7 pairs")
     page.keyboard.press("Enter")
     visitor.is_in("voting")
+
+
+def test_a_break_is_grey_and_its_clock_says_when_to_go_on(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    page.clock.install()
+    options = {"both_orders": True, "identical_pairs": 1, "break_every": 1, "break_s": 90}
+    visitor.begin(new_study(short_films, 0.1, parse_options(options)))
+    visitor.votes("2")
+    visitor.sees("break")
+    assert (visitor.looks()[[0, 300, -1], [0, 20, -1]] == 128).all(), "no bright page between two films"
+    page.clock.fast_forward(60_000)
+    view = page.locator("[data-view=break]")
+    expect(view.get_by_role("timer")).to_have_text(re.compile("^1:0[0-9]$"))
+    expect(view).to_contain_text("You can go on in 0:")
+    expect(view).to_contain_text("min left")
+    expect(page.locator("#after-break")).to_be_disabled()
+    page.clock.fast_forward(30_000)
+    expect(view).to_contain_text("Go on whenever you like")
+    page.keyboard.press("Enter")
+    visitor.is_in("voting")
+    expect(page.locator("#trial .left")).to_have_text(re.compile("^about [0-9]+ min left$"))
+
+
+def test_a_pair_that_comes_again_keeps_its_number_and_a_pair_of_the_practice_says_so(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(short_films, 0.8, parse_options({"optional_stages": ["practice"]}))
+    visitor.begin(study)
+    visitor.sees("practice")
+    page.keyboard.press("Enter")
+    visitor.is_in("voting")
+    expect(page.locator("#trial .progress")).to_contain_text("Practice: Pair 1 of 2")
+    expect(page.locator("#trial .left")).to_be_hidden()
+    visitor.votes("1")
+    visitor.sees("practice-again")
+    page.keyboard.press("Enter")
+    visitor.practises()
+    page.keyboard.press("Enter")
+    visitor.is_in("exposure")
+    page.reload()  # the look is void
+    visitor.sees("resume")
+    page.keyboard.press("Enter")
+    for label in ("Pair 2 of 3", "Pair 3 of 3", "Pair 1 of 3, once more"):
+        visitor.is_in("exposure")
+        page.keyboard.press("Space")
+        visitor.is_in("voting")
+        expect(page.locator("#trial-label")).to_have_text(label)
+        visitor.votes("2")

@@ -29,7 +29,7 @@ SHOWN = """new MutationObserver(() => {
 FOLLOW = f"window.seen = []; {SHOWN}.observe(document, {{ subtree: true, attributeFilter: ['data-showing'] }});"
 WAY = [
     *("welcome", "consent", "instructions-1", "instructions-2", "instructions-3", "comprehension"),
-    *("screening", "card", "distance", "rings-intro", "rings", "plates-intro", "plates"),
+    *("screening", "card", "distance", "rings-intro", "rings", "plates-intro", "plates", "seat"),
 ]
 
 
@@ -94,6 +94,7 @@ def test_a_double_click_on_every_button_goes_one_step_at_a_time(
         expect(page.locator("#plate")).to_be_visible()
         visitor.is_settled()
         double_click(visitor, page.locator("[data-view=plates] [data-direction='0']"))
+    double_clicks("seat")
     double_clicks("practice")
     visitor.practises()
     double_clicks("practice-done")

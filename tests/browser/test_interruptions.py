@@ -194,6 +194,10 @@ def test_a_code_leads_to_another_computer(study: Study, page: Page, visitor: Vis
     elsewhere.close()
     page.reload()  # here the session has ended
     visitor.sees("welcome")
+    expect(page.get_by_text("gone on with your code at another computer")).to_be_visible()
+    page.goto(f"{study.address}?another=1")
+    visitor.sees("welcome")
+    expect(page.get_by_text("gone on with your code at another computer")).to_be_hidden()
 
 
 def test_a_participant_withdraws_and_nothing_more_is_taken(study: Study, page: Page, visitor: Visitor) -> None:

@@ -14,16 +14,17 @@ from app.errors import ConflictError, InvalidError
 from app.operations.create import EXPOSURE_BOUNDS_S
 from app.operations.manage import study_file_of
 from app.store.audit import Actor
-from app.store.engine import Database
+from app.store.designs import practice_pairs
+from app.store.engine import Database, Transaction
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.colour_vision import AXES
 from app.study.lab_sheet import BOUNDS, LABELS
 from app.study.lab_sheet import LONGEST_NOTE as LONGEST_LAB_NOTE
 from app.study.language_pack import LanguagePack
-from app.study.options import check_minimum_viewing, parse_options
+from app.study.options import StudyOptions, check_minimum_viewing, parse_options
 from app.study.recruiting import LONGEST_ADDRESS, MOST_PEOPLE, RESUMES
 from app.study.screening import TESTS
-from app.study.stages import OPTIONAL_STAGES
+from app.study.stages import OPTIONAL_STAGES, PRACTICE
 from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, write_study_file
 from app.study.wording import LONGEST_TEXT, check_languages
 from app.web.admin.layout import see, study_page, unix
@@ -259,6 +260,7 @@ def save_study(
     try:
         with database.writing() as connection:
             lock_study(connection, study.id)  # nobody begins between the check and the change
+            _refuse_without_films(connection, study.id, wanted.options, changes)
             fixed = sorted(changes.keys() - set(FREE))
             if fixed and progress_of(connection, study.id).n_started:
                 what = ", ".join(fixed)
@@ -272,6 +274,22 @@ def save_study(
             actor.note(connection, "edit refused", study, study.slug, reason=error.detail)
         raise
     return see(f"/admin/studies/{study.slug}/{page}")
+
+
+def _refuse_without_films(
+    connection: Transaction, study_id: int, options: StudyOptions, changes: Mapping[str, Any]
+) -> None:
+    """Refuse a practice whose films were not made with the study.
+
+    Raises
+    ------
+    ConflictError
+        If the practice is to begin, or to show other films.
+    """
+    if changed := sorted(changes.keys() & {"practice_dataset", "practice_pairs"}):
+        raise ConflictError(f"{changed[0]} cannot change: the films of the practice are made with the study.")
+    if PRACTICE in options.way and not practice_pairs(connection, study_id):
+        raise ConflictError("This study has no films to practise with; create a study with the stage practice instead.")
 
 
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:

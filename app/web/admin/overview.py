@@ -13,6 +13,7 @@ from fastapi.responses import Response
 from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
+from app.store.designs import datasets_of
 from app.store.invitations import invitations_of
 from app.store.monitor import votes_by_minute
 from app.store.orders import n_taken_in
@@ -56,9 +57,11 @@ class SharedMonitor:
 @router.get("")
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
+        compared = datasets_of(connection, study.id)
         invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
     link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
-    context = {**monitor_of(request, study, PATIENCE_S), "link": link}
+    practised = [films for films in parse_options(study.options).practice_pairs if films.dataset in compared]
+    context = {**monitor_of(request, study, PATIENCE_S), "link": link, "practised": practised}
     return study_page(request, "overview", person, study, context)
 
 

@@ -33,7 +33,7 @@ class KnownSet:
 
     name: str
     title: str
-    n_datasets: int
+    datasets: tuple[str, ...]
     n_conditions: int
     n_stimuli: int
     size: str
@@ -105,10 +105,12 @@ def _known_set(folder: Path) -> KnownSet | None:
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         stimuli = manifest["stimuli"]
-        datasets, conditions = ({str(stimulus[key]) for stimulus in stimuli} for key in ("dataset", "approach"))
+        datasets, conditions = (
+            tuple(dict.fromkeys(str(stimulus[key]) for stimulus in stimuli)) for key in ("dataset", "approach")
+        )
         first = stimuli[0]
         size = f"{first['width']}×{first['height']}, {first['n_frames'] / first['fps']:g} s"
-        return KnownSet(folder.name, str(manifest["name"]), len(datasets), len(conditions), len(stimuli), size)
+        return KnownSet(folder.name, str(manifest["name"]), datasets, len(conditions), len(stimuli), size)
     except (OSError, ValueError, KeyError, TypeError, IndexError, ZeroDivisionError):
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Form, Path, Request
@@ -18,7 +19,7 @@ from app.store.studies import Standing, all_studies, progress_by_study, set_stan
 from app.study.options import StudyOptions, parse_options
 from app.study.presets import PRESETS, QUICK, read_preset
 from app.study.protocols import PC, PROTOCOLS_IN_WORDS, RATED, SCALES, typed_scale
-from app.study.stages import OPTIONAL_STAGES
+from app.study.stages import OPTIONAL_STAGES, PRACTICE
 from app.study.wording import LONGEST_TEXT
 from app.web.admin.jobs import start_job
 from app.web.admin.layout import page, see, unix
@@ -70,6 +71,7 @@ def create(
     scale: Annotated[str, Form(max_length=20)] = str(SCALES[0]),
     reference: Annotated[str, Form(max_length=200)] = "",
     without: Annotated[str, Form(max_length=LONGEST_TEXT)] = "",
+    practice_dataset: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
     """Create a study in the background; the job's page shows the progress.
 
@@ -79,6 +81,7 @@ def create(
     consent : in place of the preset's; empty: the preset's
     protocol, scale, reference : options of the study; the scale counts where films are rated
     without : conditions to leave out, with commas
+    practice_dataset : to practise with, which no trial shows; empty: none
     """
     folder = set_folder(settings(request), stimulus_set)
     try:
@@ -87,6 +90,8 @@ def create(
         if protocol in RATED:
             given["scale"] = typed_scale(scale)
         options = _chosen(preset, stage, unix(consent).strip(), given)
+        if practice_dataset.strip():
+            options = replace(options, practice_dataset=practice_dataset.strip()).with_stage(PRACTICE)
         subject = f"study {slugify(name)}"
     except ValueError as error:
         raise InvalidError(f"The study was not created: {error}.") from error

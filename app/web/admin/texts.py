@@ -15,7 +15,7 @@ from app.store.engine import Transaction
 from app.store.images import image_digests, keep_image, remove_image
 from app.store.studies import Study, lock_study, progress_of
 from app.study.image import LARGEST_IMAGE, MOST_IMAGES, check_image
-from app.study.language_pack import BY, PLURALS, LanguagePack, Text, model_texts
+from app.study.language_pack import BY, PLURALS, LanguagePack, Text
 from app.study.options import StudyOptions, parse_options
 from app.study.wording import (
     CONSENT,
@@ -28,6 +28,7 @@ from app.study.wording import (
     own_texts,
     pack_labels,
     parse_languages,
+    protocol_texts,
     refused_languages,
     wording,
 )
@@ -179,12 +180,11 @@ def _save(
 
 
 def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
-    """Yield all texts but the documents and the name, in the order of the English pack; at the end the questions."""
+    """Yield all texts but the documents and the name; at the end the questions."""
     plain = own_texts(replace(options, texts={}), pack.tag)
     said = options.texts.get(pack.tag, {})
-    for key in model_texts():
-        if not key.startswith(f"{QUESTIONS}."):
-            yield Row(key, _written(pack.texts[key]), _written(said.get(key, "")))
+    for key, text in protocol_texts(pack, options.protocol).items():
+        yield Row(key, _written(text), _written(said.get(key, "")))
     for question in options.questions:
         text, labels = (f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels"))
         yield Row(text, _written(plain.get(text) or pack.texts.get(text, "")), _written(said.get(text, "")))

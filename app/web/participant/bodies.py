@@ -69,8 +69,10 @@ class OneTrialView(BaseModel):
 
     trial: str
     attempt: int = Field(description="from 2 when it is repeated because it was interrupted")
-    number: int
+    number: int = Field(description="from 1, as it is shown: one more than there are votes")
+    place: int = Field(description="its own number, from 1, which it keeps when it comes again")
     total: int
+    is_practice: bool = Field(description="whether it is for practice only")
     exposure_s: float
     free_exposure: bool = Field(description="the participant ends the exposure; the film goes on until then")
     see_both: bool = Field(description="the vote waits until both A and B were on screen")
@@ -195,7 +197,9 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         trial=current.public_id,
         attempt=current.attempt,
         number=done.n_done + 1 + ahead,
+        place=current.position + 1,
         total=done.n_total,
+        is_practice=False,
         exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
         free_exposure=session.options.free_exposure,
@@ -231,7 +235,9 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         trial=f"practice-{pair.position + 1}",
         attempt=MOST_ATTEMPTS,
         number=pair.position + 1,
+        place=pair.position + 1,
         total=total,
+        is_practice=True,
         exposure_s=session.exposure_s,
         first_shown="b" if turn else "a",
         free_exposure=session.options.free_exposure,

@@ -98,6 +98,7 @@ class ScreeningView(BaseModel):
     fixed_distance_cm: float | None
     pixel_mm: float | None = Field(description="of the display, once it was measured")
     certificate: CertificateView | None = Field(description="of the acuity test, once the distance is known")
+    seat_cm: float | None = Field(description="the first distance measured: from where the films are to be seen")
 
 
 class ItemView(BaseModel):
@@ -227,6 +228,7 @@ def _view(database: Database, session: Session) -> ScreeningView:
         fixed_distance_cm=options.distance_cm,
         pixel_mm=display.pixel_mm if display else None,
         certificate=_certificate(display, options.acuity_limit) if display else None,
+        seat_cm=round(display.seat_mm / 10, 1) if display and display.seat_mm is not None else None,
     )
 
 

@@ -29,6 +29,7 @@ from app.store.sessions import (
 )
 from app.store.studies import Study, study_by_id
 from app.study.comprehension import is_understood
+from app.study.duration import stage_minutes
 from app.study.options import parse_options
 from app.study.protocols import Protocol
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
@@ -148,6 +149,7 @@ class SessionView(BaseModel):
     stage: str
     stages: list[str]
     progress: ProgressView
+    minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
     language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")
     was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
@@ -161,6 +163,7 @@ class AskedView(BaseModel):
 
     consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
     comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
+    practice: int = Field(description="how many rounds of practice are to be sent, where the study has a practice")
     protocol: Protocol = Field(
         description="how to judge; in ACR and ACR-HR other answers to the comprehension are right"
     )
@@ -259,7 +262,11 @@ def asked(request: Request, signed_in: Participant) -> AskedView:
     consent = consent_to_send(options, _language(request, signed_in.session))
     questions = [asdict(question) for question in options.questions]
     return AskedView(
-        consent=consent, comprehension=options.comprehension, protocol=options.protocol, questions=questions
+        consent=consent,
+        comprehension=options.comprehension,
+        practice=options.n_practice,
+        protocol=options.protocol,
+        questions=questions,
     )
 
 
@@ -359,6 +366,7 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "stage": session.stage,
         "stages": list(session.options.way),
         "progress": ProgressView(done=done.n_done, total=done.n_total),
+        "minutes": stage_minutes(session.options, done.n_total, session.exposure_s),
         "language": session.language,
         "was_away_long": session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         "resume_code": resume_code(token),

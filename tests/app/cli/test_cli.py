@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.render.video import write_video
 from recon.storage.files import read_json, write_json
+from tests.app import tiny_stimuli
 from tests.command_line import Command
 
 
@@ -402,6 +403,26 @@ def test_a_studys_options_come_from_a_file_and_from_the_command(
     told = json.loads(exported.out)["toml"]
     assert 'optional_stages = ["practice"]' in told
     assert "both_orders = true\nidentical_pairs = 2\n" in told
+
+
+@pytest.mark.slow
+def test_a_dataset_for_practice_is_left_out_of_the_trials_and_comes_back_with_the_study_file(
+    command: Command, tmp_path: Path
+) -> None:
+    stimuli = tiny_stimuli.write_set(tmp_path / "set", ("ball", "box"), tiny_stimuli.APPROACHES).parent
+    (tmp_path / "options.toml").write_text('optional_stages = ["practice"]')
+    lent = command("study", "create", stimuli, "--name", "Lent", "--options", tmp_path / "options.toml")
+    assert "The practice shows ball/id_fa and ball/pm_fb, and the trials compare these two films, too" in lent.out
+    spared = command("study", "create", stimuli, "--name", "Spared", "--practice", "box", "--json")
+    assert spared.code == 0, spared.err
+    told = json.loads(spared.out)
+    assert (told["n_datasets"], told["n_pairs"], "notes" in told) == (1, 3, False)
+    exported = json.loads(command("study", "export", "spared", "--json").out)["toml"]
+    assert 'practice_pairs = [{ dataset = "box", a = "id_fa", b = "pm_fb" }]' in exported
+    (tmp_path / "again.toml").write_text(exported.replace('"Spared"', '"Again"'))
+    assert command("study", "import", tmp_path / "again.toml", "--stimuli", stimuli).code == 0
+    again = json.loads(command("study", "export", "again", "--json").out)["toml"]
+    assert again == exported.replace('"Spared"', '"Again"')
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,15 @@ def test_all_texts_of_a_session_come_from_one_language() -> None:
     assert shown["trial"]["question"] == "Welcher ist besser?"
 
 
+def test_own_texts_stand_in_place_of_those_of_the_studys_protocol() -> None:
+    content = {"protocol": "ACR", "texts": {"en": {"trial": {"question": "How real was it?"}}}}
+    shown = wording(packs()["en"], parse_options(content), "Name").texts
+    assert shown["trial"]["question"] == "How real was it?"
+    assert shown["trial"]["label"] == "Film {number} of {total}"
+    with pytest.raises(ValueError, match=r"'protocols\.ACR\.trial\.question' is not known"):
+        parse_options({"texts": {"en": {"protocols": {"ACR": {"trial": {"question": "How?"}}}}}})
+
+
 def test_the_digest_changes_with_every_text() -> None:
     variants: list[dict[str, Any]] = [
         {},

@@ -290,6 +290,23 @@ def test_folders_that_have_an_approach_in_common_are_refused_before_rendering(mo
         render([models, models], tmp_path / "set", SHORT)
 
 
+def test_a_scene_with_two_videos_is_for_practice(run: Path, tmp_path: Path) -> None:
+    warm_up = tmp_path / "warm-up"
+    write_mesh(warm_up / "good.ply", blob(2))
+    write_obj(warm_up / "coarse.obj")
+    describe(warm_up, dataset="warm-up", path={"sensors_of": str(run)})
+    for wrong, found in (
+        ("ball", "'ball' has 1 videos, and other scenes have 2"),
+        ("wram-up", "'wram-up' has 0 videos"),
+    ):
+        with pytest.raises(ValueError, match=f"the practice {found}"):
+            render([run, warm_up], tmp_path / "set", SHORT, practice=wrong)
+    assert not (tmp_path / "set" / "ball").exists(), "nothing is rendered for a wrong name"
+    manifest = read_json(render([run, warm_up], tmp_path / "set", SHORT, practice="warm-up"))
+    assert [entry["dataset"] for entry in manifest["stimuli"]] == ["ball"]
+    assert [entry["approach"] for entry in manifest["practice"]] == ["coarse", "good"]
+
+
 @pytest.mark.slow
 def test_worker_processes_film_models_to_the_same_bytes(run: Path, models: Path, tmp_path: Path) -> None:
     render([run, models], tmp_path / "one", SHORT)

@@ -26,6 +26,7 @@ from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
 from app.store.keys import new_secret, utc_now
 from app.store.studies import lock_study
+from app.study.practice import PracticeFilms
 from app.study.presets import PAPER, PRESETS
 from app.study.study_file import LONGEST_FILE, parse_study_file
 from app.study.wording import LONGEST_TEXT
@@ -77,10 +78,12 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
         assert "expected one of paper, quick, online" in refused.text
         fields = {"stimulus_set": "tiny", "preset": "paper", "stage": "practice", "consent": "Ours."}
         ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
+        assert "The practice shows id_fa and pm_fb of ball" in eva.get("/admin/studies/like-the-paper").text
     options = parse_study_file(manage.export_study(own, "like-the-paper")).options
     preset = read_options(None, {}, PAPER)
     texts = {"de": {key: text for key, text in preset.texts["de"].items() if key != "study.consent"}}
-    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts)
+    lent = (PracticeFilms("ball", "id_fa", "pm_fb"),)
+    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts, practice_pairs=lent)
 
 
 @pytest.mark.slow
@@ -193,6 +196,23 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
         assert refused.status_code == 422
         assert "Nothing was changed" in refused.text
     assert "By file" in experimenter.get(base).text
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ('optional_stages = ["practice"]', "has no films to practise with"),
+        ('practice_dataset = "box"', "practice_dataset cannot change"),
+        ('practice_pairs = [{dataset = "ball", a = "id_fa", b = "pm_fb"}]', "practice_pairs cannot change"),
+    ],
+)
+def test_a_practice_whose_films_were_not_made_with_the_study_is_refused(
+    experimenter: Dashboard, new_study: NewStudy, options: str, complaint: str
+) -> None:
+    text = f'name = "Later"\n[options]\n{options}\n'
+    refused = experimenter.act(f"/admin/studies/{new_study()['slug']}/edit/file", revision="1", text=text)
+    assert refused.status_code == 409
+    assert complaint in refused.text
 
 
 @pytest.mark.slow

@@ -174,8 +174,10 @@ def test_a_display_says_from_where_it_can_certify(
     assert is_problem(client.put(f"{PATH}/distance", json={"blind_spots": [400.0, 700.0, 500.0, 500.0, 500.0]}), 422)
     near = client.put(f"{PATH}/distance", json={"blind_spots": [500.0, 510.0, 520.0, 530.0, 640.0 - 30]}).json()
     assert near["certificate"] == {"can_certify": False, "distance_cm": 54.4, "needed_distance_cm": 115}
+    assert near["seat_cm"] == 54.4
     far = client.put(f"{PATH}/distance", json={"typed_cm": 115.0}).json()
     assert far["certificate"]["can_certify"]
+    assert far["seat_cm"] == 54.4, "the films are seen from where the participant sat at first"
     assert client.get(f"{PATH}/acuity").status_code == 200
     assert is_problem(client.put(f"{PATH}/distance", json={"typed_cm": 60.0}), 409)
     assert is_problem(client.put(f"{PATH}/display", json=CARD), 409)

@@ -32,6 +32,7 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "study",
         "stage",
         "stages",
+        "minutes",
         "progress",
         "was_away_long",
         "debriefing",
@@ -125,7 +126,9 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "trial",
         "attempt",
         "number",
+        "place",
         "total",
+        "is_practice",
         "exposure_s",
         "free_exposure",
         "see_both",
@@ -329,6 +332,7 @@ def test_an_interrupted_trial_comes_once_more_at_the_end(
     for number in range(1, 7):
         trial = participant.get("/api/v1/session/trials/next").json()
         assert (trial["number"], trial["total"], trial["attempt"]) == (number, 6, 1 if number < 6 else 2)
+        assert trial["place"] == (number + 1 if number < 6 else first["place"]), "its own number"
         if number < 6:
             participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
     assert trial["media"]["url"] == first["media"]["url"]
