@@ -81,8 +81,7 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mappin
 
 def protocol_texts(pack: LanguagePack, protocol: Protocol) -> dict[str, Text]:
     """Return a pack's texts for a protocol by key, without the questions of the interview."""
-    texts = texts_of(nested_texts(pack.texts), protocol)
-    return flat_texts({name: part for name, part in texts.items() if name not in (QUESTIONS, PROTOCOLS)})
+    return {key: text for key, text in texts_of(pack.texts, protocol).items() if key.partition(".")[0] != QUESTIONS}
 
 
 def _of_pack(said: Mapping[str, Text]) -> dict[str, Text]:
