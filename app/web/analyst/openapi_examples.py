@@ -130,6 +130,8 @@ EXAMPLES: dict[str, Any] = {
 ROW: dict[str, Any] = {  # of any table, by column
     "participant": "P001",
     "session": "3n8v5k2d9x7q",
+    "language": "en",
+    "texts_sha256": "5d41402abc4b2a76b9719d911017c592f0e4d4b0b0f5d3f9a3f1c2e7d8b6a901",
     "dataset": "ball",
     "item": "pm_fb",
     "item_a": "pm_fb",
