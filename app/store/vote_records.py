@@ -15,7 +15,7 @@ from app.store.keys import digest
 from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
 from app.store.trials import is_voted_on, trial_records
-from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, stored_scale
+from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, grades_of, stored_scale
 from app.study.valid_vote import Choice, InvalidVoteError, check_viewing, choice_of
 
 
@@ -147,7 +147,9 @@ def _refusal(connection: Connection, sent: Vote, row: Row[Any] | None) -> StudyE
 
 def _choice(sent: Vote, row: Row[Any]) -> Choice | None:
     """Return the choice that a vote means in its study; studies made before there were protocols compare pairs."""
-    return choice_of(sent.choice, sent.rating, row.protocol or PC, stored_scale(row.scale))
+    protocol = row.protocol or PC
+    grades = None if protocol == PC else grades_of(protocol, stored_scale(row.scale))
+    return choice_of(sent.choice, sent.rating, protocol, grades)
 
 
 def _row(sent: Vote, row: Row[Any]) -> dict[str, Any]:

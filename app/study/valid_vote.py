@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any, Literal
 
-from app.study.protocols import CCR, PC, Protocol, Scale, grades_of
+from app.study.protocols import CCR, PC, Grades, Protocol
 from app.study.trial import Label
 
 Choice = Literal["a", "b", "none"]
@@ -20,20 +20,20 @@ class InvalidVoteError(ValueError):
     """A vote's viewing record contradicts itself or the trial."""
 
 
-def choice_of(choice: Choice | None, rating: int | None, protocol: Protocol, scale: Scale) -> Choice | None:
+def choice_of(choice: Choice | None, rating: int | None, protocol: Protocol, grades: Grades | None) -> Choice | None:
     """Return the choice that an answer means: the one given, or that of a comparison's rating; None of other ratings.
 
     Parameters
     ----------
     choice, rating : as sent
-    protocol, scale : options of the study
+    protocol : of the study
+    grades : its scale; None where participants choose the better of two
 
     Raises
     ------
     InvalidVoteError
         If a rating was sent where a choice was asked for or the other way round, or it is not on the scale.
     """
-    grades = grades_of(protocol, scale)
     if grades is None:
         if choice is None or rating is not None:
             raise InvalidVoteError(

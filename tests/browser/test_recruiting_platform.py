@@ -26,7 +26,8 @@ def test_a_person_refuses_comes_back_agrees_in_two_tabs_and_is_paid(
 ) -> None:
     platform = Platform()
     receives(page.context, platform)
-    options = parse_options({"outside": OPTIONS, "consent": "We compare models."})
+    texts = {"en": {"study.consent": "We compare models."}, "de": {"study.consent": "Wir vergleichen Modelle."}}
+    options = parse_options({"outside": OPTIONS, "languages": ["en", "de"], "texts": texts})
     study = new_study(short_films, 0.4, options)
     link = platform.link(study.address, "p-1")
     page.goto(link)

@@ -54,8 +54,8 @@ def test_a_database_tells_the_scale_as_text(scale: Scale) -> None:
 
 @pytest.mark.parametrize(("rating", "choice"), [(-3, "a"), (-1, "a"), (0, "none"), (1, "b"), (3, "b")])
 def test_the_sign_of_a_comparison_names_the_better_one(rating: int, choice: str) -> None:
-    assert choice_of(None, rating, "CCR", 5) == choice
-    assert choice_of(None, abs(rating) or 1, "ACR", 5) is None
+    assert choice_of(None, rating, "CCR", grades_of("CCR", 5)) == choice
+    assert choice_of(None, abs(rating) or 1, "ACR", grades_of("ACR", 5)) is None
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_the_sign_of_a_comparison_names_the_better_one(rating: int, choice: str)
 )
 def test_an_answer_of_another_kind_is_named(answer: Any, protocol: Protocol) -> None:
     with pytest.raises(InvalidVoteError, match=f"protocol {protocol} expects"):
-        choice_of(answer[0], answer[1], protocol, 5)
+        choice_of(answer[0], answer[1], protocol, grades_of(protocol, 5))
 
 
 def test_texts_of_a_protocol_replace_only_what_differs() -> None:
