@@ -171,8 +171,6 @@ ROW: dict[str, Any] = {  # of any table, by column
     "n_mismatches": 0,
     "both_seen": True,
     "looks_before": 0,
-    "language": "en",
-    "texts_sha256": "2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae",
     "press_to_picture_ms": 24.2,
     "viewing": VIEWING,
     "served_at": "2026-03-01T12:04:12+00:00",
