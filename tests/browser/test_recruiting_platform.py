@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import BrowserContext, Page, Route, expect
 
 from app.study.options import parse_options
 from tests.browser.study_visitor import NewStudy, Visitor
 from tests.recruiting_platform import HOST, OPTIONS, Platform
+
+pytestmark = pytest.mark.browser
 
 
 def receives(context: BrowserContext, platform: Platform) -> None:

@@ -45,6 +45,7 @@ def report(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
     tmp_path: Path, with_truth: Path, report: Path
 ) -> None:

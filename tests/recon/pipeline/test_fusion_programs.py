@@ -22,6 +22,8 @@ from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.test_fusion import three_views
 
+pytestmark = pytest.mark.slow
+
 JOIN = """
 import sys
 import numpy as np

@@ -21,6 +21,8 @@ from recon.studio.truth import MESH, read_depth
 from recon.validation.truth.evaluation import read_shape, signed_distances_to
 from recon.validation.views.evaluation import ViewSettings, measure_views
 
+pytestmark = pytest.mark.slow
+
 GIVEN_FB = ReconstructOptions(("given",), ("fb",))
 
 

@@ -24,6 +24,8 @@ from recon.storage.files import read_json, write_json
 from recon.workers import ThisProcess
 from tests.command_line import Command, command_line
 
+pytestmark = pytest.mark.slow
+
 BOUNDS = np.array([[-500.0, 0, -500], [500, 1000, 500]])
 SHORT = RenderOptions(size=(64, 48), seconds=0.16, renderer="software")  # four frames
 

@@ -16,6 +16,8 @@ from app.settings import Settings
 from app.simulation.participants import simulate
 from tests.app.tiny_stimuli import encode, flat, stimulus, write_manifest, write_set
 
+pytestmark = pytest.mark.slow
+
 NAMES = {"neus": {}, "My Method 2": {"depth": "pm"}, "colmap-poissön": {}}  # with some levels, or none
 ITEMS = ["id_fb", "pm_fb", *NAMES]
 

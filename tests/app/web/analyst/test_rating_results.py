@@ -21,6 +21,8 @@ from app.simulation.participants import simulate
 from app.study.options import parse_options
 from tests.app.web.admin.dashboard_client import Dashboard
 
+pytestmark = pytest.mark.slow
+
 QUALITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.5}
 Rated = Callable[..., tuple[str, list[dict[str, Any]]]]
 

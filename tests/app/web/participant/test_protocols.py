@@ -22,6 +22,8 @@ from app.study.options import parse_options
 from tests.app import tiny_stimuli
 from tests.app.web.http_checks import is_problem
 
+pytestmark = pytest.mark.slow
+
 Create = Callable[..., dict[str, Any]]
 VoteBody = Callable[..., dict[str, Any]]
 QUALITIES = {"id_fa": -1.5, "id_fb": 0.0, "pm_fb": 1.5}

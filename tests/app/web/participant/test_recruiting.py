@@ -24,6 +24,8 @@ from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 from tests.recruiting_platform import OPTIONS, Platform
 
+pytestmark = pytest.mark.slow
+
 Create = Callable[..., dict[str, Any]]
 VoteBody = Callable[..., dict[str, Any]]
 

@@ -22,6 +22,8 @@ from recon.validation.films.vmaf import vmaf_scores
 from tests.command_line import Command
 from tests.recon.validation.films.clips import N_FRAMES, blurred, disc, noisy, write_film, write_set
 
+pytestmark = pytest.mark.slow
+
 FRAMES, MASKS = disc()
 WHOLE = ("psnr_y", "ssim", "ms_ssim", "vmaf")
 ACTOR = ("psnr_y_actor", "ssim_actor", "ms_ssim_actor")
