@@ -28,7 +28,7 @@ DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for five
 PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
-DEMO_TAKES = "about three and a half minutes on two idle cores"
+DEMO_TAKES = "about four minutes on two idle cores"
 EXPERIMENT_TAKES = {
     "small": "about nine minutes on two idle cores",
     "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
