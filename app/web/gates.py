@@ -62,7 +62,8 @@ async def check_request_text(request: Request) -> None:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     try:
         if kind == "application/x-www-form-urlencoded":
-            check_text({name: text for name, text in (await request.form()).multi_items() if isinstance(text, str)})
+            for name, text in (await request.form()).multi_items():  # a name may come more than once
+                check_text({name: text})
         elif kind.endswith("json"):
             check_text(await request.json())  # kept by the request, so nothing is read twice
     except (JSONDecodeError, UnicodeDecodeError):

@@ -51,6 +51,12 @@ def test_a_name_with_a_nul_character_is_refused(experimenter: Dashboard, study: 
     assert "name holds a NUL character" in answer.text
 
 
+def test_every_value_of_a_field_that_is_sent_twice_is_looked_at(experimenter: Dashboard, study: dict[str, Any]) -> None:
+    answer = experimenter.act(f"/admin/studies/{study['slug']}/duplicate", name=["Twin\0", "Twin"])
+    assert answer.status_code == 422
+    assert "name holds a NUL character" in answer.text
+
+
 def test_a_study_that_holds_unreadable_text_can_still_be_read_and_exported(
     client: httpx.Client,
     settings: Settings,
