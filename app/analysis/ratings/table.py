@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Table = TypeVar("Table", "RatingTable", "ComparisonTable")
 
 PROTOCOLS = {
     "acr": "absolute category rating (ITU-T P.910)",
@@ -71,15 +74,7 @@ class RatingTable:
 
     def without(self, names: Collection[str]) -> RatingTable:
         """Return the ratings of the other participants."""
-        kept = [index for index, name in enumerate(self.participants) if name not in names]
-        rows = np.isin(self.person, kept)
-        return replace(
-            self,
-            participants=tuple(self.participants[index] for index in kept),
-            person=np.searchsorted(kept, self.person[rows]),
-            item=self.item[rows],
-            rating=self.rating[rows],
-        )
+        return _without(self, names, ("item", "rating"))
 
 
 @dataclass(frozen=True)
@@ -125,14 +120,16 @@ class ComparisonTable:
 
     def without(self, names: Collection[str]) -> ComparisonTable:
         """Return the comparisons of the other participants."""
-        kept = [index for index, name in enumerate(self.participants) if name not in names]
-        rows = np.isin(self.person, kept)
-        return replace(
-            self,
-            participants=tuple(self.participants[index] for index in kept),
-            person=np.searchsorted(kept, self.person[rows]),
-            item_a=self.item_a[rows],
-            item_b=self.item_b[rows],
-            rating=self.rating[rows],
-            a_first=self.a_first[rows],
-        )
+        return _without(self, names, ("item_a", "item_b", "rating", "a_first"))
+
+
+def _without(table: Table, names: Collection[str], columns: Sequence[str]) -> Table:
+    """Leave participants out of a table, and their rows out of its columns besides `person`."""
+    kept = [index for index, name in enumerate(table.participants) if name not in names]
+    rows = np.isin(table.person, kept)
+    return replace(
+        table,
+        participants=tuple(table.participants[index] for index in kept),
+        person=np.searchsorted(kept, table.person[rows]),
+        **{column: getattr(table, column)[rows] for column in columns},
+    )
