@@ -7,7 +7,7 @@ the manifest and `objective.json`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -15,15 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from recon.approaches import DEPTH_METHODS
+from recon.approaches import DEPTH_METHODS, VERTICES, Approach, check_colours, parse_approach
 from recon.capture.format import CAPTURE_FILE, read_capture
 from recon.capture.masks.segment import segment_capture
 from recon.depth import DEFAULTS
 from recon.depth.census import WINDOW
 from recon.depth.temporal import TemporalParameters
+from recon.geometry.mesh import Mesh
+from recon.geometry.mesh_files import write_mesh
+from recon.models.read import ReadModel, read_model
 from recon.pipeline.film import RenderOptions
+from recon.pipeline.methods import Methods
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import View, mesh_name, read_run
+from recon.pipeline.sources import Source, read_sources
 from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
@@ -105,11 +110,16 @@ class Experiment:
     ----------
     out : where everything goes
     scale : how large it is
+    further, colours : approaches besides the paper's, as in `ReconstructOptions`
+    models : folders of models of its scenes by other programs, each with a scene.json
     workers, cluster : as in `ReconstructOptions`
     """
 
     out: Path
     scale: Scale
+    further: tuple[Approach, ...] = ()
+    colours: tuple[str, ...] = (VERTICES,)
+    models: tuple[Path, ...] = ()
     workers: int = 1
     cluster: str | None = None
 
@@ -126,14 +136,26 @@ class Experiment:
     def report(self, name: str) -> Path:
         return self.out / "validation" / name
 
+    def models_of(self, scene: str) -> list[Source]:
+        """Read which models of a scene other programs made."""
+        return [source for source in read_sources(self.models) if source.dataset == scene]
+
 
 Artefact = tuple[Path, str]  # a run, and the name of a file in it
 Step = tuple[str, Callable[[Progress], None]]  # a name, and what makes what is missing
 
 
 def steps(experiment: Experiment) -> list[Step]:
-    """List what is to be done, in order."""
+    """List what is to be done, in order; a ValueError if models by other programs are not of these scenes."""
     scale = experiment.scale
+    check_colours(experiment.colours)
+    Methods().check(
+        tuple(approach.depth for approach in experiment.further),
+        tuple(approach.fusion for approach in experiment.further),
+    )
+    for source in read_sources(experiment.models):
+        if source.dataset not in SCENES:
+            raise ValueError(f"{source.setting.source}: is of dataset {source.dataset}, expected {' or '.join(SCENES)}")
     planned: list[Step] = []
     for scene in SCENES:
         parameters = SynthParameters(scene=scene, n_frames=scale.n_frames, size=scale.size, fps=scale.fps, seed=SEED)
@@ -180,12 +202,19 @@ def reconstruct_scene(experiment: Experiment, scene: str, progress: Progress) ->
     experiment, scene : whose recording is there
     progress : told after each file
     """
-    options = ReconstructOptions(workers=experiment.workers, cluster=experiment.cluster)
+    options = ReconstructOptions(
+        depths=DEPTH_METHODS,
+        further=experiment.further,
+        colours=experiment.colours,
+        outlines=False,  # as the paper
+        workers=experiment.workers,
+        cluster=experiment.cluster,
+    )
     reconstruct(experiment.capture(scene), experiment.run(scene), options, progress)
 
 
 def render_scenes(experiment: Experiment, progress: Progress) -> None:
-    """Render the thirty videos, and one of the truth of each scene for `compare_films`; write their manifest."""
+    """Render the videos, and one of the truth of each scene for `compare_films`; write their manifest."""
     scale = experiment.scale
     options = RenderOptions(
         scale.video_size,
@@ -196,7 +225,7 @@ def render_scenes(experiment: Experiment, progress: Progress) -> None:
         cluster=experiment.cluster,
     )
     folders = [folder for scene in SCENES for folder in (experiment.run(scene), _lay_out_truth(experiment, scene))]
-    render(folders, experiment.stimuli, options, progress)
+    render([*folders, *experiment.models], experiment.stimuli, options, progress)
 
 
 def _lay_out_truth(experiment: Experiment, scene: str) -> Path:
@@ -217,7 +246,7 @@ def measure_sphere(experiment: Experiment, progress: Progress) -> None:
     """Measure the sphere at many places: figures 5 and 6, table 4."""
     clouds = list(_object_clouds(experiment, "sphere", experiment.scale.n_spheres, progress))
     subject = Subject(approaches=(f"{OBJECT_METHOD}_fa", f"{OBJECT_METHOD}_fb"))
-    settings = SphereSettings(SPHERE_RADIUS_MM, THRESHOLDS, subject=subject, seed=SEED)
+    settings = SphereSettings(SPHERE_RADIUS_MM, THRESHOLDS, "super4pcs", subject=subject, seed=SEED)
 
     def write(path: Path) -> None:
         files = named_clouds([run / name for run, name in clouds], SENSORS)
@@ -255,7 +284,9 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
             calibration_error_px=OBJECT_CALIBRATION_PX,
         )
         record(experiment, name, parameters, no_progress)
-        options = ReconstructOptions((OBJECT_METHOD,), ("fb",), workers=experiment.workers, cluster=experiment.cluster)
+        options = ReconstructOptions(
+            (OBJECT_METHOD,), ("fb",), outlines=False, workers=experiment.workers, cluster=experiment.cluster
+        )
         reconstruct(experiment.capture(name), experiment.run(name), options)
         yield from ((experiment.run(name), View(OBJECT_METHOD, sensor, 0).cloud) for sensor in SENSORS)
     progress(f"placed {kind}s", n, n)
@@ -268,34 +299,71 @@ def compare_views(experiment: Experiment, progress: Progress) -> None:
 
 
 def _compare_scene(experiment: Experiment, scene: str, progress: Progress) -> None:
-    run = experiment.run(scene)
+    run, others = experiment.run(scene), experiment.models_of(scene)
+    settings = ViewSettings(frames=range(1), models=tuple(Path(source.setting.source) for source in others))
 
     def write(path: Path) -> None:
-        report, shown = measure_views(run, ViewSettings(frames=range(1)), progress)
+        report, shown = measure_views(run, settings, progress)
         write_views_report(report, shown, path.parent)
 
     models = [(run, mesh_name(approach, 0)) for approach in read_run(run).approaches]
-    _make_report(experiment, f"views/{scene}", models, {}, write)
+    given = [read.digest for _, read in _first_models(experiment, scene)]  # with their textures
+    _make_report(experiment, f"views/{scene}", models, {"models": given} if given else {}, write)
 
 
 def compare_truth(experiment: Experiment, progress: Progress) -> None:
     """Compare every model of the first frame with the true surface."""
-    models = [(scene, approach) for scene in SCENES for approach in read_run(experiment.run(scene)).approaches]
-    for number, (scene, approach) in enumerate(models):
+    models = [(scene, *surface) for scene in SCENES for surface in _surfaces(experiment, scene).items()]
+    for number, (scene, name, (mesh, approaches)) in enumerate(models):
         progress("models", number, len(models))
-        _compare_model(experiment, scene, approach)
+        _compare_model(experiment, name, mesh, Subject(scene, approaches))
     progress("models", len(models), len(models))
 
 
-def _compare_model(experiment: Experiment, scene: str, approach: str) -> None:
-    run, mesh = experiment.run(scene), mesh_name(approach, 0)
-    truth = experiment.capture(scene) / TRUE_MESH.format(frame=0)
-    settings = MeshSettings(MESH_THRESHOLDS, MESH_THRESHOLD, Subject(scene, (approach,)), SEED)
+def _surfaces(experiment: Experiment, scene: str) -> dict[str, tuple[Artefact, tuple[str, ...]]]:
+    """Return the first frame's surfaces by name, each with the approaches that have it: they may differ in colour."""
+    run = experiment.run(scene)
+    surfaces: dict[str, tuple[Artefact, tuple[str, ...]]] = {}
+    for approach in read_run(run).approaches:
+        parsed = parse_approach(approach)
+        name = str(Approach(parsed.depth, parsed.fusion))
+        _, others = surfaces.get(name, (None, ()))
+        surfaces[name] = (run, mesh_name(name, 0)), (*others, approach)
+    return surfaces | {name: (mesh, (name,)) for name, mesh in _placed_models(experiment, scene).items()}
+
+
+def _compare_model(experiment: Experiment, name: str, mesh: Artefact, subject: Subject) -> None:
+    run, file = mesh
+    truth = experiment.capture(subject.dataset) / TRUE_MESH.format(frame=0)
+    settings = MeshSettings(MESH_THRESHOLDS, MESH_THRESHOLD, subject, SEED)
 
     def write(path: Path) -> None:
-        write_report_json(path.parent, measure_mesh(run / mesh, truth, settings))
+        write_report_json(path.parent, measure_mesh(run / file, truth, settings))
 
-    _make_report(experiment, f"truth/{scene}_{approach}", [(run, mesh)], asdict(settings), write)
+    _make_report(experiment, f"truth/{subject.dataset}_{name}", [mesh], asdict(settings), write)
+
+
+def _placed_models(experiment: Experiment, scene: str) -> dict[str, Artefact]:
+    """Write the first model of other programs' approaches as it stands in the world; returns the files by approach."""
+    artefacts, placed = Artefacts(experiment.out), {}
+    for approach, read in _first_models(experiment, scene):
+        if not isinstance(read.model, Mesh):
+            raise ValueError(f"{approach}: its models of {scene} have points and no faces; expected meshes")
+        name = f"models/{scene}/{approach}/0000.ply"
+        artefacts.make(name, {"model": read.digest}, partial(_write_shape, mesh=replace(read.model, texture=None)))
+        placed[approach] = (experiment.out, name)
+    return placed
+
+
+def _write_shape(path: Path, mesh: Mesh) -> None:
+    write_mesh(path, mesh)
+
+
+def _first_models(experiment: Experiment, scene: str) -> Iterator[tuple[str, ReadModel]]:
+    """Read the first model of each approach by other programs."""
+    for item in (item for source in experiment.models_of(scene) for item in source.sequences):
+        assert item.placement is not None, "models of other programs have one"
+        yield item.approach, read_model(item.files[0], item.placement)
 
 
 def compare_clouds(experiment: Experiment, progress: Progress) -> None:
@@ -306,14 +374,15 @@ def compare_clouds(experiment: Experiment, progress: Progress) -> None:
 
 def _compare_clouds_of(experiment: Experiment, scene: str, progress: Progress) -> None:
     run, truth = experiment.run(scene), experiment.capture(scene) / TRUTH
+    placed = list(_placed_models(experiment, scene).values())
     sampling = Sampling(CLOUD_DENSITY, SEED)
     settings = CloudSettings(measures=CLOUD_MEASURES, peak=CLOUD_PEAK, sampling=sampling)
 
     def write(path: Path) -> None:
-        compared = find_compared([run], truth, frames=range(1))
+        compared = find_compared([run, *((folder / name).parent for folder, name in placed)], truth, frames=range(1))
         write_cloud_report(measure_clouds(compared, settings, progress), path.parent)
 
-    models = [(run, mesh_name(approach, 0)) for approach in read_run(run).approaches]
+    models = [*((run, mesh_name(approach, 0)) for approach in read_run(run).approaches), *placed]
     told = {"measures": CLOUD_MEASURES, "peak": CLOUD_PEAK, "sampling": asdict(sampling)}
     _make_report(experiment, f"clouds/{scene}", models, told, write)
 
@@ -352,6 +421,11 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
         "schema_version": 1,
         "scale": asdict(experiment.scale),
         "scenes": list(SCENES),
+        "levels": {
+            stimulus["approach"]: stimulus["levels"]
+            for stimulus in read_json(experiment.stimuli / MANIFEST)["stimuli"]
+            if stimulus["approach"] != TRUTH
+        },
         "reports": reports,
         "parameters": {method: asdict(DEFAULTS[method]) for method in DEPTH_METHODS},
         "census_window": WINDOW,

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from recon.approaches import parse_approach
 from recon.cloud import merge_clouds
-from recon.geometry.mesh import Cloud, Mesh, read_mesh, write_cloud, write_measured, write_mesh
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import read_mesh, write_cloud, write_measured, write_mesh
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
 from recon.validation.truth.evaluation import Shape, read_shape, signed_distances_to
@@ -51,7 +52,7 @@ def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path
     depth = parse_approach(approach).depth
     names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors_for(depth)]
     cloud = replace(merge_clouds(read_clouds(run.artefacts, names)), sigma=None)  # nobody looks at sigmas
-    mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
+    mesh = replace(read_mesh(run.artefacts.path(mesh_name(approach, frame))), texture=None)  # PLY holds none
     return [
         _write(out / MESHES / run.dataset / f"{approach}.ply", mesh, truth),
         _write(out / CLOUDS / run.dataset / f"{approach}.ply", cloud, truth),

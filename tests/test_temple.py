@@ -22,7 +22,8 @@ from recon.capture.format import Capture, read_held_out
 from recon.capture.importing.middlebury import import_middlebury
 from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import METHODS, clean_mask, segment_capture
-from recon.geometry.mesh import Mesh, read_mesh
+from recon.geometry.mesh import Mesh
+from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import mesh_name

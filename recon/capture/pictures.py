@@ -18,6 +18,7 @@ from recon.capture.images import (
     read_video_frame,
     video_times,
 )
+from recon.storage.files import allowed
 
 DEFAULT_FPS = 25.0
 PLATE_STEM = "plate"
@@ -74,9 +75,9 @@ def steady_rate(path: Path) -> float:
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copy a file, making the folder it goes to."""
+    """Copy a file that a recording names, making the folder it goes to. A ValueError as in `allowed`."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    shutil.copyfile(allowed(source), target)
 
 
 def _in_folder(folder: Path) -> Pictures:

@@ -154,6 +154,26 @@ def undistortion_maps(original: Camera, rectified: Camera) -> Maps:
     return columns + np.float32(skew) * (rows - np.float32(original.K[1, 2])), rows
 
 
+def undistort(
+    camera: Camera, picture: NDArray[np.uint8], mask: NDArray[np.bool_] | None
+) -> tuple[Camera, NDArray[np.uint8], NDArray[np.bool_] | None]:
+    """Return a camera without its distortion, and its picture and mask as it would have recorded them.
+
+    Parameters
+    ----------
+    camera : that recorded the picture
+    picture : uint8 (H, W, 3), as recorded
+    mask : bool (H, W), as recorded; None where there is none
+    """
+    K = camera.K.copy()
+    K[0, 1] = 0.0  # OpenCV knows no skew
+    if not camera.dist.any() and not camera.K[0, 1]:
+        return camera, picture, mask
+    straight = Camera(K, camera.size, camera.cam_from_world)
+    maps = undistortion_maps(camera, straight)
+    return straight, _remap(picture, maps), None if mask is None else _remap_mask(mask, maps)
+
+
 def rectify_left(rectification: Rectification, left: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Warp the left picture to the rectified camera, uint8 (h, w, 3), black where the original saw nothing.
 

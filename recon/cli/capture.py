@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size
 
 if TYPE_CHECKING:
@@ -65,7 +65,9 @@ def capture_synth(
     progress.close()
     result = {"capture": str(out), "name": capture.name, "sensors": len(capture.sensors), "frames": capture.n_frames}
     print_result(
-        result, f"Recorded {capture.n_frames} frames by {len(capture.sensors)} sensors: {out}", as_json=as_json
+        result,
+        f"Recorded {counted(capture.n_frames, 'frame')} by {counted(len(capture.sensors), 'sensor')}: {out}",
+        as_json=as_json,
     )
 
 
@@ -172,7 +174,7 @@ def capture_export(
     from recon.capture.exporting.nerfstudio import export_nerfstudio
     from recon.capture.format import read_capture
     from recon.cloud import merge_clouds
-    from recon.geometry.mesh import read_cloud
+    from recon.geometry.mesh_files import read_cloud
 
     exporters = {"nerfstudio": export_nerfstudio, "colmap": export_colmap}
     if kind not in exporters:
@@ -210,7 +212,9 @@ def capture_calibrate(
     report = calibrate_folders(images, parse_board(board), out, progress=progress)
     progress.close()
     result = {"calibration": str(out), **report.as_json()}
-    print_result(result, f"{report.as_text()}\nCalibrated {len(report.pairs)} sensors: {out}", as_json=as_json)
+    print_result(
+        result, f"{report.as_text()}\nCalibrated {counted(len(report.pairs), 'sensor')}: {out}", as_json=as_json
+    )
 
 
 @app.command("segment")
@@ -236,8 +240,28 @@ def capture_segment(
     progress.close()
     result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
     print_result(
-        result, f"Wrote masks of {made.n_frames} frames by {len(made.sensors)} sensors: {capture}", as_json=as_json
+        result,
+        f"Wrote masks of {counted(made.n_frames, 'frame')} by {counted(len(made.sensors), 'sensor')}: {capture}",
+        as_json=as_json,
     )
+
+
+@app.command("mask")
+def capture_mask(
+    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    scribbles: Annotated[Path, typer.Option(help="Folder of pictures, or JSON, with strokes on the picture.")],
+    sensor: Annotated[str, typer.Option(help="Sensor of the picture, such as S1.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to write the mask, a PNG file.")],
+    side: Annotated[str, typer.Option(help="Camera of the picture, left or right.")] = "left",
+    frame: Annotated[int, typer.Option(min=0, help="Frame of the picture.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the mask of one picture from the strokes on it, to try them before `segment` follows them in time."""
+    from recon.capture.masks.segment import try_strokes
+
+    mask = try_strokes(capture, scribbles, (sensor, side, frame), out)
+    result = {"mask": str(out), "foreground": round(float(mask.mean()), 4)}
+    print_result(result, f"Wrote a mask of {100 * mask.mean():.1f} % foreground: {out}", as_json=as_json)
 
 
 @app.command("check")
@@ -261,8 +285,9 @@ def capture_check(
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:
+    frames = counted(report.n_frames, "frame") if report.n_frames else "no frames"
     lines = [
-        f"{folder}: {report.n_frames or 'no'} frames, {len(report.sensors)} sensors",
+        f"{folder}: {frames}, {counted(len(report.sensors), 'sensor')}",
         report.as_text(),
         *(f"problem: {problem}" for problem in report.problems),
         *(f"warning: {warning}" for warning in report.warnings),

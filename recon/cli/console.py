@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from recon.storage.files import write_json
+
 PLAIN_LINE_EVERY_S = 5.0
+PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
+FILE_EVERY_S = 0.5
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
 
@@ -18,11 +24,14 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as on
 class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
-    An instance is a `Progress`. What is left is estimated from the time that the part so far took.
+    An instance is a `Progress`. What is left is estimated from the time that the part so far took. The file that
+    `RECONSTUDY_PROGRESS_FILE` names, if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self._file = Path(os.environ[PROGRESS_FILE]) if os.environ.get(PROGRESS_FILE) else None
+        self._written = -FILE_EVERY_S
         self._what = ""
         self._started = self._printed = clock()
         self._already_done = 0
@@ -34,7 +43,9 @@ class ProgressLine:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
             self._already_done = done
-        times = self._times(now - self._started, done, total)
+        left_s = self._left_s(now - self._started, done, total)
+        self._write(now, {"step": what, "done": done, "total": total, "left_s": left_s})
+        times = _duration(now - self._started) + ("" if left_s is None else f", about {_duration(left_s)} left")
         if sys.stderr.isatty():
             self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {times}")
             if done >= total:
@@ -54,15 +65,26 @@ class ProgressLine:
             print(file=sys.stderr)
             self._open = False
 
-    def _times(self, taken: float, done: int, total: int) -> str:
+    def _left_s(self, taken: float, done: int, total: int) -> float | None:
+        """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
         counted = done - self._already_done
-        if counted <= 0 or done >= total:
-            return _duration(taken)
-        return f"{_duration(taken)}, about {_duration(taken / counted * (total - done))} left"
+        return taken / counted * (total - done) if counted > 0 and done < total else None
+
+    def _write(self, now: float, progress: Mapping[str, Any]) -> None:
+        """Tell programs; not every time, but when a part begins or ends."""
+        is_due = now - self._written >= FILE_EVERY_S or not 0 < progress["done"] < progress["total"]
+        if self._file is not None and is_due:
+            self._written = now
+            write_json(self._file, progress)
 
     def _rewrite(self, line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
         self._open = True
+
+
+def counted(n: int, noun: str) -> str:
+    """Say how many things there are: "1 frame", "2 frames"."""
+    return f"{n} {noun}{'s' * (n != 1)}"
 
 
 def print_result(result: Mapping[str, Any], sentences: str, *, as_json: bool) -> None:

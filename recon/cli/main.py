@@ -7,19 +7,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from recon.cli.capture import app as capture_app
-from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 from recon.cli.options import (
     PLUGIN_NAMES,
     ClusterOption,
+    FurtherOption,
     MethodsCommand,
     MethodsOption,
     WorkersOption,
     find_methods,
+    parse_approaches,
     parse_frames,
     parse_loops,
     parse_names,
@@ -95,6 +97,14 @@ def reconstruct(
     fusion: Annotated[
         str, typer.Option(help=f"Fusions, comma-separated: fa, fb, poisson, tsdf, {PLUGIN_NAMES}, those of --methods.")
     ] = "fa,fb",
+    colour: Annotated[
+        str,
+        typer.Option(
+            help="Where models take colours from, comma-separated: vertices (averaged as the surface is) and "
+            "photographs (a texture as sharp as the pictures)."
+        ),
+    ] = "vertices",
+    approach: FurtherOption = "",
     methods: MethodsOption = None,
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
     voxel: Annotated[
@@ -108,6 +118,10 @@ def reconstruct(
     erode: Annotated[
         int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, for masks that reach past the object.")
     ] = 0,
+    outlines: Annotated[
+        Literal["masks", "off"],
+        typer.Option(help="masks: surfaces end where the masks of all sensors do; off: where their points do."),
+    ] = "masks",
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
@@ -122,12 +136,15 @@ def reconstruct(
     options = ReconstructOptions(
         depths=parse_names(depth or ""),
         fusions=parse_names(fusion),
+        colours=parse_names(colour),
+        further=parse_approaches(approach),
         methods=find_methods(methods),
         frames=parse_frames(frames),
         temporal=TemporalParameters() if temporal else None,
         surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
         cloud=CloudParameters(erode_px=erode),
         balance_colours=balance,
+        outlines=outlines == "masks",
         workers=workers,
         cluster=cluster,
     )
@@ -136,7 +153,7 @@ def reconstruct(
     for warning in result["warnings"]:
         progress.say(f"warning: {warning}")
     progress.close()
-    made = f"{len(result['frames'])} frames, approaches {', '.join(result['approaches'])}"
+    made = f"{counted(len(result['frames']), 'frame')}, approaches {', '.join(result['approaches'])}"
     print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(out)}", as_json=as_json)
 
 
@@ -159,7 +176,7 @@ def fuse(
     as_json: JsonOption = False,
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
-    from recon.geometry.mesh import read_cloud, write_mesh
+    from recon.geometry.mesh_files import read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
     from recon.surface import SurfaceParameters
 
@@ -175,8 +192,13 @@ def fuse(
 
 @app.command()
 def export(
-    mesh: Annotated[Path, typer.Argument(help="A mesh as PLY, for example RUN/meshes/pm_fb/0000.ply.")],
-    out: Annotated[Path, typer.Argument(help="File to write: .glb for viewers and the web, or .ply.")],
+    mesh: Annotated[
+        Path, typer.Argument(help="A mesh of a run, for example RUN/meshes/pm_fb/0000.ply, or another PLY.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(help="File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture."),
+    ],
     truth: Annotated[
         Path | None, typer.Option(help="PLY of the true mesh; colours then show the error, red outside, blue inside.")
     ] = None,
@@ -186,7 +208,8 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import error_colours, error_limit, read_mesh, write_mesh
+    from recon.geometry.mesh import error_colours, error_limit
+    from recon.geometry.mesh_files import read_mesh, write_mesh
     from recon.validation.truth.evaluation import Shape, signed_distances_to
 
     if limit is not None and truth is None:
@@ -198,7 +221,7 @@ def export(
         true = read_mesh(truth)
         errors = signed_distances_to(Shape(true.vertices.astype("float64"), true.faces), model.vertices)
         limit = error_limit(errors) if limit is None else limit
-        model = replace(model, colours=error_colours(errors, limit))
+        model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
         sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
     write_mesh(out, model)

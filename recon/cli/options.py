@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperOption
 
+from recon.approaches import Approach, parse_approach
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
@@ -29,7 +30,9 @@ ClusterOption = Annotated[
 MethodsOption = Annotated[
     Path | None, typer.Option(help="TOML file of further methods: variants of ours, and other programs.")
 ]
-
+FurtherOption = Annotated[
+    str, typer.Option(help="Further approaches beside these combinations, comma-separated: sgm_fb,pm_poisson.")
+]
 
 PLUGIN_NAMES = "installed plug-ins"  # in the help of an option: what stands for the names of those that are installed
 PLUGIN_GROUPS = {"method": "reconstudy.depth", "depth": "reconstudy.depth", "fusion": "reconstudy.fusion"}
@@ -77,6 +80,11 @@ def parse_size(text: str) -> tuple[int, int]:
 def parse_names(text: str) -> tuple[str, ...]:
     """Read the names in "a,b,c"."""
     return tuple(name.strip().lower() for name in text.split(",") if name.strip())
+
+
+def parse_approaches(text: str) -> tuple[Approach, ...]:
+    """Read the approaches in "sgm_fb,pm_poisson"."""
+    return tuple(map(parse_approach, parse_names(text)))
 
 
 def parse_frames(text: str | None) -> range | None:

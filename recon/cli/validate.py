@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position
+from recon.cli.validation_sentences import (
+    cloud_sentences,
+    cuboid_sentences,
+    film_sentences,
+    sphere_sentences,
+    view_sentences,
+)
 
 EVERY_DATASET = "all"
-SHOWN_OF_CLOUDS = ("d1_psnr_db", "d2_psnr_db", "chamfer", "f_score", "y_psnr_db", "pointssim_colour")
 DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the results are for; all: every scene.")]
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
@@ -49,6 +55,17 @@ def validate_sphere(
     drop: Annotated[
         list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out although the rule keeps it.")
     ] = None,
+    reference_centre: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Another instrument's scan of the ball, such as a LiDAR's, once per placed ball in order; or one text "
+            "file with a centre x y z a line."
+        ),
+    ] = None,
+    reference_unit: Annotated[str, typer.Option(help="Unit of the reference: mm, cm, m or in.")] = "mm",
+    reference_frame: Annotated[
+        str, typer.Option(help="own: the reference has a frame of its own, which is estimated; sensors: the clouds'.")
+    ] = "own",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
     seed: SeedOption = 1,
@@ -58,7 +75,7 @@ def validate_sphere(
     from recon.validation.clouds import named_clouds
     from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
-    from recon.validation.sphere.model import SphereSettings
+    from recon.validation.sphere.model import ReferenceSettings, SphereSettings
     from recon.validation.sphere.report import write_sphere_report
 
     settings = SphereSettings(
@@ -69,6 +86,9 @@ def validate_sphere(
         viewpoints=dict(parse_viewpoint(text) for text in viewpoint or ()),
         keep=tuple(keep or ()),
         drop=tuple(drop or ()),
+        reference=ReferenceSettings(tuple(reference_centre), reference_unit, reference_frame)
+        if reference_centre
+        else None,
         subject=Subject(dataset, tuple(approach or ())),
         seed=seed,
     )
@@ -76,7 +96,7 @@ def validate_sphere(
     report, pictured = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
     page = write_sphere_report(report, pictured, out)
-    print_result({"report": str(page), **report}, _sphere_sentences(report, page), as_json=as_json)
+    print_result({"report": str(page), **report}, sphere_sentences(report, page), as_json=as_json)
 
 
 @app.command("cuboid")
@@ -115,7 +135,7 @@ def validate_cuboid(
     report, measured = measure_cuboids(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
     page = write_cuboid_report(report, measured, out)
-    print_result({"report": str(page), **report}, _cuboid_sentences(report, page), as_json=as_json)
+    print_result({"report": str(page), **report}, cuboid_sentences(report, page), as_json=as_json)
 
 
 @app.command("object")
@@ -168,6 +188,10 @@ def validate_views(
         Path | None, typer.Option(help="Folder of the recording; default: where the run says it was.")
     ] = None,
     frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all of the run.")] = None,
+    models: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder of models of the scene by another program, with a scene.json; once for each."),
+    ] = None,
     threshold: Annotated[
         float | None,
         typer.Option(help="Depths of two sensors agree within this, mm; default: the depth of one pixel of disparity."),
@@ -179,10 +203,12 @@ def validate_views(
     from recon.validation.views.report import write_views_report
 
     progress = ProgressLine()
-    report, shown = measure_views(run, ViewSettings(capture, parse_frames(frames), threshold), progress)
+    report, shown = measure_views(
+        run, ViewSettings(capture, parse_frames(frames), tuple(models or ()), threshold), progress
+    )
     progress.close()
     page = write_views_report(report, shown, out)
-    print_result({"report": str(page), **report}, _view_sentences(report, page), as_json=as_json)
+    print_result({"report": str(page), **report}, view_sentences(report, page), as_json=as_json)
 
 
 @app.command("mesh")
@@ -293,7 +319,7 @@ def validate_cloud(
     comparison = measure_clouds(files, settings, progress)
     progress.close()
     page = write_cloud_report(comparison, out)
-    print_result({"report": str(page), **comparison.report}, _cloud_sentences(comparison.report, page), as_json=as_json)
+    print_result({"report": str(page), **comparison.report}, cloud_sentences(comparison.report, page), as_json=as_json)
 
 
 @app.command("films")
@@ -318,7 +344,7 @@ def validate_films(
     report, films = measure_films(stimulus_set, FilmSettings(reference, masters, every, workers), progress)
     progress.close()
     page = write_films_report(report, films, out)
-    print_result({"report": str(page), **report}, _film_sentences(report, page), as_json=as_json)
+    print_result({"report": str(page), **report}, film_sentences(report, page), as_json=as_json)
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
@@ -355,82 +381,3 @@ def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
             f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
         ) from error
     return name or "S1", (x, y, z)
-
-
-def _cloud_sentences(report: dict[str, Any], page: Path) -> str:
-    from recon.validation.cloud_quality.evaluation import SOURCE
-    from recon.validation.cloud_quality.report import mean_values, skipped_sentences
-
-    lines = []
-    for name in dict.fromkeys(value["approach"] for value in report["values"]):
-        shown = [
-            f"{value['measure']} {float(value['value']):.4g}{' ' * bool(value['unit'])}{value['unit']}"
-            for value in mean_values(report)
-            if value["approach"] == name and (value["measure"] in SHOWN_OF_CLOUDS or value["source"] != SOURCE)
-        ]
-        lines.append(f"{name}: {', '.join(shown) or 'see measures.csv'}")
-    lines += [f"remark: {remark}" for remark in report["remarks"]] + skipped_sentences(report["skipped"])
-    return "\n".join([*lines, f"Report: {page}"])
-
-
-def _view_sentences(report: dict[str, Any], page: Path) -> str:
-    threshold = report["settings"]["threshold_mm"]
-    lines = [
-        f"{row['kind']}, {row['approach']}: "
-        + ", ".join(
-            f"{name} {row[column]:{form}}"
-            for name, column, form in (
-                ("PSNR", "psnr_db", ".2f"),
-                ("SSIM", "ssim", ".3f"),
-                ("coverage", "coverage", ".1%"),
-                ("spill", "spill", ".1%"),
-            )
-            if row[column] is not None
-        )
-        for row in report["means"]
-        if row["region"] == "all"
-    ]
-    lines += [
-        f"sensors by {row['depth']}: {row['agree']:.1%} of the depths agree within {threshold:.3g} mm"
-        for row in report["agreement"]
-        if row["agree"] is not None
-    ]
-    return "\n".join([*lines, f"Report: {page}"])
-
-
-def _film_sentences(report: dict[str, Any], page: Path) -> str:
-    lines: dict[str, list[str]] = {}
-    for row in report["films"]:
-        value = "infinite" if row["mean"] is None else f"{row['mean']:.4g}"
-        lines.setdefault(f"{row['dataset']}/{row['approach']}", []).append(f"{row['measure']} {value}")
-    remarks = [f"remark: {remark}" for remark in report["remarks"]]
-    return "\n".join([*(f"{film}: {', '.join(values)}" for film, values in lines.items()), *remarks, f"Report: {page}"])
-
-
-def _cuboid_sentences(report: dict[str, Any], page: Path) -> str:
-    lines = []
-    for row in report["reconstructions"]:
-        if row["failure"]:
-            lines.append(f"no fit: {row['name']}: {row['failure']}")
-            continue
-        angles, edges = (
-            ", ".join(f"{error[column]:+.3g}" for error in report[part] if error["name"] == row["name"])
-            for part, column in (("angles", "error_deg"), ("edges", "error_mm"))
-        )
-        faces = f"faces {' '.join(row['faces'])}"
-        lines.append(f"{row['name']}: {faces}; angles off by {angles} degrees, edges by {edges} mm")
-    return "\n".join([*lines, f"Report: {page}"])
-
-
-def _sphere_sentences(report: dict[str, Any], page: Path) -> str:
-    lines = [
-        f"{row['sensor']} ({row['subset']}): {row['inliers']:.2%} within {row['threshold_mm']:g} mm "
-        f"in {row['n_samples']} samples"
-        for row in report["table"]
-    ]
-    lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]
-    lines += [
-        f"remark: {row['name']}: {'; '.join(row['remarks'])}" for row in report["reconstructions"] if row["remarks"]
-    ]
-    failed = {row["name"]: row["failure"] for row in report["reconstructions"] if row["failure"]}
-    return "\n".join([*lines, *(f"no fit: {name}: {why}" for name, why in failed.items()), f"Report: {page}"])

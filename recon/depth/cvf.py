@@ -9,7 +9,6 @@ Source: the study's Tables 1 and 2.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,11 +23,14 @@ from recon.depth.pair import MIN_SIDE, StereoPair
 from recon.depth.permeability import WORST, aggregate_and_choose, rows_held
 from recon.depth.refinement import filled, local_planes, without_specks
 from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
+from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
 
 MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
+Tiles = tuple[list[NDArray[np.int32]], tuple[NDArray[np.float32], NDArray[np.float32]], int]
+"""Where each window begins in every tile, how the surface rises there, and the tiles' size in bits."""
 
 
 class NoTextureWarning(UserWarning):
@@ -184,10 +186,11 @@ def has_texture(pair: StereoPair) -> bool:
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
     """Match both views, from the coarsest level of the hierarchy to the finest."""
     level = views[0].level
-    coarser: tuple[Matches, Matches] | tuple[None, None] = (None, None)
+    coarser: list[tuple[View, Matches]] | tuple[None, None] = (None, None)
     if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
         coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
-        coarser = match_views((views[0].halved(), views[1].halved()), coarse)
+        halves = (views[0].halved(), views[1].halved())
+        coarser = list(zip(halves, match_views(halves, coarse), strict=True))
     in_both(lambda side: views[side].framed_codes)
     vertices = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
     index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
@@ -195,34 +198,33 @@ def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Mat
     return Matches(vertices[0], index[0], valid[0]), Matches(vertices[1], index[1], valid[1])
 
 
-def _search(view: View, other: View, coarser: Matches | None) -> NDArray[np.float32]:
+def _search(view: View, other: View, coarser: tuple[View, Matches] | None) -> NDArray[np.float32]:
     """Search every pixel's cheapest disparity index; return its parabola's vertex, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     n_held = rows_held(*view.shape)
-    for windows in _windows(view, coarser):
-        aggregate_and_choose(view.codes, *facing, view.passages, *windows, n_disparities, flip, n_held, best, vertex)
+    starts, slopes, tile_bits = _full_search(view) if coarser is None else _guided_search(view, *coarser)
+    for start in starts[:: -1 if view.is_right else 1]:  # from far to near, in the right view from near to far
+        tiles = (start, slopes, tile_bits)
+        aggregate_and_choose(view.codes, *facing, view.passages, *tiles, n_disparities, flip, n_held, best, vertex)
     return vertex
 
 
-def _windows(view: View, coarser: Matches | None) -> Iterator[tuple[NDArray[np.int32], int]]:
-    """Yield where the windows of sixteen disparities of each tile begin, and the tiles' size in bits.
+def _full_search(view: View) -> Tiles:
+    """Search every disparity: one tile, whose windows overlap by the two lanes that only serve as neighbours."""
+    last = max(view.level.n_disparities - N_LANES, 0)
+    starts = [np.full((1, 1), first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
+    level = np.zeros((1, 1), np.float32)
+    return starts, (level, level), WHOLE_IMAGE_BITS
 
-    From far to near, in the right view from near to far. A full search has one tile; its windows overlap by the two
-    lanes that only serve as neighbours.
-    """
-    towards, level = -1 if view.is_right else 1, view.level
-    if coarser is None:
-        last = max(level.n_disparities - N_LANES, 0)
-        for first in [*range(0, last, N_LANES - 2), last][::towards]:
-            yield np.full((1, 1), first, np.int32), WHOLE_IMAGE_BITS
-    else:
-        shift = 2 * level.halved().min_disparity - level.min_disparity
-        windows = search_windows(coarser.index, coarser.valid, view.shape, level.n_disparities, shift=shift)
-        for start in windows[::towards]:
-            yield start, TILE_BITS
+
+def _guided_search(view: View, half: View, matches: Matches) -> Tiles:
+    """Search around the coarser level's disparities, along its slopes."""
+    n_disparities, shift = view.level.n_disparities, 2 * half.level.min_disparity - view.level.min_disparity
+    starts = search_windows(matches.index, matches.valid, view.shape, n_disparities, shift=shift)
+    return [*starts], tile_slopes(matches.vertex, matches.valid, half.passages), TILE_BITS
 
 
 def _confirmed(

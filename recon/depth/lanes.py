@@ -131,6 +131,17 @@ def moved_down(_typing: Any, _lanes: Any) -> Any:
 
 
 @intrinsic
+def moved_up(_typing: Any, _lanes: Any) -> Any:
+    """Return in every lane the number of the one before; the first keeps its own."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        places = ir.Constant(_WORDS, [0, *_EVERY_LANE[:-1]])
+        return builder.shuffle_vector(arguments[0], arguments[0], places)
+
+    return _LANES(_LANES), generate
+
+
+@intrinsic
 def hamming(_typing: Any, _code: Any, codes: Any, _index: Any) -> Any:
     """Count the bits in which a uint32 code differs from each of `codes[index : index + 16]`."""
 

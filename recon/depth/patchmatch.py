@@ -141,13 +141,14 @@ def _swept(
     affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
     settings = _settings(views[0].level, parameters)
     costs = [_unknown_costs(view) for view in views]
+    moved = [np.zeros(view.shape, np.int16) for view in views]
     for sweep_number in range(parameters.sweeps):
         for side in (0, 1):
             seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)
-            for turn in (0, 1):
-                seed = 4 * sweep_number + 2 * side + turn
+            for turn in (2 * sweep_number, 2 * sweep_number + 1):
+                seed = 2 * turn + side
                 work = partial(sweep, seen, views[side].passages, settings, planes[1 - side], turn, seed)
-                in_bands(views[side].shape[0], partial(work, planes[side], costs[side]))
+                in_bands(views[side].shape[0], partial(work, planes[side], costs[side], moved[side]))
     return planes
 
 

@@ -1,4 +1,4 @@
-"""Permeability filter: costs flow along rows and columns and stop at edges of the picture.
+"""Permeability filter: costs flow along rows and columns, along slanted surfaces too, and stop at edges of the picture.
 
 Nothing of size (H, W, disparities) is ever held: sixteen disparities are aggregated at a time, contiguous in memory,
 and the winner so far is kept. The upward pass and the winner-takes-all are one loop.
@@ -13,7 +13,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.depth.guide import Passages
-from recon.depth.lanes import N_LANES, add, add_scaled, hamming, load, lowest, spread_lane, store, zeros
+from recon.depth.lanes import (
+    N_LANES,
+    add,
+    add_scaled,
+    hamming,
+    load,
+    lowest,
+    moved_down,
+    moved_up,
+    spread_lane,
+    store,
+    zeros,
+)
 from recon.depth.subpixel import vertex
 
 LANE_BITS = np.int32(N_LANES - 1)
@@ -31,6 +43,16 @@ def _shifted(scratch, lanes, shift):  # type: ignore[no-untyped-def]  # lanes ha
     return load(scratch, N_LANES + min(max(shift, -N_LANES), N_LANES))
 
 
+@njit(inline="always")
+def _tilted(lanes, rise):  # type: ignore[no-untyped-def]  # lanes have no Python type
+    """Move the lanes up by a part of a place, or down if it is negative: the same surface one pixel further on."""
+    if rise > 0:
+        return add_scaled(add_scaled(lanes, -rise, lanes), rise, moved_up(lanes))
+    if rise < 0:
+        return add_scaled(add_scaled(lanes, rise, lanes), -rise, moved_down(lanes))
+    return lanes
+
+
 def rows_held(height: int, width: int) -> int:
     """Choose how many rows' flows to hold: all, or a few where recomputing is faster than reading memory."""
     return height if height * width * N_LANES <= MAX_HELD else FEW_ROWS
@@ -43,6 +65,7 @@ def aggregate_and_choose(
     origin: int,
     passages: Passages,
     start: NDArray[np.int32],
+    slopes: tuple[NDArray[np.float32], NDArray[np.float32]],
     tile_bits: int,
     n_disparities: int,
     flip: int,
@@ -64,6 +87,9 @@ def aggregate_and_choose(
     start : int32, the first of the sixteen disparity indices of each square tile of 2 ** tile_bits pixels; where it
         changes from one pixel to the next, costs flow from lane to lane of the same disparity, and beyond the window
         its outermost cost
+    slopes : two float32 arrays of the tiles' shape, pixels of disparity a column and a row, -1 to 1: costs flow from
+        lane to lane as far as the surface rises between two pixels, and are interpolated between lanes
+    tile_bits : the tiles' size; what the first pixel of two says counts for the way between them
     n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
         because a winner needs both neighbours for its parabola
     flip : 0, the first of equally cheap disparities wins; 15, the last
@@ -78,7 +104,7 @@ def aggregate_and_choose(
     held = np.zeros((n_held + 1) * pitch, np.float32)
     checkpoints = np.zeros(n_chunks * pitch, np.float32)
     upward = np.zeros(pitch, np.float32)
-    view = (codes, facing_codes, origin, passages, start, tile_bits)
+    view = (codes, facing_codes, origin, passages, start, slopes, tile_bits)
     for chunk in range(n_chunks):
         _copy(held, 0, checkpoints, chunk * pitch, pitch)
         last = min((chunk + 1) * n_held, height)
@@ -103,7 +129,7 @@ def _copy(source: NDArray[np.float32], begin: int, target: NDArray[np.float32], 
 @njit(cache=True, nogil=True)
 def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tuple of arrays
     """Aggregate the costs of rows first to last along rows and from above; held[0] is the row above the first."""
-    codes, facing_codes, origin, (across, down, passage), start, tile_bits = view
+    codes, facing_codes, origin, (across, down, passage), start, (rise, fall), tile_bits = view
     width, pitch = across.shape[1], facing_codes.shape[2]
     sharp, blurred = facing_codes[0].reshape(-1), facing_codes[1].reshape(-1)
     forward = np.empty(width * N_LANES, np.float32)
@@ -116,6 +142,8 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
             if start[y >> tile_bits, x >> tile_bits] != window:
                 flow = _shifted(scratch, flow, start[y >> tile_bits, x >> tile_bits] - window)
                 window = start[y >> tile_bits, x >> tile_bits]
+            if x > 0:
+                flow = _tilted(flow, rise[y >> tile_bits, (x - 1) >> tile_bits])
             facing = y * pitch + origin + width - 1 - x + window
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
             flow = add_scaled(cost, open_, flow)
@@ -126,6 +154,7 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
             if start[y >> tile_bits, x >> tile_bits] != window:
                 flow = _shifted(scratch, flow, start[y >> tile_bits, x >> tile_bits] - window)
                 window = start[y >> tile_bits, x >> tile_bits]
+            flow = _tilted(flow, -rise[y >> tile_bits, x >> tile_bits])
             facing = y * pitch + origin + width - 1 - x + window
             cost = add(hamming(codes[0, y, x], sharp, facing), hamming(codes[1, y, x], blurred, facing))
             open_ = passage[across[y, x]]
@@ -135,6 +164,7 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
                 above = load(held, ((y - first) * width + x) * N_LANES)
                 if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
                     above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
+                above = _tilted(above, fall[(y - 1) >> tile_bits, x >> tile_bits])
                 in_row = add_scaled(in_row, passage[down[y - 1, x]], above)
             store(held, ((y - first + 1) * width + x) * N_LANES, in_row)
 
@@ -142,7 +172,7 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
 @njit(cache=True, nogil=True)
 def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, chosen):  # type: ignore[no-untyped-def]  # a tuple of arrays
     """Add what flows up to rows last to first, and keep each pixel's cheapest disparity; `upward` is carried on."""
-    _, _, _, (_, down, passage), start, tile_bits = view
+    _, _, _, (_, down, passage), start, (_, fall), tile_bits = view
     height, width = down.shape
     scratch = np.empty(3 * N_LANES, np.float32)
     for y in range(last - 1, first - 1, -1):
@@ -151,12 +181,14 @@ def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, be
             below = load(upward, x * N_LANES)
             if y + 1 < height and start[(y + 1) >> tile_bits, x >> tile_bits] != window:
                 below = _shifted(scratch, below, window - start[(y + 1) >> tile_bits, x >> tile_bits])
+            below = _tilted(below, -fall[y >> tile_bits, x >> tile_bits])
             total = add_scaled(load(held, ((y - first + 1) * width + x) * N_LANES), passage[down[y, x]], below)
             without_above = total
             if y > 0:
                 above = load(held, ((y - first) * width + x) * N_LANES)
                 if start[(y - 1) >> tile_bits, x >> tile_bits] != window:
                     above = _shifted(scratch, above, window - start[(y - 1) >> tile_bits, x >> tile_bits])
+                above = _tilted(above, fall[(y - 1) >> tile_bits, x >> tile_bits])
                 without_above = add_scaled(total, -passage[down[y - 1, x]], above)
             store(upward, x * N_LANES, without_above)
             lowest_lane = 0 if window == 0 else 1

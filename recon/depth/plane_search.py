@@ -54,7 +54,7 @@ class Settings(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def sweep(seen, passages, settings, others, turn, seed, planes, costs, first, last):  # type: ignore[no-untyped-def]  # tuples
+def sweep(seen, passages, settings, others, turn, seed, planes, costs, moved, first, last):  # type: ignore[no-untyped-def]  # tuples
     """Let the pixels of one colour of the chessboard, in rows first to last, look for better planes.
 
     Parameters
@@ -64,10 +64,12 @@ def sweep(seen, passages, settings, others, turn, seed, planes, costs, first, la
     passages : Passages: how much neighbours should agree
     settings : Settings
     others : float32 (H, W, 3), the planes of the other view, which is mirrored
-    turn : 0 or 1, the colour of the chessboard
+    turn : number of this turn, even for one colour of the chessboard, odd for the other
     seed : makes the random changes of one sweep differ from another's
     planes : float32 (H, W, 3); updated
     costs : float32 (H, W), of each pixel's window along its plane, negative where not yet known; updated
+    moved : int16 (H, W), the turn in which each pixel's plane last changed; a neighbour's plane that did not change
+        since this pixel's last turn was tried then; updated
     """
     height, width = costs.shape
     taps = np.empty(3 * TAPS, np.float32)
@@ -84,7 +86,7 @@ def sweep(seen, passages, settings, others, turn, seed, planes, costs, first, la
             best = (costs[y, x], costs[y, x] + _roughness(planes, plane, passages, place, settings))
             for distance in (1, FAR_NEIGHBOUR):
                 for column, row in ((x - distance, y), (x + distance, y), (x, y - distance), (x, y + distance)):
-                    if 0 <= row < height and 0 <= column < width:
+                    if 0 <= row < height and 0 <= column < width and moved[row, column] >= turn - 1:
                         trial = _extended(_plane_at(planes, row, column), x - column, y - row)
                         plane, best = _better(trial, plane, best, taps, target, planes, passages, place, settings)
             there = width - 1 - x + np.int64(np.rint(plane[0]))
@@ -97,6 +99,8 @@ def sweep(seen, passages, settings, others, turn, seed, planes, costs, first, la
                 state, trial = _changed(plane, step, state)
                 plane, best = _better(trial, plane, best, taps, target, planes, passages, place, settings)
                 step *= np.float32(0.5)
+            if best[0] != costs[y, x]:
+                moved[y, x] = turn
             costs[y, x] = best[0]
             planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = plane
 

@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
 from recon.fusion.views import check_clouds
-from recon.geometry.mesh import Cloud, Mesh, read_surface, write_cloud
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import read_surface, write_cloud
 from recon.geometry.normals import surface_normals
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
 from recon.programs import Program, ProgramError, Value, check_written, workplace

@@ -1,19 +1,7 @@
 """Clouds and meshes, and the files that hold them."""
 
-from recon.geometry.mesh import (
-    Cloud,
-    Mesh,
-    Model,
-    Splats,
-    Texture,
-    merge_meshes,
-    read_cloud,
-    read_mesh,
-    read_points,
-    read_surface,
-    write_cloud,
-    write_mesh,
-)
+from recon.geometry.mesh import Cloud, Mesh, Model, Splats, Texture, merge_meshes
+from recon.geometry.mesh_files import read_cloud, read_mesh, read_points, read_surface, write_cloud, write_mesh
 
 __all__ = [
     "Cloud",

@@ -15,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
+GENERATOR = "reconstudy"
+COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 
@@ -84,7 +87,7 @@ def _glb(
     attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     document = {
-        "asset": {"version": "2.0", "generator": "reconstudy"},
+        "asset": {"version": "2.0", "generator": GENERATOR},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -108,6 +111,48 @@ def _glb(
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
     return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
+
+
+def read_glb(
+    content: bytes,
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8] | NDArray[np.float32], bytes]:
+    """Decode what `glb_bytes` or `textured_glb_bytes` encoded: the files of a run.
+
+    Returns
+    -------
+    vertices : float32 (N, 3), mm
+    faces : int32 (M, 3)
+    normals : float32 (N, 3)
+    colours or uv : uint8 (N, 3), sRGB, or float32 (N, 2) as encoded
+    png : the picture, empty where vertices have colours
+
+    Raises
+    ------
+    ValueError
+        If the file is cut off, or was written by another program.
+    """
+    try:
+        magic, version, length = struct.unpack("<III", content[:12])
+        n_text = struct.unpack("<I", content[12:16])[0]
+        document = json.loads(content[20 : 20 + n_text])
+        if (magic, version, length) != (GLB_MAGIC, 2, len(content)) or document["asset"]["generator"] != GENERATOR:
+            raise ValueError("it is cut off, or by another program")
+        names = [*document["meshes"][0]["primitives"][0]["attributes"], "indices"]
+        arrays = {}
+        for name, accessor, view in zip(names, document["accessors"], document["bufferViews"], strict=False):
+            kind, width = COMPONENTS[accessor["componentType"]], WIDTHS[accessor["type"]]
+            start, count = 28 + n_text + view["byteOffset"], accessor["count"] * width
+            arrays[name] = np.frombuffer(content, kind, count, start).reshape(-1, width)
+        if "COLOR_0" in arrays:
+            colouring, png = np.searchsorted(_linear_from_srgb(), arrays["COLOR_0"][:, :3]).astype(np.uint8), b""
+        else:
+            uv, picture = arrays["TEXCOORD_0"], document["bufferViews"][-1]
+            colouring = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
+            start = 28 + n_text + picture["byteOffset"]
+            png = content[start : start + picture["byteLength"]]
+    except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
+        raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
+    return arrays["POSITION"], arrays["indices"].reshape(-1, 3).astype(np.int32), arrays["NORMAL"], colouring, png
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:

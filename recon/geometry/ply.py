@@ -68,7 +68,8 @@ def read_ply(path: Path) -> PlyData:
     except OSError as error:
         raise refused(path, error) from error
     except Exception as error:  # numpy's own errors come through where values do not fit a property
-        raise ValueError(f"{path}: is not a whole PLY file: {str(error) or type(error).__name__}") from error
+        advice = "" if path.suffix.lower() == ".ply" else "; save it as PLY"
+        raise ValueError(f"{path}: is not a whole PLY file: {str(error) or type(error).__name__}{advice}") from error
     if "vertex" not in ply or not ply["vertex"].count:
         raise ValueError(f"{path}: holds no points")
     return ply

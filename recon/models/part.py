@@ -87,9 +87,12 @@ class Contents:
         Raises
         ------
         ValueError
-            If it is missing.
+            If it is missing, or lies outside the folder of the model's folder, whose other files are none of its own.
         """
-        path = self.files[0].parent / name.replace("\\", "/")
+        folder = self.files[0].parent
+        path = folder / name.replace("\\", "/")
+        if not path.resolve().is_relative_to(folder.resolve().parent):
+            raise ValueError(f"its {what} {name} lies elsewhere; put it beside the model, or into a folder next to it")
         if not path.is_file():
             raise ValueError(f"its {what} {name} is missing, expected at {path}")
         if path not in self.files:

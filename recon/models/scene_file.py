@@ -16,7 +16,7 @@ from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
 from recon.rig import Camera, Rig, Sensor, look_at
 from recon.storage.artefacts import file_digest
-from recon.storage.files import read_json
+from recon.storage.files import allowed, read_json
 from recon.storage.remote import is_there, place
 
 SCENE_FILE = "scene.json"
@@ -201,7 +201,9 @@ def _path_source(folder: Path, path: _Path, problems: list[str]) -> PathSource |
 
 def _beside(folder: Path, address: str) -> Path:
     """Find what `scene.json` names: a URL, or a path from its folder."""
-    return place(address) if "://" in address else (folder / address).resolve()
+    is_url = "://" in address
+    allowed(Path(address) if is_url else folder / address)  # before anything is asked of a URL's host
+    return place(address) if is_url else (folder / address).resolve()
 
 
 def _world_from_model(content: _Content, problems: list[str]) -> NDArray[np.float64]:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.pipeline.keys import camera_key
 from recon.pipeline.manifest import Stimulus
 from recon.pipeline.sources import ModelSequence, Setting
-from recon.pipeline.stages import camera_key
 from recon.render.checked import holds_checked_frames, write_checked_video
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path

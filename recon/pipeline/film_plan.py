@@ -11,8 +11,8 @@ import numpy as np
 
 from recon.models.inspection import Facts, check_sizes, is_seen, union
 from recon.pipeline.film import Film, RenderOptions, path_name
+from recon.pipeline.keys import camera_key
 from recon.pipeline.sources import ModelSequence, Setting, Source, inspect_file, raise_problems
-from recon.pipeline.stages import camera_key
 from recon.storage.remote import address_of
 from recon.workers import Pool, Progress
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from recon.capture.recording import GIVEN
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
 from recon.depth.pair import within_pair
+from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
 from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
@@ -24,6 +25,8 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
+
+NO_SEED = "none"  # of PM in a methods file: planes at random, as Bleyer et al. 2011 start
 
 
 @dataclass(frozen=True)
@@ -236,6 +239,9 @@ def _depth_method(table: Table, known: Mapping[str, DepthMethod]) -> DepthMethod
         return table.program(DepthProgram)
     method = known[table.method([name for name in known if name != GIVEN])]
     if isinstance(method, OurDepth):
+        if isinstance(method.parameters, PmParameters) and table.content.get("seed") == NO_SEED:
+            unseeded = replace(method.parameters, is_seeded=False)
+            return OurDepth(method.method, table.without("seed").changed(unseeded))
         return OurDepth(method.method, table.changed(method.parameters))
     assert isinstance(method, Installed)
     return Installed(method.plugin, table)

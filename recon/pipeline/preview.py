@@ -14,7 +14,8 @@ from recon.approaches import parse_approach
 from recon.capture.format import read_capture, read_frame
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
-from recon.geometry.mesh import Cloud, read_mesh
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, recorded_in
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames

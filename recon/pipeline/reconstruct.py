@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.approaches import VERTICES, check_colours
 from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
@@ -52,12 +53,14 @@ from recon.pipeline.stages import (
     make_mesh,
     match_frame,
 )
+from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
 from recon.render.frames import choose_renderer
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
 from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
+from recon.surface.outlines import widened
 from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
@@ -152,10 +155,14 @@ def reconstruct(
     """
     capture, run = read_capture(capture_folder.resolve()), run.resolve()
     options = replace(options, depths=options.depths or default_depths(capture))
-    options.methods.check(options.depths, options.fusions)
-    check_sensors(capture, options.depths)
+    options.methods.check(options.depth_methods, options.fusion_methods)
+    check_colours(options.colours)
+    check_sensors(capture, options.depth_methods)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
+    options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
+    if options.outlines:
+        options = replace(options, surface=widened(options.surface))
     job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
     views, models = list(chain.from_iterable(job.sequences)), job.models
 
@@ -174,11 +181,14 @@ def reconstruct(
         _check_points(job)
         if options.balance_colours:
             make("colours", [partial(compare_colours, job, PLACE_VOXELS * voxel)])
-        make("meshes", [partial(make_mesh, job, *model) for model in models])
+        make("meshes", [partial(make_mesh, job, *surface) for surface in job.surfaces])
+        if pictured := [model for model in models if model[0].colour != VERTICES]:
+            make("exposures", [partial(compare_photographs, job)])
+            make("textures", [partial(make_textured, job, *model) for model in pictured])
         remove_leftovers(run)  # of workers that were lost
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
     finished = Run(run, capture, names, tuple(job.frames), versions(), address_from(run, capture.folder))
-    files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in models]
+    files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
     content = write_run(
         finished,
         options=_described(options),
@@ -292,13 +302,13 @@ def _described(options: ReconstructOptions) -> dict[str, Any]:
     """Return the options for ``run.json``, with what the methods' names stand for."""
     methods = options.methods
     depths: dict[str, Any] = {}
-    for name in options.depths:
+    for name in options.depth_methods:
         temporal = methods.temporal_of(name, options.temporal)
         depths[name] = with_limit(depth_key(methods.depth[name]), methods.depth[name])
         depths[name]["temporal"] = None if temporal is None else asdict(temporal)
     fusions = {
         name: with_limit(fusion_key(methods.fusion[name], options.surface), methods.fusion[name])
-        for name in options.fusions
+        for name in options.fusion_methods
     }
     content = {name: value for name, value in asdict(options).items() if name not in ("frames", "methods", *WHERE)}
     return content | {"methods": {"depth": depths, "fusion": fusions}}
@@ -329,7 +339,7 @@ def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
 
 def _check_points(job: Job) -> None:
     """Stop where a frame has no points of any sensor, before a model of another one is made."""
-    for method in job.options.depths:
+    for method in job.options.depth_methods:
         empty = frames_without_points(job, method)
         if empty:
             raise ValueError(

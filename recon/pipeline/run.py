@@ -8,8 +8,8 @@ warnings and the meshes' digests: a folder without it is no run yet.
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
 ``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
 ``programs/<method>/<sensor>/<frame>/log.txt`` and ``programs/<approach>/<frame>/log.txt`` (what programs of others
-printed),
-``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply``, and ``previews/<frame>.png`` to look at.
+printed), ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply`` (``.glb`` with a texture), and
+``previews/<frame>.png`` to look at.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from recon.approaches import VERTICES, parse_approach
 from recon.capture.format import Capture, CaptureError, read_draft, write_capture
-from recon.geometry.mesh import Cloud, holds_points, read_cloud
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import holds_points, read_cloud
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import address_of, fetched, is_copy, is_there, place, stored
@@ -35,11 +37,13 @@ SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
 LOG_FILE = "log.jsonl"
 COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
+EXPOSURES_NAME = "exposures.json"  # gains of the cameras' photographs
 
 
 def mesh_name(approach: str, frame: int) -> str:
-    """Name the mesh of a frame by an approach such as "pm_fb"."""
-    return f"meshes/{approach}/{frame:04d}.ply"
+    """Name the mesh of a frame by an approach such as "pm_fb"; one with a texture is a GLB file."""
+    suffix = "ply" if parse_approach(approach).colour == VERTICES else "glb"
+    return f"meshes/{approach}/{frame:04d}.{suffix}"
 
 
 def fusion_folder(approach: str, frame: int) -> str:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
-from recon.geometry.mesh import Model, read_mesh
+from recon.approaches import levels_of
+from recon.geometry.mesh import Model
+from recon.geometry.mesh_files import read_mesh
 from recon.models.folder import find_models
 from recon.models.inspection import Facts, inspect_model
 from recon.models.read import Placement, read_model
@@ -158,6 +159,13 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
         source, faults = _read_models_folder(folder)
         problems += faults
         sources += [source] if source is not None else []
+    levels = levels_of(item.approach for source in sources if source.is_run for item in source.sequences)
+    sources = [
+        replace(source, sequences=tuple(replace(item, levels=levels[item.approach]) for item in source.sequences))
+        if source.is_run
+        else source
+        for source in sources
+    ]
     names = Counter((item.dataset, item.approach) for source in sources for item in source.sequences)
     problems += [
         f"{dataset}: {n} of the folders have models by {approach}; give each approach of a scene a name of its own"
@@ -171,13 +179,14 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
 def run_source(run: Run) -> Source:
     """Return a run as what is filmed."""
     sequences = []
+    levels = levels_of(run.approaches)
     for approach in run.approaches:
         names = [mesh_name(approach, frame) for frame in run.frames]
         sequences.append(
             ModelSequence(
                 run.dataset,
                 approach,
-                parse_approach(approach).levels,
+                levels[approach],
                 run.capture.fps,
                 tuple(run.folder / name for name in names),
                 tuple(run.artefacts.digests(names)),

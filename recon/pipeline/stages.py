@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache, partial
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import DEPTH_METHODS, FUSION_METHODS, Approach, approaches
-from recon.capture.depth_maps import depth_maps_of, depth_view, given_disparity, read_depth_map
+from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches
+from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map
 from recon.capture.format import (
-    CameraStream,
     Capture,
     CaptureError,
-    SensorStream,
-    depth_path,
-    image_path,
+    mask_pictures,
     read_frame,
     read_masks,
 )
@@ -39,17 +36,19 @@ from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import DepthView, view_of_cloud
-from recon.geometry.mesh import Cloud, no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.pipeline.keys import camera_key, digest_once, picture_key
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
 from recon.plugins import PluginError
 from recon.programs import LOG, ProgramError
-from recon.rig import Camera
-from recon.storage.artefacts import Artefacts, code_version, file_digest, key_of
+from recon.storage.artefacts import Artefacts, code_version, key_of
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, stored
 from recon.surface import NoSurfaceError, SurfaceParameters
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
+from recon.surface.outlines import read_sights, with_outlines
 
 
 @dataclass(frozen=True)
@@ -58,26 +57,54 @@ class ReconstructOptions:
 
     Parameters
     ----------
-    depths, fusions : names of methods; every combination is an approach. Without depths, `default_depths`
+    depths, fusions : names of methods; every combination, with each of `colours`, is an approach. Without depths,
+        `default_depths`
+    further : approaches beside these combinations
+    colours : where models take their colours from, of `recon.approaches.COLOURS`
     methods : what these names stand for
     frames : which frames; None for all
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
+    outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     workers : local processes, each on one thread; 1 works in this process with all threads
     cluster : address of a Dask scheduler whose workers do the work instead; None for none
     """
 
     depths: tuple[str, ...] = ()
     fusions: tuple[str, ...] = FUSION_METHODS
+    further: tuple[Approach, ...] = ()
+    colours: tuple[str, ...] = (VERTICES,)
     methods: Methods = field(default_factory=Methods)
     frames: range | None = None
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     balance_colours: bool = False
+    outlines: bool = True
     workers: int = 1
     cluster: str | None = None
+
+    @property
+    def models(self) -> tuple[Approach, ...]:
+        """All approaches."""
+        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions, self.colours), *self.further)))
+
+    @property
+    def surfaces(self) -> tuple[Approach, ...]:
+        """Those whose meshes have coloured vertices; textures are put on copies of these."""
+        further = (Approach(approach.depth, approach.fusion) for approach in self.further)
+        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions), *further)))
+
+    @property
+    def depth_methods(self) -> tuple[str, ...]:
+        """The depth methods of all approaches."""
+        return tuple(dict.fromkeys((*self.depths, *(approach.depth for approach in self.further))))
+
+    @property
+    def fusion_methods(self) -> tuple[str, ...]:
+        """The fusions of all approaches."""
+        return tuple(dict.fromkeys((*self.fusions, *(approach.fusion for approach in self.further))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +129,25 @@ class Job:
         """The views of each sensor by each depth method, frame by frame."""
         return [
             [View(method, stream.id, frame) for frame in self.frames]
-            for method in self.options.depths
+            for method in self.options.depth_methods
             for stream in self.capture.sensors_for(method)
         ]
 
     @property
+    def voxel_mm(self) -> float:
+        """Distance of the surfaces' samples."""
+        assert self.options.surface.voxel_mm is not None
+        return self.options.surface.voxel_mm
+
+    @property
     def models(self) -> list[tuple[Approach, int]]:
-        """The approach and the frame of every mesh."""
-        wanted = approaches(self.options.depths, self.options.fusions)
-        return [(approach, frame) for approach in wanted for frame in self.frames]
+        """The approach and the frame of every model."""
+        return [(approach, frame) for approach in self.options.models for frame in self.frames]
+
+    @property
+    def surfaces(self) -> list[tuple[Approach, int]]:
+        """The approach and the frame of every mesh with coloured vertices."""
+        return [(approach, frame) for approach in self.options.surfaces for frame in self.frames]
 
     def temporal(self, method: str) -> TemporalParameters | None:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
@@ -150,7 +187,7 @@ def take_frame(job: Job, view: View) -> list[str]:
     """Take the given depth map of a view where its mask shows foreground, as disparities."""
     stream = job.capture.stream(view.sensor_id)
     key = {
-        "pictures": _picture_key(job.capture, view),
+        "pictures": picture_key(job.capture, view),
         "code": code_version("capture/depth_maps.py", "capture/rectify.py"),
     }
 
@@ -171,7 +208,7 @@ def match_frame(job: Job, view: View) -> list[str]:
         return take_frame(job, view)
     method = job.options.methods.depth[view.method]
     key = {
-        "pictures": _picture_key(job.capture, view),
+        "pictures": picture_key(job.capture, view),
         "method": depth_key(method),
         "code": code_version("depth", "capture/rectify.py"),
     }
@@ -226,7 +263,7 @@ def make_cloud(job: Job, view: View) -> list[str]:
     method, sensor_id, frame = view
     key = {
         "depth": job.artefacts.digest(view.depth),
-        "pictures": _picture_key(capture, view),
+        "pictures": picture_key(capture, view),
         "parameters": asdict(parameters),
         "code": code_version("cloud.py", "geometry", "capture/rectify.py"),
     }
@@ -288,19 +325,25 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
         "clouds": job.artefacts.digests(clouds),
         "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
         "fusion": fusion_key(fusion, job.options.surface),
+        "outlines": _outlines_key(job, approach.depth, frame) if job.options.outlines else None,
         "code": code_version("surface", "fusion", "geometry"),
     }
+    folder = fusion_folder(str(approach), frame)
+
+    def made_of(sensors: Sequence[Cloud]) -> tuple[Mesh, list[str]]:
+        views = _depth_views(job.capture, sensors, approach.depth, frame) if needs_views(fusion) else None
+        return fuse(fusion, sensors, job.options.surface, views=views, folder=job.artefacts.folder / folder)
 
     def write(path: Path) -> list[str]:
         sensors = read_clouds(job.artefacts, clouds)
         if balanced:
             sensors = balance_colours(sensors, _colours(job.artefacts))
-        views = _depth_views(job.capture, sensors, approach.depth, frame) if needs_views(fusion) else None
-        folder = fusion_folder(str(approach), frame)
         try:
-            mesh, left_out = fuse(
-                fusion, sensors, job.options.surface, views=views, folder=job.artefacts.folder / folder
-            )
+            if job.options.outlines:
+                sights = read_sights(job.capture, job.capture.sensors_for(approach.depth), sensors, frame)
+                mesh, left_out = with_outlines(sights, job.voxel_mm, made_of)
+            else:
+                mesh, left_out = made_of(sensors)
         except NoSurfaceError as error:
             raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
         except (ProgramError, PluginError) as error:
@@ -310,6 +353,18 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
         return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
+
+
+def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
+    """Describe what outlines depend on beside the clouds: the masks of the sensors, their cameras and the voxel."""
+    streams = job.capture.sensors_for(method)
+    masks = [mask.path for stream in streams for mask in mask_pictures(job.capture.folder, stream, frame)]
+    return {
+        "masks": [digest_once(fetched(path)) for path in masks],
+        "cameras": [camera_key(side.camera) for stream in streams for side in stream.cameras],
+        "frame": frame,
+        "voxel_mm": job.voxel_mm,
+    }
 
 
 def _store_log(job: Job, folder: str) -> None:
@@ -370,45 +425,3 @@ def _is_masked(capture: Capture, rectification: Rectification, view: View) -> bo
         return rectified_pair(capture, rectification, view.frame) is None
     masks = read_masks(capture, view.sensor_id, view.frame)
     return masks is not None and not rectify_left_mask(rectification, masks[0]).any()
-
-
-def _picture_key(capture: Capture, view: View) -> dict[str, Any]:
-    """Describe the pictures of a view for a key: their files, cameras and bounds."""
-    stream = capture.stream(view.sensor_id)
-    if view.method == GIVEN:
-        return _files_key(capture, view, (stream.left,), (stream.mask or ())[:1]) | _depth_key(
-            capture, stream, view.frame
-        )
-    return _files_key(capture, view, stream.cameras, stream.mask or ())
-
-
-def _files_key(capture: Capture, view: View, cameras: Sequence[CameraStream], masks: Sequence[str]) -> dict[str, Any]:
-    patterns = (*(camera.image for camera in cameras), *masks)
-    return {
-        "files": [_digest_once(fetched(image_path(capture.folder, pattern, view.frame))) for pattern in patterns],
-        "frame": view.frame,
-        "cameras": [camera_key(stream.camera) for stream in cameras],
-        "bounds": capture.bounds.tolist(),
-    }
-
-
-def _depth_key(capture: Capture, stream: SensorStream, frame: int) -> dict[str, Any]:
-    depth = depth_maps_of(stream)
-    meaning = {"scale_mm": depth.scale_mm, "kind": depth.kind, "size": depth.size}
-    return {"depth": _digest_once(fetched(depth_path(capture.folder, depth, frame))), "meaning": meaning}
-
-
-def camera_key(camera: Camera) -> list[Any]:
-    """Describe a camera for a key."""
-    return [camera.K.tolist(), camera.dist.tolist(), camera.size, camera.cam_from_world.tolist()]
-
-
-@cache
-def _digest_of(path: Path, _changed_ns: int, _n_bytes: int) -> str:
-    return file_digest(path)
-
-
-def _digest_once(path: Path) -> str:
-    """Digest a file, again only when it changed."""
-    facts = path.stat()
-    return _digest_of(path, facts.st_mtime_ns, facts.st_size)

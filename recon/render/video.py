@@ -46,6 +46,10 @@ MASTER = Encoding(4, "veryfast")  # 61 dB and more; medium takes 2.4 times as lo
 SILHOUETTE = Encoding(0, "veryfast")  # lossless; 0.2 to 0.6 MB for 4 s of full HD
 
 
+# ffmpeg opens the file alone, as what it is: a playlist that is called a film would lead it to other files and servers.
+FILE_ALONE = ("-protocol_whitelist", "file", "-format_whitelist", "mov,matroska,webm,avi")
+
+
 class VideoError(ValueError):
     """A video that cannot be written or read; the message names the file and quotes ffmpeg."""
 
@@ -295,7 +299,8 @@ def _quoted(path: Path) -> str:
 def _reader(path: Path) -> list[str]:
     """Make the command of an ffmpeg that reads a file and stops at the first fault instead of hiding it."""
     exe = imageio_ffmpeg.get_ffmpeg_exe()
-    return [exe, "-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode", "-i", str(path)]
+    strict = ("-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode")
+    return [exe, *strict, *FILE_ALONE, "-i", f"file:{path}"]
 
 
 def _last_words(complaints: IO[bytes], code: int) -> str:

@@ -18,8 +18,22 @@ FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
 STALE_S = 3600.0  # after so long without a write, a temporary file of another host has no writer any more
 
 
+FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # folders with : between, as a job of the server has it; unset: any folder
+
+
 class DiskFullError(OSError):
     """No room is left for a file; what was whole before is still there."""
+
+
+def allowed(path: Path) -> Path:
+    """Return the path of what a file names; a job of the server follows names to the server's own folders alone.
+
+    Else who uploads a file could have others of the server read. A ValueError says that the path leads elsewhere.
+    """
+    below = os.environ.get(FILES_BELOW)
+    if below is not None and not any(path.resolve().is_relative_to(folder) for folder in below.split(os.pathsep)):
+        raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
+    return path
 
 
 @contextmanager

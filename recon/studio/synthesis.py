@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from recon.capture.format import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.importing.folder import new_folder
 from recon.capture.recording import SIDES
-from recon.geometry.mesh import write_mesh
+from recon.geometry.mesh_files import write_mesh
 from recon.rig import Camera, Rig, Sensor
 from recon.storage.files import write_json
 from recon.studio import truth

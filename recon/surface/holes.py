@@ -41,10 +41,8 @@ def close_holes(mesh: Mesh, longest_rim: float) -> Mesh:
 
 def rims(faces: NDArray[np.int32]) -> list[NDArray[np.int64]]:
     """Follow the rim of each hole of faces (M, 3): its vertices (R,), in the direction of the triangles to fill it."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    keys, opposite = edges[:, 0] << 32 | edges[:, 1], edges[:, 1] << 32 | edges[:, 0]
     following: dict[int, list[int]] = {}
-    for start, end in edges[~np.isin(opposite, keys)][:, ::-1].tolist():
+    for start, end in rim_edges(faces)[:, ::-1].tolist():
         following.setdefault(start, []).append(end)
     loops = []
     for first in sorted(following):
@@ -54,6 +52,13 @@ def rims(faces: NDArray[np.int32]) -> list[NDArray[np.int64]]:
                 loop.append(vertex)
             loops.append(np.array(loop))
     return loops
+
+
+def rim_edges(faces: NDArray[np.int32]) -> NDArray[np.int64]:
+    """List the edges (E, 2) that belong to a single one of faces (M, 3), in its direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    keys, opposite = edges[:, 0] << 32 | edges[:, 1], edges[:, 1] << 32 | edges[:, 0]
+    return np.asarray(edges[~np.isin(opposite, keys)])
 
 
 def _length(corners: NDArray[np.float64]) -> float:

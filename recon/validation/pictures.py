@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
+from recon.validation.sampling import axes_facing, subsample
 
 SIDE_PX = 360  # of each of the four squares
 MAP_CELLS, TITLE_PX = 60, 22  # at most, along the longer edge of a face; above its map
@@ -23,6 +24,7 @@ AXIS_VIEWS = tuple(
         [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
     )
 )
+MOST_DRAWN = 200_000  # inliers, and as many outliers; a ball covers 45 000 pixels
 SHOWN = 1.5  # radii from the centre that are shown
 GREY, ORANGE, BLUE, CIRCLE = (150, 150, 150), (213, 94, 0), (0, 114, 178), (0, 0, 0)  # Okabe and Ito (2008)
 
@@ -32,8 +34,8 @@ def sphere_picture(
 ) -> NDArray[np.uint8]:
     """Draw four squares, uint8 (S, 4 S, 3) RGB: cloud and outliers from the sensor, then both from the side.
 
-    Inliers are grey, outliers beyond the threshold orange outside and blue inside. The sensor is assumed where most of
-    the surface faces.
+    Inliers are grey, outliers beyond the threshold orange outside and blue inside; of many points a sample is drawn.
+    The sensor is assumed where most of the surface faces.
 
     Parameters
     ----------
@@ -41,20 +43,27 @@ def sphere_picture(
     centre : float64 (3,), mm, of the sphere
     radius, threshold : mm
     """
-    offsets = np.asarray(points, dtype=np.float64) - centre
-    distances = np.linalg.norm(offsets, axis=1)
-    near = distances < SHOWN * radius
-    offsets, errors = offsets[near], distances[near] - radius
+    offsets = np.asarray(points - centre.astype(np.float32), dtype=np.float32)
+    offsets = offsets[_drawn(offsets, radius, threshold)]
+    errors = np.linalg.norm(offsets, axis=1) - radius
     towards = offsets[np.abs(errors) < threshold].mean(axis=0)
-    front, side = _view(towards), _view(np.cross(_view(towards)[1], towards))
-    colours = np.where((np.abs(errors) <= threshold)[:, None], GREY, np.where((errors > 0)[:, None], ORANGE, BLUE))
+    front, side = axes_facing(towards), axes_facing(np.cross(axes_facing(towards)[1], towards))
     is_out = np.abs(errors) > threshold
+    colours = np.array([GREY, ORANGE, BLUE], np.uint8)[np.where(is_out, np.where(errors > 0, 1, 2), 0)]
     squares = [
-        _square(offsets[chosen] @ axes.T, colours[chosen], radius)
-        for axes in (front, side)
+        _square(places[chosen], colours[chosen], radius)
+        for places in (offsets @ axes.T.astype(np.float32) for axes in (front, side))
         for chosen in (slice(None), is_out)
     ]
     return np.concatenate(squares, axis=1)
+
+
+def _drawn(offsets: NDArray[np.float32], radius: float, threshold: float) -> NDArray[np.intp]:
+    """Choose the offsets that are drawn: near the sphere, at most MOST_DRAWN inliers and as many outliers."""
+    distances = np.sqrt(np.einsum("ij,ij->i", offsets, offsets))
+    is_inlier = np.abs(distances - radius) <= threshold
+    is_outlier = ~is_inlier & (distances < SHOWN * radius)
+    return np.concatenate([subsample(np.flatnonzero(chosen), 1, MOST_DRAWN) for chosen in (is_inlier, is_outlier)])
 
 
 def error_picture(
@@ -140,15 +149,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     return bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
-def _view(towards: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the axes of a view, float64 (3, 3): right, up and towards the viewer."""
-    z = towards / np.linalg.norm(towards)
-    right = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.95 else (1.0, 0.0, 0.0), z)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(z, right), z])
-
-
-def _square(places: NDArray[np.float64], colours: NDArray[np.integer], radius: float) -> NDArray[np.uint8]:
+def _square(places: NDArray[np.floating], colours: NDArray[np.integer], radius: float) -> NDArray[np.uint8]:
     picture = _splats(places, colours, SHOWN * radius, 255)
     middle = round((SIDE_PX - 1) / 2)
     cv2.circle(picture, (middle, middle), round(SIDE_PX / (2 * SHOWN)), CIRCLE, 1, cv2.LINE_AA)
@@ -156,7 +157,7 @@ def _square(places: NDArray[np.float64], colours: NDArray[np.integer], radius: f
 
 
 def _splats(
-    places: NDArray[np.float64], colours: NDArray[np.integer], reach: float, background: int
+    places: NDArray[np.floating], colours: NDArray[np.integer], reach: float, background: int
 ) -> NDArray[np.uint8]:
     """Draw a pixel for each place (right, up, towards the viewer), mm, within `reach` of the middle, nearest last."""
     picture = np.full((SIDE_PX, SIDE_PX, 3), background, np.uint8)

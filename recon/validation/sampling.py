@@ -1,20 +1,24 @@
-"""Samples of clouds, evenly drawn or evenly spread, and directions evenly spread over a sphere."""
+"""Samples of clouds, evenly drawn or evenly spread; directions evenly spread over a sphere; axes of a view."""
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+Value = TypeVar("Value", bound=np.generic)
 
 LARGEST_SAMPLE = 30_000  # points that scale and first steps are estimated from
 CELLS_A_SIDE = 32  # so that a cell's number fits into 16 bits
 
 
-def subsample(points: NDArray[np.float32], seed: int, most: int = LARGEST_SAMPLE) -> NDArray[np.float32]:
-    """Draw at most `most` of the points (N, 3), one out of each run of equal length.
+def subsample(points: NDArray[Value], seed: int, most: int = LARGEST_SAMPLE) -> NDArray[Value]:
+    """Draw at most `most` of the points, one out of each run of equal length.
 
     Parameters
     ----------
-    points : float32 (N, 3)
+    points : (N, 3), or (N,) for their numbers
     seed : of the random numbers
     most : points that are drawn
     """
@@ -108,3 +112,11 @@ def fibonacci_sphere(n: int) -> NDArray[np.float64]:
     y, turn = 1 - 2 * index / n, np.pi * (1 + 5**0.5) * index
     sine = np.sqrt(1 - y**2)
     return np.stack([sine * np.cos(turn), y, sine * np.sin(turn)], axis=1)
+
+
+def axes_facing(towards: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the axes of a view, float64 (3, 3): right, up and towards the viewer; up is near the world's y."""
+    z = towards / np.linalg.norm(towards)
+    right = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.95 else (1.0, 0.0, 0.0), z)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(z, right), z])

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from recon.capture.masks.segment import segment_capture
-from recon.geometry.mesh import Cloud, read_mesh, write_cloud, write_no_cloud
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 
@@ -97,6 +98,7 @@ def test_a_sensor_with_black_pictures_in_a_frame_is_left_out_of_it(command: Comm
     assert [line.startswith(sees_nothing) for line in told.err.splitlines() if "arning" in line] == [True]
 
 
+@pytest.mark.slow
 def test_a_frame_that_no_sensor_sees_is_named_and_can_be_left_out(command: Command, capture: Path) -> None:
     empty_mask(capture, "S1", 2)
     empty_mask(capture, "S2", 2)

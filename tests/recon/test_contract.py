@@ -30,6 +30,7 @@ def test_every_matcher_keeps_the_contract(load: Callable[[], Callable[..., Any]]
     check_matcher(load())
 
 
+@pytest.mark.slow
 @every(FUSIONS, FUSION_GROUP)
 def test_every_fusion_keeps_the_contract(load: Callable[[], Callable[..., Any]]) -> None:
     check_fusion(load())

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from recon.capture.checking.consistency import Comparison, compared, disagreements, shared_points
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.checking.consistency import (
+    Comparison,
+    Shared,
+    compared,
+    disagreements,
+    shared_points,
+    unlike_exposures,
+)
 from recon.capture.checking.continuity import (
     Glance,
     Glances,
@@ -18,7 +28,7 @@ from recon.capture.checking.continuity import (
     glance_at,
 )
 from recon.capture.checking.matches import Matches, match_pictures
-from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames
+from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import SensorReport
 from recon.capture.checking.synchrony import synchrony_problems
 from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
@@ -77,33 +87,54 @@ def check_capture(capture_folder: Path) -> CheckReport:
     checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
     problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
     problems += [problem for check in checks for problem in check.problems]
-    if not problems:
-        problems += disagreements(list(_comparisons(capture_folder, draft, checks)))
-    warnings = [*count_warnings(capture_folder, draft.cameras, n_frames), *continuity_warnings(glances)]
+    comparisons = [] if problems else list(_comparisons(capture_folder, draft, checks))
+    problems += disagreements(comparisons)
+    warnings = [
+        *_without_masks(draft.sensors),
+        *unlike_exposures(comparisons),
+        *count_warnings(capture_folder, draft.cameras, n_frames),
+        *continuity_warnings(glances),
+    ]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(check.report for check in checks)
     return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
 
 
+def _without_masks(sensors: Sequence[SensorStream]) -> Iterator[str]:
+    for stream in sensors:
+        if not stream.mask and any(other.mask for other in sensors):
+            yield (
+                f"sensor {stream.id} has no masks, but others have: what it sees of the background within the bounds "
+                "becomes surface; make masks of all sensors by `capture segment`"
+            )
+
+
 def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:
     pairs = [(stream, check) for stream, check in zip(draft.sensors, checks, strict=True) if stream.right is not None]
     for (first, its), (second, others) in pairwise(pairs):
-        shared = [
-            shared_points(its.matches[frame], others.matches[frame], _matched_between(folder, first, second, frame))
+        looks = [
+            _look_between(folder, (first, second), (its.matches[frame], others.matches[frame]), frame)
             for frame in measured_frames(draft.n_frames or 0)
             if frame in its.matches and frame in others.matches
         ]
         per_pixel = [check.report.depth_per_disparity_mm for check in (its, others)]
-        if shared and None not in per_pixel:
+        if looks and None not in per_pixel:
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
-            comparison = compared(first.sensor, second.sensor, shared, tolerance)
+            comparison = compared(first.sensor, second.sensor, [shared for shared, _ in looks], tolerance)
             if comparison is not None:
-                yield comparison
+                ratios = np.concatenate([ratios for _, ratios in looks])
+                yield replace(comparison, brightness=float(np.median(ratios)) if len(ratios) else None)
 
 
-def _matched_between(folder: Path, first: SensorStream, second: SensorStream, frame: int) -> Matches:
-    right, left = frame_pictures(folder, first, frame)[1], frame_pictures(folder, second, frame)[0]
-    return match_pictures(read_picture(right), read_picture(left))
+def _look_between(
+    folder: Path, streams: tuple[SensorStream, SensorStream], matches: tuple[Matches, Matches], frame: int
+) -> tuple[Shared, NDArray[np.float64]]:
+    """Find the points that two sensors see, and how bright each is in the first's picture by the second's."""
+    right, left = (
+        read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
+    )
+    shared = shared_points(*matches, match_pictures(right, left))
+    return shared, brightness_ratios(right, left, Matches(shared.first.right, shared.second.left))
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:

@@ -27,6 +27,7 @@ MIN_FOCAL_CHANGE = 0.01
 TOE_INS_DEG = np.concatenate([-np.arange(2.0, 0.0, -0.05), np.arange(0.05, 2.01, 0.05)])
 ROUNDS = 300  # of three random points: finds a move that a fifth of the points follow with 90 % probability
 POLISHING = 3
+MAX_BRIGHTNESS = 1.25  # of a sensor's points as a multiple of another's; half the light gives 1.4 in sRGB
 SEED = 0
 
 
@@ -57,13 +58,23 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two sensors say about the points that both see, and why these are apart, None if they are not."""
+    """What two sensors say about the points that both see.
+
+    Parameters
+    ----------
+    sensors : their names
+    n_points, n_agreeing : how many both see, and how many of them at the same place
+    tolerance_mm : how far apart that may be
+    explanation : why points are apart, None if they are not
+    brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if unknown
+    """
 
     sensors: tuple[str, str]
     n_points: int
     n_agreeing: int
     tolerance_mm: float
     explanation: Explanation | None = None
+    brightness: float | None = None
 
 
 def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
@@ -130,6 +141,18 @@ def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
                 f"sensors {' and '.join(comparison.sensors)} disagree: {comparison.n_agreeing} of "
                 f"{comparison.n_points} points that both see are within {comparison.tolerance_mm:.0f} mm, "
                 f"{comparison.explanation.n_agreeing} if {reason}"
+            )
+
+
+def unlike_exposures(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Say one sentence for every two sensors that show the points which both see unlike bright."""
+    for comparison in comparisons:
+        ratio = comparison.brightness
+        if ratio is not None and not 1 / MAX_BRIGHTNESS < ratio < MAX_BRIGHTNESS:
+            first, second = comparison.sensors if ratio > 1 else comparison.sensors[::-1]
+            yield (
+                f"the pictures of sensor {first} are {max(ratio, 1 / ratio):.2f} times as bright as those of sensor "
+                f"{second} at points that both see; use the same exposure and gain"
             )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +28,7 @@ MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken 
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
 DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
 NOISE_KERNEL = np.array([[1.0, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6.0  # Immerkaer, 1996: keeps noise, drops edges
+MOST_LISTED = 5  # frames in a sentence
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
 
 
@@ -40,13 +41,13 @@ class _Look:
     rows : (N, 2), row difference and disparity of the matches of the rectified pair, pixels
     matches : of the pictures as recorded
     left_to_right : (M,) ratios of brightness at the matches
-    textured : share of the area
+    textured : share of the area; None if there is none
     """
 
     rows: NDArray[np.float64]
     matches: Matches
     left_to_right: NDArray[np.float64]
-    textured: float
+    textured: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,20 +77,17 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     bounds : float64 (2, 3), mm, of the capture; None if they are unknown
     """
     baseline = None if stream.right is None else stream.sensor.baseline
-    report = SensorReport(stream.id, baseline, mask_coverage=_mask_coverage(folder, stream, n_frames))
-    problems: list[str] = []
-    if report.mask_coverage is not None and min(report.mask_coverage) == 0:
-        problems.append(f"sensor {stream.id}: the masks of a camera are empty in all frames")
+    coverage, problems, warnings = _check_masks(folder, stream, n_frames)
+    report = SensorReport(stream.id, baseline, mask_coverage=coverage)
     if bounds is None:
-        return SensorCheck(report, tuple(problems))
-    depth_warnings: tuple[str, ...] = ()
+        return SensorCheck(report, tuple(problems), tuple(warnings))
     if stream.depth is not None:
         checked = check_depth_maps(folder, stream, n_frames, bounds)
         report = replace(report, depth_coverage=checked.coverage, depth_mm=checked.median_mm)
         problems += checked.problems
-        depth_warnings = checked.warnings
+        warnings += checked.warnings
     if stream.right is None:
-        return SensorCheck(report, tuple(problems), depth_warnings)
+        return SensorCheck(report, tuple(problems), tuple(warnings))
     try:
         rectification = rectify(stream.sensor, bounds)
     except ValueError as error:
@@ -103,6 +101,7 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     matches = joined([look.matches for look in looks])
     faults = diagnose(stream.sensor, matches)
     misfit = _misfit(stream.sensor, matches, rows)
+    textured = [look.textured for look in looks if look.textured is not None]
     problems += faults or _row_problems(rectification, rows, misfit)
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
@@ -112,11 +111,13 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
         n_disparities=rectification.n_disparities,
         depth_per_disparity_mm=per_pixel,
         expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, misfit)),
-        textured=float(np.mean([look.textured for look in looks])) if looks else None,
+        textured=float(np.mean(textured)) if textured else None,
         rows=rows,
     )
-    warnings = (*depth_warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report))
-    return SensorCheck(report, tuple(problems), warnings, {frame: look.matches for frame, look in by_frame.items()})
+    warnings += [*_exposure_warnings(stream.id, looks), *_texture_warnings(report)]
+    return SensorCheck(
+        report, tuple(problems), tuple(warnings), {frame: look.matches for frame, look in by_frame.items()}
+    )
 
 
 def noise_level(grey: NDArray[np.floating]) -> float:
@@ -128,14 +129,27 @@ def noise_level(grey: NDArray[np.floating]) -> float:
     return float(np.median(np.abs(residue))) / NORMAL_MEDIAN
 
 
-def _mask_coverage(folder: Path, stream: SensorStream, n_frames: int) -> tuple[float, ...] | None:
-    shares = []
-    for frame in range(n_frames):
+def _check_masks(
+    folder: Path, stream: SensorStream, n_frames: int
+) -> tuple[tuple[float, ...] | None, list[str], list[str]]:
+    """Return the mean share of foreground in each camera's masks, None without masks; problems and warnings."""
+    shares = {}
+    for frame in range(n_frames if stream.mask else 0):
         with suppress(CaptureError):  # listed already
-            shares.append([float(read_mask(picture).mean()) for picture in mask_pictures(folder, stream, frame)])
-    if stream.mask is None or not shares:
-        return None
-    return tuple(float(share) for share in np.mean(shares, axis=0))
+            shares[frame] = [float(read_mask(picture).mean()) for picture in mask_pictures(folder, stream, frame)]
+    if not shares:
+        return None, [], []
+    coverage = tuple(map(float, np.mean(list(shares.values()), axis=0)))
+    if min(coverage) == 0:
+        return coverage, [f"sensor {stream.id}: the masks of a camera are empty in all frames"], []
+    empty = [frame for frame, share in shares.items() if min(share) == 0]
+    sentence = f"sensor {stream.id}: a mask is empty in {_listed(empty)}; the sensor sees nothing there"
+    return coverage, [], [sentence] if empty else []
+
+
+def _listed(frames: Sequence[int]) -> str:
+    more = f" and {len(frames) - MOST_LISTED} more" if len(frames) > MOST_LISTED else ""
+    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:MOST_LISTED]))}{more}"
 
 
 def measured_frames(n_frames: int) -> list[int]:
@@ -158,12 +172,19 @@ def _look(
     return _Look(
         (rectified.left - rectified.right)[:, ::-1],
         matches,
-        _ratios(left, right, matches),
+        brightness_ratios(left, right, matches),
         _textured(pair[0], areas[0]),
     )
 
 
-def _ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
+def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
+    """Compare how bright matched points are in two pictures: float64 (N,), left by right; dark ones are left out.
+
+    Parameters
+    ----------
+    left, right : uint8 (H, W, 3), sRGB
+    matches : of the two
+    """
     levels = []
     for image, points in ((left, matches.left), (right, matches.right)):
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (5, 5)).astype(np.float64)
@@ -173,13 +194,13 @@ def _ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches)
     return np.asarray(levels[0][bright] / levels[1][bright])
 
 
-def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float:
-    """Return the share of an area whose structure stands out of the noise."""
+def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float | None:
+    """Return the share of an area whose structure stands out of the noise; None of an empty one."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     window = (TEXTURE_WINDOW, TEXTURE_WINDOW)
     variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
     if not area.any():
-        return 0.0
+        return None
     return float((variance[area] - noise_level(grey) ** 2 > MIN_TEXTURE**2).mean())
 
 

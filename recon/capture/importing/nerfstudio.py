@@ -24,9 +24,9 @@ from recon.capture.images import IMAGE_SUFFIXES, CaptureError
 from recon.capture.importing.sources import DepthSource, ImportOptions, parse_unit, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.capture.pictures import find_pictures
-from recon.geometry.mesh import read_points
+from recon.geometry.mesh_files import read_points
 from recon.rig import Camera, rigid
-from recon.storage.files import read_json
+from recon.storage.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"
 HALF_PIXEL = 0.5
@@ -164,7 +164,7 @@ def _depth(dataset: _Dataset, frame: Mapping[str, Any], camera: Camera) -> Depth
     """Return the depth map of a frame, None if there is none or it says nothing."""
     if "depth_file_path" not in frame:
         return None
-    path = dataset.folder / str(frame["depth_file_path"])
+    path = allowed(dataset.folder / str(frame["depth_file_path"]))
     values = read_depth_values(path)
     if not np.isfinite(values).any():
         return None
@@ -178,4 +178,6 @@ def _bounds(dataset: _Dataset) -> NDArray[np.float64] | None:
         return np.array(dataset.content["bounds"], np.float64) * dataset.unit_mm
     if "ply_file_path" not in dataset.content:
         return None
-    return bounds_of_points(dataset.original(read_points(dataset.folder / str(dataset.content["ply_file_path"]))))
+    return bounds_of_points(
+        dataset.original(read_points(allowed(dataset.folder / str(dataset.content["ply_file_path"]))))
+    )

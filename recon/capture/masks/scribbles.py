@@ -44,7 +44,7 @@ def read_scribbles(path: Path, capture: Capture) -> Strokes:
     A CaptureError says that a camera has none, or strokes are of the wrong size, for an unknown camera or frame, or of
     one kind only.
     """
-    strokes = _from_json(path, capture) if path.is_file() else _from_folder(path, capture)
+    strokes = _read(path, capture)
     for stream in capture.sensors:
         for side in stream.sides:
             if not strokes.get((stream.id, side)):
@@ -53,10 +53,43 @@ def read_scribbles(path: Path, capture: Capture) -> Strokes:
                 )
     for (sensor_id, side), by_frame in strokes.items():
         for frame, labels in by_frame.items():
-            missing = [name for name, label in LABELS.items() if not (labels == label).any()]
-            if missing:
-                raise CaptureError(f"{path}: {sensor_id}/{side}, frame {frame} has no {missing[0]} stroke")
+            _check_labels(path, labels, f"{sensor_id}/{side}, frame {frame}")
     return strokes
+
+
+def mask_of_key_frame(
+    picture: NDArray[np.uint8], path: Path, capture: Capture, place: tuple[str, str, int]
+) -> NDArray[np.bool_]:
+    """Cut out the foreground of a key frame alone, bool (H, W), as the masks of all frames begin.
+
+    Parameters
+    ----------
+    picture : of the key frame, uint8 (H, W, 3)
+    path : the strokes' folder or JSON file; other cameras may have none yet
+    capture : the recording
+    place : sensor, side and frame of the picture
+
+    Raises
+    ------
+    CaptureError
+        If the picture has no strokes, or of one kind only.
+    """
+    sensor_id, side, frame = place
+    labels = _read(path, capture).get((sensor_id, side), {}).get(frame)
+    if labels is None:
+        raise CaptureError(f"{path}: no strokes for {sensor_id}/{side}, frame {frame}")
+    _check_labels(path, labels, f"{sensor_id}/{side}, frame {frame}")
+    return cut(picture, _key_seeds(labels), KEY_ROUNDS)[0]
+
+
+def _read(path: Path, capture: Capture) -> Strokes:
+    return _from_json(path, capture) if path.is_file() else _from_folder(path, capture)
+
+
+def _check_labels(path: Path, labels: NDArray[np.uint8], place: str) -> None:
+    missing = [name for name, label in LABELS.items() if not (labels == label).any()]
+    if missing:
+        raise CaptureError(f"{path}: {place} has no {missing[0]} stroke")
 
 
 def propagated(

@@ -29,7 +29,7 @@ from recon.capture.format import (
 )
 from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
 from recon.capture.masks.outline import grown, repatterned, tightened
-from recon.capture.masks.scribbles import Strokes, propagated, read_scribbles
+from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.workers import Progress, no_progress
 
 
@@ -98,6 +98,41 @@ def segment_capture(
     segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
     write_capture(segmented)
     return segmented
+
+
+def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out: Path) -> NDArray[np.bool_]:
+    """Write the mask of a picture that has strokes, to see what they do before all frames are segmented.
+
+    Parameters
+    ----------
+    folder : the capture's folder
+    scribbles : folder or JSON file of strokes; only those on the picture count
+    place : sensor, side and frame of the picture
+    out : the mask's PNG file, 255 foreground, 0 background
+
+    Returns
+    -------
+    mask : bool (H, W)
+
+    Raises
+    ------
+    CaptureError
+        If there is no such picture, it has no strokes of both kinds, or the mask is empty.
+    """
+    capture = read_capture(folder)
+    sensor_id, side, frame = place
+    stream = capture.stream(sensor_id)
+    if side not in stream.sides or not 0 <= frame < capture.n_frames:
+        raise CaptureError(
+            f"{folder}: has no picture {sensor_id}/{side}, frame {frame}; the sensor has {' and '.join(stream.sides)}, "
+            f"frames 0 to {capture.n_frames - 1}"
+        )
+    picture = read_picture(frame_pictures(folder, stream, frame)[stream.sides.index(side)])
+    mask = clean_mask(mask_of_key_frame(picture, scribbles, capture, place), SCRIBBLES)
+    if not mask.any():
+        raise CaptureError(f"{sensor_id}/{side}, frame {frame}: no foreground is found; draw more on the object")
+    _write_mask(out, mask)
+    return mask
 
 
 def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iterator[_Mask]:

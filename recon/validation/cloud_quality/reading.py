@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData
 
+from recon.geometry.mesh_files import read_mesh
 from recon.geometry.ply import FACE_LISTS, FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply, triangles
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.clouds import TEXT_SUFFIXES, read_measured
@@ -51,7 +52,7 @@ class Shape:
 
 
 def read_shape(path: Path) -> Shape:
-    """Read a PLY, or a text file with x, y, z in the first columns.
+    """Read a PLY, a GLB of ours, or a text file with x, y, z in the first columns.
 
     Raises
     ------
@@ -61,6 +62,9 @@ def read_shape(path: Path) -> Shape:
     none = np.zeros((0, 3), np.int32)
     if path.suffix.lower() in TEXT_SUFFIXES:
         return Shape(PointSet(str(path), read_measured(path)), none)
+    if path.suffix.lower() == ".glb":  # a run's, with a texture
+        mesh = read_mesh(path)
+        return Shape(PointSet(str(path), mesh.vertices, mesh.normals, mesh.colours), mesh.faces)
     ply = read_ply(path)
     normals, colours = (_optional(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
     if normals is not None and not normals.any():

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.geometry.mesh import error_colours, write_coloured
+from recon.geometry.mesh import error_colours
+from recon.geometry.mesh_files import write_coloured
 from recon.validation.known_object.evaluation import MeasuredObject
 from recon.validation.measures import measured_rows
 from recon.validation.page import (

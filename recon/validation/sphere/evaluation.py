@@ -1,7 +1,8 @@
 """The paper's evaluation on spheres: balls placed one after the other, each seen by several sensors.
 
 Each file is read once and fitted once, then once more together with the others of its sample, and a second time if the
-exclusion rule leaves some of them out. Points are kept only as long as that second fit or a picture may need them.
+exclusion rule leaves some of them out. Only the points of the first pictures are kept; a file whose points are needed
+later is read again.
 """
 
 from __future__ import annotations
@@ -16,10 +17,20 @@ from numpy.typing import NDArray
 
 from recon.validation.clouds import CloudFile, FitError
 from recon.validation.measures import COMBINED, N_REPLICATES, TABLE_THRESHOLD, inlier_measures, inlier_tables
-from recon.validation.sphere.exclusion import Finding, Parts, findings, missing_remark, usual_parts
+from recon.validation.sphere.error_sources import CellErrors, error_sources
+from recon.validation.sphere.exclusion import (
+    Finding,
+    Parts,
+    findings,
+    missing_remark,
+    sensor_offsets,
+    usual_parts,
+)
 from recon.validation.sphere.methods import METHODS
 from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.reconstruction import MeasuredSphere, combined_ratios, fitted, measure_reconstruction
+from recon.validation.sphere.reference import Centre, agreement, mean_centre, read_references
+from recon.validation.sphere.uncertainty import N_DRAWS
 from recon.workers import Progress, no_progress
 
 MOST_PICTURES = 12
@@ -41,6 +52,14 @@ class _Sample:
     @property
     def spheres(self) -> list[MeasuredSphere]:
         return fitted(self.results)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """What all samples together say of each sensor: what is usual in its parts, and its constant offset (3,), mm."""
+
+    usual: Mapping[str, Parts]
+    offsets: Mapping[str, NDArray[np.float64]]
 
 
 def measure_spheres(
@@ -65,28 +84,21 @@ def measure_spheres(
         If a cloud cannot be read, a setting is wrong, or no sphere is found in any cloud.
     """
     _check(clouds, settings)
+    references = _references(clouds, settings)
     samples = _samples(_results(clouds, settings, progress), settings)
     spheres = [sphere for sample in samples for sphere in sample.spheres]
     if not spheres:
         reason = samples[0].results[0].failure
         raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {reason}")
-    usual = _usual_by_sensor(spheres)
-    rows = [row for sample in samples for row in _rows(sample.results, settings, usual)]
+    judge = _judge_of(samples, spheres)
+    rows = [row for sample in samples for row in _rows(sample.results, settings, judge)]
     left_out = {row["name"] for row in rows if row["is_excluded"]}
+    used = [sphere for sphere in spheres if sphere.file.name not in left_out]
     table, curve = inlier_tables(_groups(samples, left_out, settings), settings.thresholds, settings.seed)
     report = {
         "schema_version": 1,
         "kind": "sphere",
-        "settings": {
-            "radius_mm": settings.radius,
-            "thresholds_mm": list(settings.thresholds),
-            "table_threshold_mm": TABLE_THRESHOLD,
-            "method": settings.method,
-            "unit": settings.unit,
-            "viewpoints_mm": {sensor: list(place) for sensor, place in settings.viewpoints.items()},
-            "seed": settings.seed,
-            "replicates": N_REPLICATES,
-        },
+        "settings": _described(settings),
         "reconstructions": rows,
         "failed": [row["name"] for row in rows if row["failure"]],
         "excluded": [
@@ -97,9 +109,31 @@ def measure_spheres(
         "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
         "curve": curve,
+        "error_sources": _sources(used or spheres, judge.offsets, settings.seed),
+        "reference": _agreement(used, references, settings),
         "measures": inlier_measures("sphere", table, settings.subject),
     }
-    return report, sorted(spheres, key=lambda sphere: sphere.file.name not in left_out)[:MOST_PICTURES]
+    pictured = sorted(spheres, key=lambda sphere: sphere.file.name not in left_out)[:MOST_PICTURES]
+    return report, [sphere.with_points(settings) for sphere in pictured]
+
+
+def _described(settings: SphereSettings) -> dict[str, Any]:
+    """Return the settings in the report's words."""
+    described = {
+        "radius_mm": settings.radius,
+        "thresholds_mm": list(settings.thresholds),
+        "table_threshold_mm": TABLE_THRESHOLD,
+        "method": settings.method,
+        "unit": settings.unit,
+        "viewpoints_mm": {sensor: list(place) for sensor, place in settings.viewpoints.items()},
+        "seed": settings.seed,
+        "replicates": N_REPLICATES,
+        "draws": N_DRAWS,
+    }
+    if settings.reference is not None:
+        files = [str(path) for path in settings.reference.files]
+        described["reference"] = {"files": files, "unit": settings.reference.unit, "frame": settings.reference.frame}
+    return described
 
 
 def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
@@ -127,29 +161,70 @@ def _results(clouds: Sequence[CloudFile], settings: SphereSettings, progress: Pr
 
 
 def _samples(results: Iterable[MeasuredSphere], settings: SphereSettings) -> list[_Sample]:
-    """Combine each sample's sensors, and let go of points that neither a second fit nor a picture can need."""
+    """Combine each sample's sensors, and let go of points that no picture needs as far as is known by then."""
     samples, n_spheres = [], 0
     for _, group in groupby(results, key=lambda result: result.file.sample):
         sample = list(group)
         ratios = combined_ratios(fitted(sample), settings)
-        if n_spheres >= MOST_PICTURES and not _may_lose(sample, settings):
+        if n_spheres >= MOST_PICTURES:
             sample = [result.without_points() for result in sample]
         samples.append(_Sample(sample, ratios))
         n_spheres += len(fitted(sample))
     return samples
 
 
-def _may_lose(results: Sequence[MeasuredSphere], settings: SphereSettings) -> bool:
-    """Whether the rule may leave out a sphere; what is usual for a sensor, known at the end, only makes it milder."""
-    return any(row["is_excluded"] and not row["failure"] for row in _rows(results, settings, {}))
-
-
-def _usual_by_sensor(spheres: Sequence[MeasuredSphere]) -> dict[str, Parts]:
-    samples: dict[str, list[Parts]] = {}
+def _judge_of(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Judge:
+    parts: dict[str, list[Parts]] = {}
     for sphere in spheres:
         if sphere.parts is not None:
-            samples.setdefault(sphere.file.sensor, []).append(sphere.parts)
-    return {sensor: usual for sensor, parts in samples.items() if (usual := usual_parts(parts)) is not None}
+            parts.setdefault(sphere.file.sensor, []).append(sphere.parts)
+    usual = {sensor: known for sensor, seen in parts.items() if (known := usual_parts(seen)) is not None}
+    return _Judge(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
+
+
+def _centres(spheres: Iterable[MeasuredSphere]) -> dict[str, NDArray[np.float64]]:
+    return {sphere.file.sensor: sphere.fit.centre for sphere in spheres if sphere.fit is not None}
+
+
+def _sources(
+    spheres: Sequence[MeasuredSphere], offsets: Mapping[str, NDArray[np.float64]], seed: int
+) -> list[dict[str, Any]]:
+    """Return a row per sensor: its errors by their source, and how far its calibration shifts the balls."""
+    by_sensor: dict[str, list[CellErrors]] = {}
+    for sphere in spheres:
+        if sphere.errors_by_cell is not None:
+            by_sensor.setdefault(sphere.file.sensor, []).append(sphere.errors_by_cell)
+    return [
+        {
+            "sensor": sensor,
+            **error_sources(shots, seed),
+            "offset_mm": [round(float(part), 4) for part in offsets[sensor]] if sensor in offsets else None,
+        }
+        for sensor, shots in by_sensor.items()
+    ]
+
+
+def _references(clouds: Sequence[CloudFile], settings: SphereSettings) -> list[Centre]:
+    """Read the reference centres before anything is fitted; none where none are given."""
+    if settings.reference is None:
+        return []
+    n_samples = max(cloud.sample for cloud in clouds)
+    return read_references(settings.reference, settings.radius, n_samples, settings.seed)
+
+
+def _agreement(
+    used: Sequence[MeasuredSphere], references: Sequence[Centre], settings: SphereSettings
+) -> dict[str, Any] | None:
+    """Compare each sample's centre, the mean over the sensors used, with its reference."""
+    if settings.reference is None:
+        return None
+    by_sample: dict[int, list[Centre]] = {}
+    for sphere in used:
+        if sphere.fit is not None:
+            known = np.zeros((3, 3)) if sphere.uncertainty is None else sphere.uncertainty.centre_covariance
+            by_sample.setdefault(sphere.file.sample, []).append(Centre(sphere.fit.centre, known))
+    means = {sample: mean_centre(centres) for sample, centres in by_sample.items()}
+    return agreement(references, means, settings.reference.frame)
 
 
 def _groups(
@@ -159,8 +234,11 @@ def _groups(
     used = []
     for sample in samples:
         kept = [result for result in sample.results if result.file.name not in left_out]
-        is_whole = len(kept) == len(sample.spheres)
-        used.append(_Sample(kept, sample.ratios if is_whole else combined_ratios(kept, settings)))
+        if len(fitted(kept)) < len(sample.spheres):
+            kept = [result.with_points(settings) for result in kept]
+            used.append(_Sample([result.without_points() for result in kept], combined_ratios(kept, settings)))
+        else:
+            used.append(_Sample(kept, sample.ratios))
     sensors = dict.fromkeys(result.file.sensor for sample in samples for result in sample.results)
     groups = {}
     for subset, members in (("used", used), ("all", samples)):
@@ -171,13 +249,11 @@ def _groups(
     return groups
 
 
-def _rows(
-    results: Sequence[MeasuredSphere], settings: SphereSettings, usual: Mapping[str, Parts]
-) -> list[dict[str, Any]]:
+def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, judge: _Judge) -> list[dict[str, Any]]:
     """Return the rows of one sample, judged by what is usual for each sensor."""
     fits = {result.file.sensor: result.fit for result in results if result.fit is not None}
     parts = {result.file.sensor: result.parts for result in results if result.parts is not None}
-    by_sensor = findings(fits, parts, usual)
+    by_sensor = findings(fits, parts, judge.usual, judge.offsets)
     return [_row(result, by_sensor.get(result.file.sensor, []), settings) for result in results]
 
 

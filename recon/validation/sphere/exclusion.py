@@ -9,23 +9,21 @@ sensor exceed one, the report says so of the sensor, and only samples that are m
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.sampling import subsample
+from recon.validation.sphere.cells import N_SECTORS, Cap
 from recon.validation.sphere.model import SphereFit
 from recon.validation.sphere.refinement import moved_centre
 
-N_SECTORS = 8
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out
 MAX_RING_SHIFT = 2.5  # mm likewise, for the inner or outer half of the cap; slices of whole disparities reach 2.4
 MAX_SENSOR_SHIFT = 2.5  # mm likewise, from the other sensors' centres
 REFERENCE_RADIUS = 150.0
-N_RINGS = 3  # with the sectors, cells of equal numbers of points
-COHERENT_CELLS = 4  # a sixth of the cells
+COHERENT_CELLS = 4  # a sixth of the 24 cells
 MAX_COHERENT_ERROR = 2.2  # mm likewise, median error of that many cells; below 1.8 for 95 % of good caps
 COHERENT_SCALE = 0.4  # of the points' scatter; the median error must exceed this as well
 MIN_SAMPLES = 4  # of a sensor, to know what is usual for it
@@ -34,6 +32,11 @@ LEAST_USUAL = 0.5  # of a limit; a sensor whose usual value is lower is sound, a
 UNUSUAL = 5.0  # times the usual value; a sample beyond is worse than its sensor
 REMARKED = 0.6  # of a limit; values beyond get a remark
 MAX_MISSING = 0.05  # of a ball's picture; nothing is missing of the studio's matt ball
+PART_WORDS = {  # by field of `Parts`
+    "sector_shift": "without its worst sector the centre moves by {:.2f} mm",
+    "ring_shift": "without its inner or outer half the centre moves by {:.2f} mm",
+    "coherent_error": "a sixth of its surface is off together by {:.2f} mm or more",
+}
 MIN_SURFACE_SHARE = 0.55  # of the points around a ball; with less, clusters of wrong depth outweigh its surface
 
 
@@ -69,43 +72,26 @@ class Finding:
     is_remark: bool = False
 
 
-def examine_parts(points: NDArray[np.float32], fit: SphereFit, seed: int = 1) -> Parts:
-    """Leave out the parts of a cap in turn, and compare their errors.
-
-    Parameters
-    ----------
-    points : float32 (N, 3), mm
-    fit : their sphere
-    seed : of the sample
-    """
-    sample = subsample(points, seed)
-    near = sample[np.abs(fit.errors(sample)) < 0.25 * fit.radius]
-    offsets = (near - fit.centre) / np.linalg.norm(near - fit.centre, axis=1, keepdims=True)
-    axis = offsets.mean(axis=0) / np.linalg.norm(offsets.mean(axis=0))
-    across = np.linalg.svd(axis[None])[2][1:]
-    turn = np.arctan2(offsets @ across[1], offsets @ across[0])
-    sector = np.minimum(((turn + np.pi) / (2 * np.pi) * N_SECTORS).astype(int), N_SECTORS - 1)
-    polar = offsets @ axis
-    is_outer = polar < np.median(polar)
-    reference = moved_centre(near, fit)
-    sectors = [moved_centre(near[sector != k], fit) for k in range(N_SECTORS)]
-    rings = [moved_centre(near[is_outer], fit), moved_centre(near[~is_outer], fit)]
+def examine_parts(cap: Cap, fit: SphereFit) -> Parts:
+    """Leave out the parts of a cap in turn, and compare their errors."""
+    sector, is_outer = cap.sector, cap.places[:, 2] < np.median(cap.places[:, 2])
+    reference = moved_centre(cap.points, fit)
+    sectors = [moved_centre(cap.points[sector != k], fit) for k in range(N_SECTORS)]
+    rings = [moved_centre(cap.points[is_outer], fit), moved_centre(cap.points[~is_outer], fit)]
+    medians = cap.medians()
+    sizes = np.sort(np.abs(medians[np.isfinite(medians)]))
     return Parts(
         max(float(np.linalg.norm(centre - reference)) for centre in sectors),
         max(float(np.linalg.norm(centre - reference)) for centre in rings),
-        _coherent_error(fit.errors(near), sector, polar),
+        float(sizes[-COHERENT_CELLS]) if len(sizes) >= COHERENT_CELLS else 0.0,
     )
 
 
-def _coherent_error(errors: NDArray[np.float32], sector: NDArray[np.int64], polar: NDArray[np.floating]) -> float:
-    ring = np.searchsorted(np.quantile(polar, np.arange(1, N_RINGS) / N_RINGS), polar)
-    cells = sector * N_RINGS + ring
-    medians = [np.median(errors[cells == cell]) for cell in range(N_SECTORS * N_RINGS) if (cells == cell).any()]
-    return float(np.sort(np.abs(medians))[-COHERENT_CELLS]) if len(medians) >= COHERENT_CELLS else 0.0
-
-
 def findings(
-    fits: Mapping[str, SphereFit], parts: Mapping[str, Parts], usual: Mapping[str, Parts] | None = None
+    fits: Mapping[str, SphereFit],
+    parts: Mapping[str, Parts],
+    usual: Mapping[str, Parts] | None = None,
+    offsets: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> dict[str, list[Finding]]:
     """Return what exceeds its limit, or nearly so, in each sensor's reconstruction of one placed ball.
 
@@ -114,30 +100,51 @@ def findings(
     fits : by sensor
     parts : by sensor, from `examine_parts`
     usual : by sensor, from `usual_parts`; without it every value beyond a limit is a reason to leave out
+    offsets : float64 (3,), mm, by sensor, from `sensor_offsets`: the calibration's part of its distance to the others
     """
     by_sensor: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
     for sensor, shifts in parts.items():
-        fit = fits[sensor]
-        unit = fit.radius / REFERENCE_RADIUS
-        if fit.surface_share < MIN_SURFACE_SHARE:
-            share = f"only {fit.surface_share:.0%} of the points around the ball lie on it"
-            by_sensor[sensor].append(Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}"))
-        coherent_limit = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fit.scale)
-        for name, limit, words in (
-            ("sector_shift", MAX_SECTOR_SHIFT * unit, "without its worst sector the centre moves by {:.2f} mm"),
-            ("ring_shift", MAX_RING_SHIFT * unit, "without its inner or outer half the centre moves by {:.2f} mm"),
-            ("coherent_error", coherent_limit, "a sixth of its surface is off together by {:.2f} mm or more"),
-        ):
-            value = getattr(shifts, name)
-            if value > REMARKED * limit:
-                typical = getattr(usual[sensor], name) if usual and sensor in usual else None
-                by_sensor[sensor].append(_beyond(words.format(value), value, limit, typical))
-    for sensor, apart in sensor_shifts(fits).items():
-        limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
-        if apart > limit:
-            sentence = f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm"
-            by_sensor[sensor].append(Finding(sentence))
+        typical = (usual or {}).get(sensor)
+        by_sensor[sensor] += _findings_in_parts(fits[sensor], shifts, typical)
+    for sensor, finding in _findings_between(fits, offsets or {}):
+        by_sensor[sensor].append(finding)
     return by_sensor
+
+
+def part_limits(fit: SphereFit) -> dict[str, float]:
+    """Return the limit of each field of a fit's `Parts`, mm."""
+    unit = fit.radius / REFERENCE_RADIUS
+    coherent = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fit.scale)
+    return {"sector_shift": MAX_SECTOR_SHIFT * unit, "ring_shift": MAX_RING_SHIFT * unit, "coherent_error": coherent}
+
+
+def _findings_in_parts(fit: SphereFit, shifts: Parts, usual: Parts | None) -> Iterator[Finding]:
+    if fit.surface_share < MIN_SURFACE_SHARE:
+        share = f"only {fit.surface_share:.0%} of the points around the ball lie on it"
+        yield Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}")
+    for name, limit in part_limits(fit).items():
+        value = getattr(shifts, name)
+        if value > REMARKED * limit:
+            typical = None if usual is None else getattr(usual, name)
+            yield _beyond(PART_WORDS[name].format(value), value, limit, typical)
+
+
+def _findings_between(
+    fits: Mapping[str, SphereFit], offsets: Mapping[str, NDArray[np.float64]]
+) -> Iterator[tuple[str, Finding]]:
+    """Yield sensors whose centres are far from the others'."""
+    centres = {sensor: fit.centre for sensor, fit in fits.items()}
+    residual = sensor_shifts({sensor: centre - offsets.get(sensor, 0.0) for sensor, centre in centres.items()})
+    for sensor, apart in sensor_shifts(centres).items():
+        limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
+        if max(apart, residual[sensor]) <= limit:
+            continue
+        sentence = f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm"
+        beside = f"{residual[sensor]:.2f} mm without what is the same in most samples"
+        if residual[sensor] <= limit:
+            yield sensor, Finding(f"{sentence}, but {beside}: calibration", is_remark=True)
+        else:
+            yield sensor, Finding(f"{sentence}; {beside}" if offsets else sentence)
 
 
 def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:
@@ -175,16 +182,34 @@ def usual_parts(samples: Sequence[Parts]) -> Parts | None:
     )
 
 
-def sensor_shifts(fits: Mapping[str, SphereFit]) -> dict[str, float]:
-    """Return how far each sensor's centre is from those of the others, mm: the mean distance to the nearer half.
+def sensor_offsets(samples: Sequence[Mapping[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
+    """Return where each sensor sees the balls, (3,), mm from the middle of all sensors: the median over the samples.
+
+    That is calibration, no cluster of wrong depth. None is known of a sensor with fewer than four samples.
+
+    Parameters
+    ----------
+    samples : centres (3,), mm, by sensor, for each placed ball
+    """
+    apart: dict[str, list[NDArray[np.float64]]] = {}
+    for centres in samples:
+        if len(centres) > 1:
+            middle = np.median(np.stack(list(centres.values())), axis=0)
+            for sensor, centre in centres.items():
+                apart.setdefault(sensor, []).append(centre - middle)
+    return {sensor: np.median(shifts, axis=0) for sensor, shifts in apart.items() if len(shifts) >= MIN_SAMPLES}
+
+
+def sensor_shifts(centres_by_sensor: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
+    """Return how far each centre (3,), mm, is from those of the others, mm: the mean distance to the nearer half.
 
     With two sensors nobody can say which is wrong: both get the distance between them. With one there is none.
     """
-    if len(fits) < 2:
+    if len(centres_by_sensor) < 2:
         return {}
-    centres = np.stack([fit.centre for fit in fits.values()])
+    centres = np.stack(list(centres_by_sensor.values()))
     apart = np.linalg.norm(centres[:, None] - centres, axis=2)
-    if len(fits) == 2:
-        return dict.fromkeys(fits, float(apart[0, 1]))
-    others = np.sort(apart, axis=1)[:, 1 : 1 + len(fits) // 2]  # the nearer half of the others
-    return dict(zip(fits, map(float, others.mean(axis=1)), strict=True))
+    if len(centres) == 2:
+        return dict.fromkeys(centres_by_sensor, float(apart[0, 1]))
+    others = np.sort(apart, axis=1)[:, 1 : 1 + len(centres) // 2]  # the nearer half of the others
+    return dict(zip(centres_by_sensor, map(float, others.mean(axis=1)), strict=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,24 @@ BAND_SHARE = 1 / 12  # of the radius: 12.5 mm, the threshold of the paper's tabl
 # Tukey's constant in standard deviations of the inliers; a million points need no efficiency, so it is tighter than the
 # usual 4.685, and clusters near the surface pull less.
 CUTOFF = 2.5
+OWN, SENSORS = "own", "sensors"
+FRAMES = (OWN, SENSORS)  # of reference centres
+
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """Where the reference centres are.
+
+    Parameters
+    ----------
+    files : one scan of the ball for each sample, in order; or one text file with a centre x y z a line
+    unit : of their coordinates
+    frame : "own" for the reference's own frame, "sensors" for that of the clouds
+    """
+
+    files: tuple[Path, ...]
+    unit: str = "mm"
+    frame: str = OWN
 
 
 @dataclass(frozen=True)
@@ -30,6 +49,7 @@ class SphereSettings:
     viewpoints : where each sensor stands, mm; then only points on lines of sight that meet the ball are counted
     keep : names of reconstructions that are used whatever the exclusion rule says
     drop : names of reconstructions that are left out whatever it says
+    reference : another instrument's centres to compare with
     subject : what the clouds show, in a study's words
     seed : of the fit and the bootstrap
     """
@@ -41,6 +61,7 @@ class SphereSettings:
     viewpoints: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     keep: tuple[str, ...] = ()
     drop: tuple[str, ...] = ()
+    reference: ReferenceSettings | None = None
     subject: Subject = field(default_factory=Subject)
     seed: int = 1
 

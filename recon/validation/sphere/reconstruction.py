@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from recon.validation.clouds import CloudFile, FitError, read_measured
 from recon.validation.measures import TABLE_THRESHOLD, inlier_ratios
 from recon.validation.sampling import subsample
-from recon.validation.sphere.exclusion import Parts, examine_parts
+from recon.validation.sphere.cells import cap_of
+from recon.validation.sphere.error_sources import CellErrors, cell_errors
+from recon.validation.sphere.exclusion import Parts, examine_parts, part_limits
 from recon.validation.sphere.methods import METHODS
 from recon.validation.sphere.model import SphereFit, SphereSettings, surface_share
 from recon.validation.sphere.refinement import refine_sphere
+from recon.validation.sphere.uncertainty import Uncertainty, fit_uncertainty
 from recon.validation.sphere.visibility import meets_sphere, missing_share
 
 
@@ -34,6 +37,8 @@ class MeasuredSphere:
     fit : the sphere; None where there is none, and `failure` says why
     parts : what the parts of its surface say about the fit
     ratios : float64 (1 + T,), from `inlier_ratios`
+    uncertainty : of the fit's numbers; None where there are too few points to tell
+    errors_by_cell : to tell calibration from matching
     columns : numbers of the fit in the report
     points : float32 (N, 3), mm, all that the file holds; empty once nothing needs them
     counted : float32 (M, 3), mm, those whose errors count; empty once nothing needs them
@@ -44,6 +49,8 @@ class MeasuredSphere:
     fit: SphereFit | None = None
     parts: Parts | None = None
     ratios: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    uncertainty: Uncertainty | None = None
+    errors_by_cell: CellErrors | None = None
     columns: Mapping[str, Any] = field(default_factory=dict)
     points: NDArray[np.float32] = field(default_factory=_no_points)
     counted: NDArray[np.float32] = field(default_factory=_no_points)
@@ -51,6 +58,13 @@ class MeasuredSphere:
 
     def without_points(self) -> MeasuredSphere:
         return replace(self, points=_no_points(), counted=_no_points())
+
+    def with_points(self, settings: SphereSettings) -> MeasuredSphere:
+        """Return the reconstruction with its points, read again if they were let go."""
+        if self.fit is None or len(self.points):
+            return self
+        points = read_measured(self.file.path, settings.unit)
+        return replace(self, points=points, counted=_counted(points, self.fit, self.file, settings))
 
 
 def fitted(results: Iterable[MeasuredSphere]) -> list[MeasuredSphere]:
@@ -67,21 +81,40 @@ def measure_reconstruction(file: CloudFile, settings: SphereSettings) -> Measure
         points = counted = read_measured(file.path, settings.unit)
         fit, missing = METHODS[settings.method](points, settings.radius, settings.seed), None
         if file.sensor in settings.viewpoints:
-            viewpoint = np.asarray(settings.viewpoints[file.sensor])
-            counted = points[meets_sphere(points, viewpoint, fit.centre, fit.radius)]
+            counted = _counted(points, fit, file, settings)
             fit = replace(fit, surface_share=surface_share(counted, fit))
+            viewpoint = np.asarray(settings.viewpoints[file.sensor])
             missing = missing_share(counted, viewpoint, fit.centre, fit.radius)
-        parts = examine_parts(counted, fit, settings.seed)
+        sample = subsample(counted, settings.seed)
+        cap = cap_of(sample, fit)
+        parts, uncertainty = examine_parts(cap, fit), fit_uncertainty(sample, fit, cap, settings.seed)
     except FitError as error:
         return MeasuredSphere(file, len(counted), failure=str(error))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(file.path)) else f"{file.path}: {text}") from error
     errors = fit.errors(counted)
-    ratios = inlier_ratios(errors, settings.thresholds)
     return MeasuredSphere(
-        file, len(counted), fit, parts, ratios, _columns(fit, parts, errors, missing), points, counted
+        file,
+        len(counted),
+        fit,
+        parts,
+        ratios=inlier_ratios(errors, settings.thresholds),
+        uncertainty=uncertainty,
+        errors_by_cell=cell_errors(cap, fit),
+        columns=_columns(fit, parts, errors, missing) | ({} if uncertainty is None else uncertainty.columns()),
+        points=points,
+        counted=counted,
     )
+
+
+def _counted(
+    points: NDArray[np.float32], fit: SphereFit, file: CloudFile, settings: SphereSettings
+) -> NDArray[np.float32]:
+    """Return the points (M, 3) whose errors count: all, or those on lines of sight that meet the ball."""
+    if file.sensor not in settings.viewpoints:
+        return points
+    return points[meets_sphere(points, np.asarray(settings.viewpoints[file.sensor]), fit.centre, fit.radius)]
 
 
 def combined_ratios(spheres: Sequence[MeasuredSphere], settings: SphereSettings) -> list[NDArray[np.float64]]:
@@ -120,6 +153,7 @@ def _columns(fit: SphereFit, parts: Parts, errors: NDArray[np.float32], missing:
         "coverage": fit.coverage,
         "surface_share": fit.surface_share,
         "missing_share": missing,
+        **{f"{name}_limit_mm": limit for name, limit in part_limits(fit).items()},
         "sector_shift_mm": parts.sector_shift,
         "ring_shift_mm": parts.ring_shift,
         "coherent_error_mm": parts.coherent_error,

@@ -122,9 +122,14 @@ def _system(
     points: NDArray[np.float32], centre: NDArray[np.float64], radius: float, cutoff: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     sums = tukey_sums(points, centre, radius, cutoff)
+    return normal_matrix(sums), sums[10:14], int(sums[14])
+
+
+def normal_matrix(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normal matrix, float64 (4, 4), of x, y, z and radius from the sums (15,) of `tukey_sums`."""
     matrix = np.zeros((4, 4))
     matrix[np.triu_indices(4)] = sums[:10]
-    return matrix + np.triu(matrix, 1).T, sums[10:14], int(sums[14])
+    return matrix + np.triu(matrix, 1).T
 
 
 def _solved(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int) -> NDArray[np.float64]:

@@ -22,6 +22,9 @@ from recon.validation.page import (
     write_table,
 )
 from recon.validation.pictures import png, sphere_picture
+from recon.validation.sphere.cell_picture import cell_picture
+from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
+from recon.validation.sphere.model import OWN
 from recon.validation.sphere.reconstruction import MeasuredSphere
 
 METHOD_TEXT = {
@@ -32,6 +35,17 @@ CAPTION = (
     "Reconstruction {name} with its fitted sphere: all points and outliers only, from the sensor (left) and from the "
     "side (right); orange is outside and blue inside by more than {threshold:g} mm."
 )
+CELLS_CAPTION = (
+    "Verdict on {name}: {verdict}; {why}. Errors from the sensor: blue is -{limit:.2g} mm or less, red +{limit:.2g} mm "
+    "or more, grey has no points. Lines part the rule's eight sectors and three rings; numbers are the cells' median "
+    "errors in mm, the worst four outlined."
+)
+CRITERIA = {
+    "sector_shift": "sector shift mm",
+    "ring_shift": "ring shift mm",
+    "coherent_error": "coherent mm",
+}
+MAX_RATIO = 1.5  # of residuals to uncertainties that is no more than chance makes of a few places
 
 
 def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out: Path) -> Path:
@@ -50,8 +64,8 @@ def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSp
     write_measures(out, measured_rows(report["measures"], "validate sphere"))
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
-    sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report)]
-    sections += [_reasons(report), _pictures(report, pictured, out)]
+    sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report), _sources(report)]
+    sections += [_reference(report), _verdicts(report), _reasons(report), _pictures(report, pictured, out)]
     return write_page(out / "report.html", "Reconstruction of a sphere", sections)
 
 
@@ -88,34 +102,79 @@ def _fits(report: Mapping[str, Any]) -> Section:
         {
             "name": row["name"],
             "used": not row["is_excluded"],
-            "inliers %": percent(row.get("inliers")),
-            "free radius mm": row.get("free_radius_mm"),
-            "sector shift mm": row.get("sector_shift_mm"),
-            "ring shift mm": row.get("ring_shift_mm"),
-            "coherent mm": row.get("coherent_error_mm"),
+            "x mm": _with(row, "centre_mm", "u_centre_mm", 0),
+            "y mm": _with(row, "centre_mm", "u_centre_mm", 1),
+            "z mm": _with(row, "centre_mm", "u_centre_mm", 2),
+            "free radius mm": _with(row, "free_radius_mm", "u_free_radius_mm"),
+            "median error mm": _with(row, "median_error_mm", "u_median_error_mm"),
+            "scatter mm": _with(row, "scale_mm", "u_scale_mm"),
+            "RMS of inliers mm": _with(row, "rms_inliers_mm", "u_rms_inliers_mm"),
+            "inliers %": _with(row, "inliers", "u_inliers", unit=0.01),
+        }
+        for row in report["reconstructions"]
+        if not row["failure"]
+    ]
+    text = (
+        f"Centre of the ball, the radius that would suit the points best, median of the signed errors, their robust "
+        f"standard deviation, and the inliers within {report['settings']['table_threshold_mm']:g} mm. After ± stands "
+        "the expanded uncertainty of 95 %: the standard uncertainty by a bootstrap over the eight sectors of the cap "
+        f"({report['settings']['draws']} draws), times Student's t of one degree of freedom fewer than sectors. It "
+        "holds what differs from sector to sector: noise and clusters of wrong depth. It does not hold what all "
+        "sectors share: the calibration, the ball's form and the error of its known radius."
+    )
+    return Section("Measurement results", text, rows)
+
+
+def _with(row: Mapping[str, Any], name: str, u_name: str, part: int | None = None, unit: float = 1.0) -> str:
+    """Write a value of a row with its expanded uncertainty, to the uncertainty's second digit."""
+    value, u = row.get(name), row.get(u_name)
+    if value is None:
+        return "–"
+    value, u = (value, u) if part is None else (value[part], u and u[part])
+    if u is None:
+        return f"{value / unit:.2f}"
+    expanded = row["coverage_factor"] * u / unit
+    digits = 2 if expanded <= 0 else int(np.clip(1 - np.floor(np.log10(expanded)), 0, 4))
+    return f"{value / unit:.{digits}f}\u00a0±\u00a0{expanded:.{digits}f}"
+
+
+def _verdicts(report: Mapping[str, Any]) -> Section:
+    rows = [
+        {
+            "name": row["name"],
+            "verdict": _verdict(row),
+            "on the surface %": percent(row.get("surface_share")),
+            **{words: _of_limit(row, name) for name, words in CRITERIA.items()},
             "missing %": percent(row.get("missing_share")),
         }
         for row in report["reconstructions"]
     ]
     text = (
-        f"Inliers are within {report['settings']['table_threshold_mm']:g} mm; the free radius is the one that suits "
-        "the points best. Shifts are how far the centre moves without the worst of eight sectors, or without the inner "
-        "or outer half. Coherent is by how much the worst sixth of the surface is off together. Missing is the share "
-        "of the ball's picture without points, known where the sensor's place is given."
+        "The exclusion rule's values, each with its limit. Shifts are how far the centre moves without the worst of "
+        "eight sectors, or without the inner or outer half. Coherent is by how much the worst sixth of the surface is "
+        f"off together. At least {MIN_SURFACE_SHARE:.0%} of the points must lie on the surface. Missing is the share "
+        "of the ball's picture without points, known where the sensor's place is given; it excludes nothing."
     )
-    return Section("Reconstructions", text, rows)
+    return Section("Verdicts of the exclusion rule", text, rows)
+
+
+def _verdict(row: Mapping[str, Any]) -> str:
+    if row["failure"]:
+        return "no fit"
+    if row["is_excluded"]:
+        return "left out"
+    return "kept on request" if row["reasons"] else "used, with remarks" if row["remarks"] else "used"
+
+
+def _of_limit(row: Mapping[str, Any], name: str) -> str:
+    return f"{row[f'{name}_mm']:.2f} of {row[f'{name}_limit_mm']:.3g}" if f"{name}_mm" in row else "–"
 
 
 def _reasons(report: Mapping[str, Any]) -> Section:
     rows = [
-        {"name": row["name"], "verdict": verdict, "why": why}
+        {"name": row["name"], "why": why}
         for row in report["reconstructions"]
-        for verdict, reasons in (
-            ("failed", [row["failure"]] if row["failure"] else []),
-            ("left out" if row["is_excluded"] else "kept on request", row["reasons"]),
-            ("flagged", row["remarks"]),
-        )
-        for why in reasons
+        for why in [*([row["failure"]] if row["failure"] else []), *row["reasons"], *row["remarks"]]
     ]
     text = (
         "--keep and --drop overrule the exclusion rule by name. A reconstruction is flagged, but not left out, where a "
@@ -124,12 +183,96 @@ def _reasons(report: Mapping[str, Any]) -> Section:
     return Section("What was left out or flagged", text if rows else "Nothing.", rows)
 
 
+def _sources(report: Mapping[str, Any]) -> Section:
+    rows = [
+        {
+            "sensor": row["sensor"],
+            "shots": row["n_shots"],
+            "calibration mm": _plus_minus(row, "calibration"),
+            "of single shots mm": _plus_minus(row, "shot"),
+            "smooth, both together mm": _plus_minus(row, "smooth"),
+            "matching mm": _plus_minus(row, "matching"),
+            "offset x, y, z mm": "–" if row["offset_mm"] is None else " ".join(f"{v:+.2f}" for v in row["offset_mm"]),
+        }
+        for row in report["error_sources"]
+    ]
+    text = (
+        "Root mean squares of the signed errors of the points on the surface, ± standard uncertainty over sectors. "
+        "Calibration is the mean error of a cell of the cap (eight sectors, three rings) that comes back in every "
+        "shot: it bends every ball alike. Of single shots is what differs from shot to shot, such as a highlight. "
+        "With one shot the two cannot be told apart. Matching is the scatter of points within a cell. An error that "
+        "moves the whole ball bends nothing: the offset is how far a sensor sees the balls from the middle of all "
+        "sensors (median over at least four samples), and the exclusion rule does not count it against a sample; what "
+        "all sensors share, only a reference can show."
+    )
+    return Section("Calibration and matching", text, rows)
+
+
+def _plus_minus(row: Mapping[str, Any], name: str) -> str:
+    value = row[f"{name}_mm"]
+    return "–" if value is None else f"{value:.2f}\u00a0±\u00a0{row[f'u_{name}_mm']:.2f}"
+
+
+def _reference(report: Mapping[str, Any]) -> Section:
+    reference = report["reference"]
+    if reference is None:
+        return Section("Agreement with a reference", "No reference centres were given (--reference-centre).")
+    rows = [
+        {
+            "sample": row["sample"],
+            **dict(zip(("x mm", "y mm", "z mm"), (f"{part:+.2f}" for part in row["residual_mm"]), strict=True)),
+            "distance mm": f"{row['distance_mm']:.2f}",
+            "u mm": f"{row['u_mm']:.2f}",
+            "E_n": "–" if row["e_n"] is None else f"{row['e_n']:.1f}",
+        }
+        for row in reference["samples"]
+    ]
+    return Section("Agreement with a reference", reference_text(reference), rows)
+
+
+def reference_text(reference: Mapping[str, Any]) -> str:
+    """Say how well the centres agree, and what the frames make of that."""
+    n, dof = reference["n_samples"], reference["degrees_of_freedom"]
+    if reference["frame"] == OWN:
+        frames = (
+            f"The reference has a frame of its own, so the rigid motion between the two sets of {n} centres was "
+            f"estimated from these centres: it takes 6 of their {3 * n} coordinates and leaves {dof} degrees of "
+            "freedom. A shift or turn of everything shows nowhere. "
+        )
+        scale, u = 100 * reference["scale"], 100 * reference["u_scale"]
+        lengths = f" Our distances between places are {scale:.2f} ± {u:.2f} % (standard) of the reference's."
+    else:
+        frames = f"The reference is in the sensors' frame: {n} centres are compared as they are ({dof} coordinates). "
+        lengths = ""
+    ratio = reference["birge_ratio"]
+    explained = "" if ratio is None else (
+        f" That is {ratio:.1f} times what the bootstrap's uncertainties of both fits explain"
+        + ("." if ratio <= MAX_RATIO else ": the rest is calibration, form, or the reference's own error.")
+    )  # fmt: skip
+    return (
+        f"{frames}The residuals' standard deviation is {reference['s_mm']:.2f} mm per coordinate, their mean length "
+        f"{reference['mean_distance_mm']:.2f} mm.{explained}{lengths} u is the standard uncertainty along a residual; "
+        "E_n is the residual over twice that, and at most 1 where both agree within their uncertainties."
+    )
+
+
 def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out: Path) -> Section:
     figures = []
+    rows = {row["name"]: row for row in report["reconstructions"]}
     radius, threshold = report["settings"]["radius_mm"], report["settings"]["table_threshold_mm"]
     for sphere in pictured:
-        name, centre = sphere.file.name, np.asarray(sphere.columns["centre_mm"])
-        picture = png(sphere_picture(sphere.points, centre, radius, threshold))
-        write_bytes(out / f"sphere_{name.replace('/', '_')}.png", picture)
-        figures.append((CAPTION.format(name=name, threshold=threshold), picture))
+        if sphere.fit is None:
+            continue
+        name, limit = sphere.file.name, max(part_limits(sphere.fit)["coherent_error"], sphere.fit.scale)
+        pictures = (
+            ("sphere", CAPTION, sphere_picture(sphere.points, sphere.fit.centre, radius, threshold)),
+            ("cells", CELLS_CAPTION, cell_picture(sphere.counted, sphere.fit, limit)),
+        )
+        row = rows[name]
+        why = "; ".join([*row["reasons"], *row["remarks"]]) or "nothing is near a limit"
+        for kind, caption, picture in pictures:
+            content = png(picture)
+            write_bytes(out / f"{kind}_{name.replace('/', '_')}.png", content)
+            text = caption.format(name=name, threshold=threshold, limit=limit, verdict=_verdict(row), why=why)
+            figures.append((text, content))
     return Section("Pictures", figures=figures)

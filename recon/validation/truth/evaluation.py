@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import read_surface
+from recon.geometry.mesh_files import read_surface
 from recon.validation.clouds import TEXT_SUFFIXES, read_measured
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
 from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles

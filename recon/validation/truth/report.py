@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit, write_coloured
+from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit
+from recon.geometry.mesh_files import write_coloured
 from recon.validation.measures import measured_rows
 from recon.validation.page import (
     PALETTE,

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 from recon.approaches import FUSION_METHODS, parse_approach
 from recon.capture.format import Capture, read_capture
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import Mesh, read_mesh
+from recon.geometry.mesh import Mesh
+from recon.geometry.mesh_files import read_mesh
+from recon.models.read import read_model
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
+from recon.pipeline.sources import ModelSequence, read_sources
 from recon.storage.files import read_json
 from recon.surface import SurfaceParameters
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
@@ -38,6 +41,7 @@ MEASURES = {  # column: name, direction, unit
     "gradient": ("novel view gradient similarity", MORE, "share"),
     "coverage": ("novel view coverage", MORE, "share"),
     "spill": ("novel view spill", LESS, "share"),
+    "roughness": ("novel view rim roughness", LESS, "ratio"),
 }
 
 
@@ -49,11 +53,13 @@ class ViewSettings:
     ----------
     capture : folder of the recording; None for the place that the run names
     frames : of the run; None for all
+    models : folders of models of the same scene by other programs, each with a scene.json
     threshold : mm, within which two sensors' depths agree; None for the depth of one pixel of disparity
     """
 
     capture: Path | None = None
     frames: range | None = None
+    models: tuple[Path, ...] = ()
     threshold: float | None = None
 
 
@@ -87,12 +93,13 @@ def measure_views(
     if not frames:
         raise ValueError(f"{folder}: has frames {run.frames[0]} to {run.frames[-1]}, none of them in {settings.frames}")
     threshold = settings.threshold or depth_step(run)
+    others = _other_models(run, settings.models)
     sensors = cross_sensor_rows(run, frames, threshold)
     rows, shown = [], []
     wanted = list(photographs(capture, frames))
     for done, photograph in enumerate(wanted):
         progress("views", done, len(wanted))
-        pictures = dict(_renderings(run, capture, photograph))
+        pictures = dict(_renderings(run, others, capture, photograph))
         for approach, (picture, covered) in pictures.items():
             place = {"approach": approach, "view": photograph.name, "kind": photograph.kind, "frame": photograph.frame}
             rows += [place | row for row in view_rows(picture, covered, photograph)]
@@ -140,10 +147,13 @@ def _capture(run: Run, settings: ViewSettings) -> Capture:
 
 
 def _renderings(
-    run: Run, capture: Capture, photograph: Photograph
+    run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph
 ) -> Iterator[tuple[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]]:
     for approach in run.approaches:
         yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
+    for approach, sequence in others.items():
+        number = 0 if sequence.is_still else run.frames.index(photograph.frame)
+        yield approach, rendered(_other_mesh(sequence, number), photograph.camera)
     if has_truth(capture, photograph.frame):
         yield FLOOR, rendered(_floor(run.folder, capture, photograph.frame), photograph.camera)
 
@@ -151,6 +161,31 @@ def _renderings(
 @lru_cache(maxsize=16)
 def _mesh(path: Path) -> Mesh:
     return read_mesh(path)
+
+
+def _other_models(run: Run, folders: Sequence[Path]) -> dict[str, ModelSequence]:
+    """Return the models of other programs by approach; each has one for every frame of the run, or stands still."""
+    others = {item.approach: item for source in read_sources(folders) for item in source.sequences}
+    for name, item in others.items():
+        place = item.files[0].parent
+        if item.dataset != run.dataset:
+            raise ValueError(f"{place}: is of dataset {item.dataset}, expected that of the run, {run.dataset}")
+        if name in run.approaches:
+            raise ValueError(f"{place}: the run has an approach {name} already; give this one another name")
+        if len(item.files) != len(run.frames) and not item.is_still:
+            raise ValueError(f"{place}: has {len(item.files)} models, expected {len(run.frames)}, one for each frame")
+    return others
+
+
+@lru_cache(maxsize=4)
+def _other_mesh(sequence: ModelSequence, number: int) -> Mesh:
+    assert sequence.placement is not None, "models of other programs have one"
+    model = read_model(sequence.files[number], sequence.placement).model
+    if not isinstance(model, Mesh):
+        raise ValueError(
+            f"{sequence.files[number]}: has points and no faces; expected a mesh, to compare with photographs"
+        )
+    return model
 
 
 @lru_cache(maxsize=2)
@@ -163,7 +198,12 @@ def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
     if used.get("method") not in FUSION_METHODS:
         used = {"method": "fb", "parameters": options["surface"]}
     return true_mesh(
-        capture, frame, used["method"], CloudParameters(**options["cloud"]), SurfaceParameters(**used["parameters"])
+        capture,
+        frame,
+        used["method"],
+        CloudParameters(**options["cloud"]),
+        SurfaceParameters(**used["parameters"]),
+        outlines=options.get("outlines", False),  # earlier runs had none
     )
 
 

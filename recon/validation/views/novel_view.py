@@ -19,7 +19,7 @@ from recon.capture.depth_maps import sensor_view
 from recon.capture.format import Capture, CaptureError, Picture, read_frame, read_held_out, read_mask, read_masks
 from recon.capture.masks.evidence import SMOOTHING_PX, dark_background_threshold
 from recon.capture.masks.segment import METHODS, clean_mask
-from recon.capture.rectify import Rectification, rectify_left
+from recon.capture.rectify import Rectification, rectify_left, undistort
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
@@ -28,6 +28,7 @@ from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.rig import Camera
 from recon.studio.truth import MASK, read_depth
 from recon.surface import SurfaceParameters
+from recon.surface.outlines import read_sights, with_outlines
 from recon.validation.views.image_quality import gradient_map, psnr, ssim_map
 
 HELD_OUT, SENSOR = "held out", "sensor"
@@ -96,7 +97,8 @@ def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph
     """Measure a rendering per region: all, the rim along the outline, and inside it.
 
     Colours are compared where the rendering covers the object; coverage is its share of the object, spill the share of
-    what was drawn that lies beside it. Without a mask there are no regions, and coverage and spill are None.
+    what was drawn that lies beside it, roughness as in `roughness`. Without a mask there are no regions, and these
+    three are None.
 
     Parameters
     ----------
@@ -120,9 +122,27 @@ def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph
                 "gradient": _mean(edges, where),
                 "coverage": None if mask is None else _share(covered, mask & inside),
                 "spill": None if mask is None or region != "all" else _share(~mask, covered),
+                "roughness": None if mask is None or region != "all" else roughness(covered, mask),
             }
         )
     return rows
+
+
+def roughness(covered: NDArray[np.bool_], mask: NDArray[np.bool_]) -> float | None:
+    """Divide the length of a rendering's outline by that of the object's, holes included; None without an object.
+
+    Parameters
+    ----------
+    covered : bool (H, W), where the rendering shows the mesh
+    mask : bool (H, W), where the object is
+    """
+    object_px = _outline_px(mask)
+    return _outline_px(covered) / object_px if object_px else None
+
+
+def _outline_px(region: NDArray[np.bool_]) -> float:
+    outlines, _ = cv2.findContours(region.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    return float(sum(cv2.arcLength(outline, True) for outline in outlines))
 
 
 def has_truth(capture: Capture, frame: int) -> bool:
@@ -134,7 +154,15 @@ def has_truth(capture: Capture, frame: int) -> bool:
     return True
 
 
-def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters, surface: SurfaceParameters) -> Mesh:
+def true_mesh(
+    capture: Capture,
+    frame: int,
+    fusion: str,
+    cloud: CloudParameters,
+    surface: SurfaceParameters,
+    *,
+    outlines: bool = False,
+) -> Mesh:
     """Make a mesh from the sensors' true depth, as an approach makes it from measured depth.
 
     Parameters
@@ -142,7 +170,8 @@ def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters,
     capture : with true depth
     frame : of the capture
     fusion : a name in `FUSIONS`
-    cloud, surface : parameters of the steps from depth to mesh
+    cloud, surface : parameters of the steps from depth to mesh; with outlines, the surface has a voxel size
+    outlines : whether the mesh's outlines follow the masks
     """
     clouds = []
     for stream in capture.sensors:
@@ -150,7 +179,11 @@ def true_mesh(capture: Capture, frame: int, fusion: str, cloud: CloudParameters,
         left = rectify_left(view, read_frame(capture, stream.id, frame)[0])
         disparity = true_disparity(read_depth(capture, stream.id, "left", frame), stream.left.camera, view)
         clouds.append(crop_cloud(cloud_from_disparity(disparity, left, view, cloud), capture.bounds))
-    return FUSIONS[fusion](clouds, surface)
+    if not outlines:
+        return FUSIONS[fusion](clouds, surface)
+    assert surface.voxel_mm is not None
+    sights = read_sights(capture, capture.sensors, clouds, frame)
+    return with_outlines(sights, surface.voxel_mm, lambda kept: (FUSIONS[fusion](kept, surface), []))[0]
 
 
 def true_disparity(depth: NDArray[np.float32], camera: Camera, view: Rectification) -> NDArray[np.float32]:
@@ -219,10 +252,5 @@ def _bright(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _undistorted(photograph: Photograph) -> Photograph:
-    camera, mask = photograph.camera, photograph.mask
-    if not camera.dist.any():
-        return photograph
-    maps = cv2.initUndistortRectifyMap(camera.K, camera.dist, np.eye(3), camera.K, camera.size, cv2.CV_32FC1)
-    pixels = np.asarray(cv2.remap(photograph.pixels, *maps, cv2.INTER_CUBIC))
-    seen = None if mask is None else np.asarray(cv2.remap(mask.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0)
-    return replace(photograph, camera=Camera(camera.K, camera.size, camera.cam_from_world), pixels=pixels, mask=seen)
+    camera, pixels, mask = undistort(photograph.camera, photograph.pixels, photograph.mask)
+    return replace(photograph, camera=camera, pixels=pixels, mask=mask)

@@ -43,6 +43,7 @@ COLUMNS = {
     "gradient": "gradients",
     "coverage": "coverage %",
     "spill": "spill %",
+    "roughness": "rim roughness",
 }
 SHARES = ("coverage", "spill", "agree", "in_front")
 
@@ -74,7 +75,8 @@ def _views_text(report: Mapping[str, Any]) -> str:
         "“Held out” photographs are used by no sensor; the models were made from those called “sensor”. PSNR, SSIM and "
         "the similarity of gradients are taken over the pixels where the model covers the object; coverage is the "
         "share of the object that the model covers, spill the share of what was drawn beside the object. The rim is a "
-        "band along the outline."
+        "band along the outline; its roughness is the length of the rendered outline, holes included, against that of "
+        "the object: 1 is as smooth as the object, more is ragged or full of holes."
     )
     if report["settings"]["has_floor"]:
         text += (

@@ -9,6 +9,7 @@ from recon.depth.guide import Passages, permeabilities
 from recon.depth.slanted import FRAME
 
 HEIGHT, WIDTH, N_DISPARITIES = 13, 21, 16
+LEVEL = np.zeros((HEIGHT, WIDTH), np.float32)
 ROOM = FRAME  # places of the other view before the first disparity and after the last
 
 
@@ -32,19 +33,32 @@ def costs_of(codes: NDArray[np.uint32], facing: NDArray[np.uint32], index: NDArr
 
 
 def aggregated(
-    costs: NDArray[np.float64], across: NDArray[np.floating], down: NDArray[np.floating]
+    costs: NDArray[np.float64],
+    across: NDArray[np.floating],
+    down: NDArray[np.floating],
+    slopes: tuple[NDArray[np.floating], NDArray[np.floating]] = (LEVEL, LEVEL),
 ) -> NDArray[np.float64]:
-    """Both recursions of the filter over the whole volume (H, W, K)."""
-    rows = one_way(costs, across, axis=1) + one_way(costs[:, ::-1], across[:, -2::-1], axis=1)[:, ::-1] - costs
-    return one_way(rows, down, axis=0) + one_way(rows[::-1], down[-2::-1], axis=0)[::-1] - rows
+    """Both recursions of the filter over the whole volume (H, W, K), along slopes (H, W) from pixel to pixel."""
+    backward = one_way(costs[:, ::-1], across[:, -2::-1], -slopes[0][:, -2::-1], axis=1)[:, ::-1]
+    rows = one_way(costs, across, slopes[0], axis=1) + backward - costs
+    upward = one_way(rows[::-1], down[-2::-1], -slopes[1][-2::-1], axis=0)[::-1]
+    return one_way(rows, down, slopes[1], axis=0) + upward - rows
 
 
-def one_way(costs: NDArray[np.float64], passage: NDArray[np.floating], axis: int) -> NDArray[np.float64]:
+def one_way(
+    costs: NDArray[np.float64], passage: NDArray[np.floating], slope: NDArray[np.floating], axis: int
+) -> NDArray[np.float64]:
     flows = np.moveaxis(costs, axis, 0).copy()
-    gates = np.moveaxis(passage, axis, 0)
+    gates, rises = np.moveaxis(passage, axis, 0), np.moveaxis(slope, axis, 0)
     for place in range(1, len(flows)):
-        flows[place] += gates[place - 1][:, None] * flows[place - 1]
+        flows[place] += gates[place - 1][:, None] * risen(flows[place - 1], rises[place - 1])
     return np.moveaxis(flows, 0, axis)
+
+
+def risen(flows: NDArray[np.float64], rise: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Flows (n, K) at a surface that lies higher by `rise` (n,), beyond the ends the outermost."""
+    lanes = np.arange(flows.shape[1])
+    return np.stack([np.interp(lanes - each, lanes, flow) for flow, each in zip(flows, rise, strict=True)])
 
 
 def open_gates(passages: Passages) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

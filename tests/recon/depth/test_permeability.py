@@ -10,6 +10,7 @@ from recon.depth.guide import Passages
 from recon.depth.permeability import WORST, aggregate_and_choose
 from tests.recon.depth.reference_cost_volume import (
     HEIGHT,
+    LEVEL,
     N_DISPARITIES,
     ROOM,
     WIDTH,
@@ -29,22 +30,28 @@ def chosen(
     flip: int = 0,
     n_held: int = HEIGHT,
     n_disparities: int = N_DISPARITIES,
+    slopes: tuple[NDArray[np.float32], NDArray[np.float32]] = (LEVEL, LEVEL),
 ) -> NDArray[np.float32]:
     best, found = np.full((HEIGHT, WIDTH), WORST, np.int32), np.zeros((HEIGHT, WIDTH), np.float32)
-    start = np.zeros((1, 1), np.int32)
-    aggregate_and_choose(codes, facing, ROOM, passages, start, 30, n_disparities, flip, n_held, best, found)
+    start = np.zeros(slopes[0].shape, np.int32)
+    aggregate_and_choose(codes, facing, ROOM, passages, start, slopes, 0, n_disparities, flip, n_held, best, found)
     return found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("n_disparities", [16, 9, 1])
-def test_the_winner_and_its_parabola_are_those_of_the_plain_reference(seed: int, n_disparities: int) -> None:
+@pytest.mark.parametrize(("n_disparities", "steepest"), [(16, 0.0), (9, 0.0), (1, 0.0), (16, 0.9)])
+def test_the_winner_and_its_parabola_are_those_of_the_plain_reference(
+    seed: int, n_disparities: int, steepest: float
+) -> None:
+    slopes = np.random.default_rng(seed).uniform(-steepest, steepest, (2, HEIGHT, WIDTH)).astype(np.float32)
     codes, facing = some_codes(seed)
     passages = some_passages(seed)
     every = np.broadcast_to(np.arange(N_DISPARITIES), (HEIGHT, WIDTH, N_DISPARITIES))
-    total = aggregated(costs_of(codes, facing, every), *open_gates(passages))[..., :n_disparities]
-    found = chosen(codes, facing, passages, n_disparities=n_disparities)
+    total = aggregated(costs_of(codes, facing, every), *open_gates(passages), (slopes[0], slopes[1]))[
+        ..., :n_disparities
+    ]
+    found = chosen(codes, facing, passages, n_disparities=n_disparities, slopes=(slopes[0], slopes[1]))
     winner = total.argmin(axis=2)
     np.testing.assert_array_equal(np.rint(found), winner)
     inner = (winner > 0) & (winner < n_disparities - 1)
@@ -82,5 +89,6 @@ def test_windows_that_move_from_tile_to_tile_find_the_same_where_the_winner_is_i
     passages = some_passages(5)
     best, found = np.full((HEIGHT, WIDTH), WORST, np.int32), np.zeros((HEIGHT, WIDTH), np.float32)
     start = rng.integers(7, 18, (HEIGHT // 4 + 1, WIDTH // 4 + 1)).astype(np.int32)
-    aggregate_and_choose(codes, facing, ROOM, passages, start, 2, 40, 0, HEIGHT, best, found)
+    level = np.zeros(start.shape, np.float32)
+    aggregate_and_choose(codes, facing, ROOM, passages, start, (level, level), 2, 40, 0, HEIGHT, best, found)
     np.testing.assert_array_equal(np.rint(found), 20)

@@ -16,19 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from recon.geometry.mesh import (
-    Cloud,
-    Mesh,
-    Texture,
-    error_colours,
-    merge_meshes,
-    read_cloud,
-    read_mesh,
-    read_points,
-    write_cloud,
-    write_measured,
-    write_mesh,
-)
+from recon.geometry.mesh import Cloud, Mesh, Texture, error_colours, merge_meshes
+from recon.geometry.mesh_files import read_cloud, read_mesh, read_points, write_cloud, write_measured, write_mesh
 from recon.surface.components import drop_small_components
 from recon.surface.holes import close_holes
 
@@ -125,6 +114,29 @@ def test_a_glb_holds_linear_colours_from_which_the_bytes_come_back(tmp_path: Pat
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.array_equal(np.rint(encoded[:, :3] * 255), grey)
     assert (linear[:, 3] == 1).all()
+
+
+def test_a_glb_of_ours_comes_back(tmp_path: Path) -> None:
+    plain, mesh = mesh_of(30, 50), textured_mesh(30, 50)
+    assert same_mesh(read_mesh(write_mesh(tmp_path / "plain.glb", plain)), plain)
+    back = read_mesh(write_mesh(tmp_path / "a.glb", mesh))
+    assert mesh.texture is not None
+    assert back.texture is not None
+    assert same_mesh(replace(back, colours=mesh.colours), mesh)
+    assert np.array_equal(back.texture.pixels, mesh.texture.pixels)
+    assert np.allclose(back.texture.uv, mesh.texture.uv, atol=1e-7)
+
+
+def test_a_glb_of_another_program_or_a_damaged_one_is_named(tmp_path: Path) -> None:
+    path = write_mesh(tmp_path / "a.glb", textured_mesh(30, 50))
+    content = path.read_bytes()
+    for damaged in (content[:-9], content.replace(b"reconstudy", b"somewhere!"), b"", b"glTF" + bytes(40)):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"a\.glb: is no whole GLB that reconstudy wrote"):
+            read_mesh(path)
+    path.unlink()
+    with pytest.raises(ValueError, match=r"a\.glb: there is no such file"):
+        read_mesh(path)
 
 
 def test_a_textured_glb_opens_elsewhere_with_the_same_picture_at_the_same_places(tmp_path: Path) -> None:

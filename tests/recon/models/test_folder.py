@@ -145,6 +145,19 @@ def test_a_wrong_value_is_named_with_its_key(tmp_path: Path, changes: dict[str, 
     assert sentence in problems[0]
 
 
+@pytest.mark.parametrize(
+    "path", [{"sensors_of": "ftp://localhost/x"}, {"sensors_of": "/etc"}, {"file": "../../a.json"}]
+)
+def test_a_job_of_the_server_follows_no_name_to_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: dict[str, str]
+) -> None:
+    monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path))
+    write_json(tmp_path / "scene.json", SCENE | {"path": path})
+    scene, (problem,) = read_scene_file(tmp_path)
+    assert scene is None
+    assert "lies outside the server's folders" in problem
+
+
 def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
     write_json(tmp_path / "scene.json", {})
     _, problems = read_scene_file(tmp_path)

@@ -14,7 +14,8 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh, Splats, write_mesh
+from recon.geometry.mesh import Mesh, Splats
+from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
 from recon.models.gltf_model import srgb_bytes
 from recon.models.read import NEUTRAL, Placement, read_model

@@ -12,7 +12,8 @@ import pytest
 from recon.capture.format import Capture
 from recon.fusion import fuse_before
 from recon.fusion.program import FusionProgram, fuse_by_program
-from recon.geometry.mesh import Cloud, read_mesh, write_cloud
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import read_mesh, write_cloud
 from recon.pipeline.methods import read_methods
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.stages import ReconstructOptions
@@ -185,7 +186,7 @@ def test_a_mesh_that_has_all_is_the_same_through_a_program(tmp_path: Path) -> No
     ours = fuse_before(clouds)
     (tmp_path / "fuse.py").write_text(
         "import sys\nfrom pathlib import Path\n"
-        "from recon.fusion import fuse_before\nfrom recon.geometry.mesh import read_cloud, write_mesh\n"
+        "from recon.fusion import fuse_before\nfrom recon.geometry.mesh_files import read_cloud, write_mesh\n"
         "write_mesh(Path(sys.argv[1]), fuse_before([read_cloud(Path(path)) for path in sys.argv[2:]]))\n"
     )
     called = program(tmp_path, f"{sys.executable} {{folder}}/fuse.py {{out}} {{clouds}}")

@@ -12,7 +12,7 @@ import pytest
 from recon.capture.format import Capture, CaptureError, DepthMaps, read_masks, write_capture
 from recon.cloud import CloudParameters
 from recon.export_models import write_models
-from recon.geometry.mesh import read_cloud, read_mesh
+from recon.geometry.mesh_files import read_cloud, read_mesh
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.run import View, read_run
 from recon.pipeline.stages import ReconstructOptions

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.approaches import approaches, parse_approach
+from recon.approaches import approaches, levels_of, parse_approach
 from recon.pipeline.manifest import Stimulus, write_manifest
 from recon.storage.files import read_json
 
@@ -55,7 +55,33 @@ def test_an_approach_is_any_two_methods(name: str) -> None:
     assert list(approach.levels.values()) == name.split("_")
 
 
-@pytest.mark.parametrize("name", ["id", "_fa", "id_", "ID_fa", "id_fa_fb", "../id_fa", "i d_fa", "-id_fa", "id_fa\n"])
+def test_a_third_part_says_that_colours_come_from_photographs() -> None:
+    approach = parse_approach("pm_fb_photographs")
+    assert (str(approach), approach.levels) == ("pm_fb_photographs", parse_approach("pm_fb").levels)
+    assert levels_of(["pm_fb", "id_fa"]) == {
+        "pm_fb": {"depth": "pm", "fusion": "fb"},
+        "id_fa": {"depth": "id", "fusion": "fa"},
+    }
+    both = levels_of(["pm_fb", "pm_fb_photographs"])
+    assert [level["colour"] for level in both.values()] == ["vertices", "photographs"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "id",
+        "_fa",
+        "id_",
+        "ID_fa",
+        "id_fa_fb",
+        "id_photographs_",
+        "id_fa_photographs_photographs",
+        "../id_fa",
+        "i d_fa",
+        "-id_fa",
+        "id_fa\n",
+    ],
+)
 def test_a_name_that_is_not_safe_in_files_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=r"is not an approach|is no name of a method"):
         parse_approach(name)

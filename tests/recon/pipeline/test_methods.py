@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.approaches import parse_approach
 from recon.capture.format import Capture
 from recon.depth import DEFAULTS, StereoPair
 from recon.depth.cvf import DrParameters
@@ -217,6 +218,10 @@ method = "pm"
 sweeps = 2
 is_seeded = true
 seed = {sigma = 9.0}
+[depth.pm-random]
+method = "pm"
+seed = "none"
+sweeps = 9
 [fusion.fb-fine]
 method = "fb"
 voxel_mm = 2
@@ -225,6 +230,7 @@ voxel_mm = 2
     methods = read_methods(path)
     assert methods.depth["dr8"] == OurDepth("dr", DrParameters(sigma=8.0, levels=1))
     assert methods.depth["pm-fast"] == OurDepth("pm", PmParameters(sweeps=2, seed=DrParameters(sigma=9.0)))
+    assert methods.depth["pm-random"] == OurDepth("pm", PmParameters(is_seeded=False, sweeps=9))
     assert methods.depth["mine"] == replace(program(tmp_path, BOX_FILTER), timeout_s=5.0)
     assert methods.fusion["fb-fine"] == OurFusion("fb", {"voxel_mm": 2.0})
     assert methods.depth["id"] == Methods().depth["id"] == OurDepth("id", DEFAULTS["id"])
@@ -430,3 +436,11 @@ def test_a_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Pa
     reconstruct(capture.folder, run, options)
     depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
     assert not np.array_equal(*depths, equal_nan=True)
+
+
+def test_further_approaches_stand_beside_all_combinations_once() -> None:
+    further = tuple(map(parse_approach, ("sgm_fb", "id_fb", "pm_fa_photographs")))
+    options = ReconstructOptions(depths=("id",), fusions=("fb",), further=further)
+    assert [str(approach) for approach in options.models] == ["id_fb", "sgm_fb", "pm_fa_photographs"]
+    assert [str(approach) for approach in options.surfaces] == ["id_fb", "sgm_fb", "pm_fa"]
+    assert (options.depth_methods, options.fusion_methods) == (("id", "sgm", "pm"), ("fb", "fa"))

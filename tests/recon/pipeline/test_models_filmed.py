@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from recon.capture.format import CameraStream, Capture, SensorStream, write_capture
-from recon.geometry.mesh import Cloud, Mesh, write_cloud, write_mesh
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.geometry.normals import surface_normals
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -278,10 +279,11 @@ def test_pyrender_can_be_started_again_after_it_was_closed() -> None:
 def test_memory_does_not_grow_with_frames(renderer: str) -> None:
     path = cameras(1)
     scene = scene_around(BOUNDS, path)
+    body = ball(150, 5)
 
     def models(n: int) -> Iterator[Mesh]:
-        for k in range(n):
-            yield ball(150 + k, 5)
+        for _ in range(n):
+            yield deepcopy(body)
 
     def used_mib(n: int) -> float:
         for _ in render_frames(models(n), path * n, scene, renderer=renderer):
@@ -289,7 +291,7 @@ def test_memory_does_not_grow_with_frames(renderer: str) -> None:
         with open("/proc/self/statm") as file:  # noqa: PTH123  # not a file on disk
             return int(file.read().split()[1]) * 4096 / 2**20
 
-    used_mib(60)  # until allocators and drivers have what they keep
+    used_mib(30)  # until allocators and drivers have what they keep
     before = used_mib(10)
     assert used_mib(90) - before < 30  # keeping every mesh would take 60 MiB
 

@@ -46,6 +46,7 @@ def single(colour: tuple[int, int, int], place: NDArray[np.floating], radius_mm:
     return Splats(Cloud(place[None], np.array([[0.0, 0.0, 1.0]]), np.array([colour], np.uint8)), radius_mm)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 60))
 def test_the_picture_is_that_of_a_slow_sampler(seed: int, n: int) -> None:

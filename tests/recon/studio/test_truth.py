@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.matches import epipolar_errors, match_pictures
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_held_out, read_plates
-from recon.geometry.mesh import read_mesh
+from recon.geometry.mesh_files import read_mesh
 from recon.rig import Camera, Sensor, look_at
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise

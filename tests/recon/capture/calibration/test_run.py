@@ -42,10 +42,9 @@ def calibrated(board: Board, rig: Rig, seen: dict[str, list[dict[str, Corners]]]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth(seed: int) -> None:
+def test_corners_with_noise_of_a_third_of_a_pixel_give_the_truth() -> None:
     rig = studio_rig(n_sensors=2)
-    found = calibrated(BOARD, rig, corners_seen(BOARD, rig, n_views=70, noise_px=0.3, seed=seed))
+    found = calibrated(BOARD, rig, corners_seen(BOARD, rig, n_views=70, noise_px=0.3, seed=1))
     for sensor, truth in zip(found.sensors, rig.sensors, strict=True):
         error = relative_error(sensor, truth)
         assert error["focal"] < 0.002

@@ -118,6 +118,27 @@ def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None
     assert report.problems == ("sensor S2: the masks of a camera are empty in all frames",)
 
 
+def test_frames_with_empty_masks_and_sensors_without_masks_are_named(board: Capture) -> None:
+    for frame, level in enumerate((255, 0)):
+        cv2.imwrite(str(board.folder / f"mask{frame}.png"), np.full((SIZE[1], SIZE[0]), level, dtype=np.uint8))
+    masked = replace(board.sensors[0], mask=("mask{frame}.png", "mask{frame}.png"))
+    write_capture(replace(board, sensors=(masked, board.sensors[1])))
+    report = check_capture(board.folder)
+    assert any("sensor S2 has no masks, but others have" in warning for warning in report.warnings)
+    assert any("sensor S1: a mask is empty in frame 1;" in warning for warning in report.warnings)
+    cv2.imwrite(str(board.folder / "mask1.png"), np.full((SIZE[1], SIZE[0]), 255, dtype=np.uint8))
+    whole = check_capture(board.folder).sensors[0].textured
+    assert report.sensors[0].textured == pytest.approx(whole, rel=0.2)  # the empty one says nothing about texture
+
+
+def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:
+    for path in (board.folder / "S2").rglob("*.png"):
+        cv2.imwrite(str(path), np.rint(0.7 * cv2.imread(str(path))).astype(np.uint8))
+    (warning,) = check_capture(board.folder).warnings
+    assert "sensor S1 are 1.4" in warning
+    assert "as bright as those of sensor S2" in warning
+
+
 def test_bounds_behind_the_cameras_are_a_problem_of_each_sensor(board: Capture) -> None:
     write_capture(replace(board, bounds=np.add(board.bounds, (0.0, 0.0, 2000.0))))
     problems = check_capture(board.folder).problems

@@ -162,6 +162,20 @@ def test_a_nerfstudio_world_with_z_up_becomes_y_up(tmp_path: Path) -> None:
     assert_same(import_nerfstudio(source, tmp_path / "out", PAIRS, IN_METRES), CAMERAS)
 
 
+@pytest.mark.parametrize("place", ["{elsewhere}/1.png", "../elsewhere/1.png"])
+def test_a_job_of_the_server_imports_no_picture_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    write_pictures(tmp_path / "elsewhere")
+    content = transforms(CAMERAS, Z_UP, 1000.0)
+    content["frames"][0]["file_path"] = place.format(elsewhere=tmp_path / "elsewhere")
+    source = nerfstudio_source(tmp_path / "source", content)
+    monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path / "source"))
+    with pytest.raises(ValueError, match=r"1\.png lies outside the server's folders"):
+        import_nerfstudio(source, tmp_path / "out", PAIRS, IN_METRES)
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_nerfstudio_applied_to_the_original_world_is_undone(tmp_path: Path) -> None:
     content = transforms(CAMERAS, Z_UP, 1000.0 / 0.25)  # 0.25 of metres
     content |= {"applied_transform": np.column_stack([Z_UP, np.zeros(3)]).tolist(), "applied_scale": 0.25}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.masks.scribbles import read_scribbles
-from recon.capture.masks.segment import segment_capture
+from recon.capture.masks.segment import segment_capture, try_strokes
 from tests.recon.capture.calibration.board_geometry import SIZE, record_board
 
 N_FRAMES = 5
@@ -123,3 +123,14 @@ def test_what_is_wrong_in_scribbles_is_named(
     change(entries)
     with pytest.raises(CaptureError, match=message):
         read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)
+
+
+def test_strokes_are_tried_on_one_picture_before_other_cameras_have_some(ball: Capture, tmp_path: Path) -> None:
+    path, out = write_json(tmp_path / "strokes.json", strokes()[:2]), tmp_path / "mask.png"
+    mask = try_strokes(ball.folder, path, ("S1", "left", KEY), out)
+    assert (mask ^ truth(KEY)).sum() < 0.05 * truth(KEY).sum()
+    assert (cv2.imread(str(out), cv2.IMREAD_GRAYSCALE) == 255 * mask).all()
+    assert read_capture(ball.folder).sensors[0].mask is None
+    for place, complaint in ((("S1", "right", KEY), "no strokes for"), (("S1", "left", 9), "has no picture S1/left")):
+        with pytest.raises(CaptureError, match=complaint):
+            try_strokes(ball.folder, path, place, out)

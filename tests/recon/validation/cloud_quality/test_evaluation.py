@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from app.intake.reports import read_report
-from recon.geometry.mesh import Mesh, write_mesh
+from recon.geometry.mesh import Mesh
+from recon.geometry.mesh_files import write_mesh
 from recon.pipeline.run import RUN_FILE, mesh_name
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball as ball_mesh
@@ -49,6 +50,7 @@ def test_a_report_holds_every_measure_in_every_direction(command: Command, tmp_p
     assert {"report.html", "clouds.csv", "errors_mine.png"} <= {path.name for path in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_a_study_takes_the_measures_of_a_report(command: Command, tmp_path: Path) -> None:
     reference = write(tmp_path / "truth.ply", ball())
     clouds = [write(tmp_path / f"{noise}.ply", ball(noise=noise)) for noise in (1, 2)]
@@ -64,6 +66,7 @@ def test_a_study_takes_the_measures_of_a_report(command: Command, tmp_path: Path
     }
 
 
+@pytest.mark.slow
 def test_a_sequence_is_compared_frame_by_frame_and_its_value_is_the_mean(command: Command, tmp_path: Path) -> None:
     for frame in range(3):
         write(tmp_path / "truth" / "mesh" / f"{frame:04d}.ply", ball(seed=10 * frame + 1))
@@ -104,6 +107,7 @@ def test_a_mesh_is_sampled_with_the_density_and_seed_that_are_stated(tmp_path: P
     assert not np.array_equal(other.points, cloud.points)
 
 
+@pytest.mark.slow
 def test_equal_meshes_are_at_no_distance_and_one_that_is_larger_is_as_far_as_it_is_larger(
     command: Command, tmp_path: Path
 ) -> None:
@@ -212,6 +216,7 @@ def test_values_that_are_no_numbers_and_empty_files_are_refused_by_place(command
     assert "there is no such file" in refusal(command, out, tmp_path / "gone.ply", "--reference", truth)
 
 
+@pytest.mark.slow
 def test_clouds_that_do_not_fit_together_are_refused(command: Command, tmp_path: Path) -> None:
     one_file, other_file = (write(tmp_path / f"{name}.ply", ball(20)) for name in ("mine", "yours"))
     for frame in (1, 2):

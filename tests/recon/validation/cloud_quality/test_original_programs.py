@@ -73,6 +73,7 @@ def test_the_peak_that_pc_error_finds_is_found(real_data: Path, name: str) -> No
         assert ratio == pytest.approx(program[f"symmetric_{measure}_psnr_db_with_that_peak"], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("name", PAIRS)
 def test_similarities_are_those_of_the_scripts_of_pointssim(real_data: Path, name: str, quantity: str) -> None:

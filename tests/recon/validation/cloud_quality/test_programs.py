@@ -17,7 +17,7 @@ PROGRAM = """
 import sys
 sys.path.insert(0, {root!r})
 from pathlib import Path
-from recon.geometry.mesh import read_cloud
+from recon.geometry.mesh_files import read_cloud
 reference, distorted = (read_cloud(Path(name)) for name in sys.argv[1:3])
 print("1 warning: this is not what was asked for")
 print("value is :", len(distorted) / len(reference))

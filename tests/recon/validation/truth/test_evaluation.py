@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from recon.cli.main import app
-from recon.geometry.mesh import Cloud, Mesh, write_cloud, write_coloured, write_mesh
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import write_cloud, write_coloured, write_mesh
 from recon.studio.objects import ball
 from recon.validation.measures import Subject
 from recon.validation.sampling import order_by_cells

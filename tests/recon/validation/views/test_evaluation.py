@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from shutil import move
+from shutil import copyfile, move
 
 import numpy as np
 import pytest
@@ -16,9 +16,10 @@ from recon.capture.masks.segment import segment_capture
 from recon.capture.rectify import rectify
 from recon.cli.main import app
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import Texture, read_mesh
+from recon.geometry.mesh import Texture
+from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.reconstruct import reconstruct
-from recon.pipeline.run import read_run, recorded_in
+from recon.pipeline.run import mesh_name, read_run, recorded_in
 from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
@@ -32,6 +33,7 @@ from recon.validation.views.novel_view import (
     Photograph,
     photographs,
     rendered,
+    roughness,
     true_disparity,
     true_mesh,
     view_rows,
@@ -88,6 +90,18 @@ def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
     assert whole["n_pixels"] == rim["n_pixels"] + inside["n_pixels"] == 32 * 16
     (unmasked,) = view_rows(shot.pixels, covered, photograph(mask=None))
     assert (unmasked["coverage"], unmasked["spill"], unmasked["n_pixels"]) == (None, None, 32 * 32)
+    assert unmasked["roughness"] is None
+
+
+def test_teeth_and_holes_make_an_outline_rough() -> None:
+    mask = photograph().mask
+    assert mask is not None
+    assert roughness(mask, mask) == 1.0
+    teeth, holes = mask.copy(), mask.copy()
+    teeth[14:16, 16:48:4] = teeth[14:16, 17:48:4] = True
+    holes[20:44:6, 20:44:6] = False
+    assert 1.1 < roughness(teeth, mask) < roughness(teeth & holes, mask)
+    assert roughness(mask, np.zeros_like(mask)) is None
 
 
 def test_a_rendering_of_a_textured_mesh_shows_its_texture(capture: Capture) -> None:
@@ -151,6 +165,41 @@ def test_the_floor_is_nearer_to_the_truth_than_the_model(capture: Capture, run: 
     measures = {row["measure"]: row for row in report["measures"]}
     assert measures["novel view PSNR"]["value"] == means["id_fb"]["psnr_db"]
     assert {(row["dataset"], row["approach"]) for row in report["measures"]} == {("sphere", "id_fb")}
+
+
+def other_models(run: Path, folder: Path, **changes: object) -> Path:
+    """Lay out the run's own models as if another program had made them."""
+    (folder / "mine").mkdir(parents=True)
+    copyfile(run / mesh_name("id_fb", 0), folder / "mine" / "7.ply")
+    scene = {
+        "schema_version": 1,
+        "dataset": "sphere",
+        "fps": 25,
+        "units": "mm",
+        "up": "y",
+        "path": {"sensors_of": str(run)},
+    }
+    (folder / "scene.json").write_text(json.dumps(scene | changes), encoding="utf-8")
+    return folder
+
+
+def test_models_by_another_program_are_compared_with_the_same_photographs(run: Path, tmp_path: Path) -> None:
+    settings = ViewSettings(models=(other_models(run, tmp_path / "models"),))
+    measures = measure_views(run, settings)[0]["measures"]
+    values = {(row["approach"], row["measure"]): row["value"] for row in measures}
+    mine = {measure: value for (approach, measure), value in values.items() if approach == "mine"}
+    assert "novel view PSNR" in mine
+    assert mine == {measure: values["id_fb", measure] for measure in mine}
+
+
+def test_models_of_another_scene_or_of_another_length_are_named(run: Path, tmp_path: Path) -> None:
+    strangers = other_models(run, tmp_path / "strangers", dataset="box")
+    with pytest.raises(ValueError, match="is of dataset box, expected that of the run, sphere"):
+        measure_views(run, ViewSettings(models=(strangers,)))
+    longer = other_models(run, tmp_path / "longer")
+    copyfile(longer / "mine" / "7.ply", longer / "mine" / "8.ply")
+    with pytest.raises(ValueError, match="has 2 models, expected 1, one for each frame"):
+        measure_views(run, ViewSettings(models=(longer,)))
 
 
 def test_sensors_of_a_run_are_compared_in_both_directions(run: Path) -> None:

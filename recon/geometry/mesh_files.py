@@ -1,0 +1,272 @@
+"""Read and write clouds and meshes: PLY, GLB and OBJ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.geometry.glb import glb_bytes, read_glb, textured_glb_bytes
+from recon.geometry.mesh import Cloud, Mesh, Texture, face_indices, finite_rows
+from recon.geometry.obj import mtl_text, obj_text
+from recon.geometry.ply import (
+    FLOAT_NORMAL,
+    UINT8_COLOUR,
+    ply_bytes,
+    point_columns,
+    read_ply,
+    triangles,
+    vector_columns,
+)
+from recon.storage.files import whole_file
+
+
+def write_cloud(path: Path, cloud: Cloud) -> Path:
+    """Write a cloud as binary PLY (little endian), whole or not at all; the same cloud gives the same bytes.
+
+    Raises
+    ------
+    ValueError
+        If the cloud is empty or the name does not end in .ply.
+    """
+    _check_suffix(path, (".ply",))
+    if not len(cloud):
+        raise ValueError(f"{path}: the cloud is empty, nothing to write")
+    sigma = {} if cloud.sigma is None else {"sigma": cloud.sigma}
+    return _write(path, ply_bytes(_oriented(cloud.points, cloud.normals, cloud.colours) | sigma))
+
+
+def write_no_cloud(path: Path) -> Path:
+    """Write the PLY of a cloud without points, which `read_cloud` refuses: ask `holds_points` first."""
+    _check_suffix(path, (".ply",))
+    return _write(path, _no_cloud())
+
+
+def no_cloud_digest() -> str:
+    """SHA-256, hexadecimal, of the file that `write_no_cloud` writes."""
+    return sha256(_no_cloud()).hexdigest()
+
+
+def holds_points(path: Path) -> bool:
+    """Tell a PLY with points from one that `write_no_cloud` wrote."""
+    return path.stat().st_size != len(_no_cloud()) or path.read_bytes() != _no_cloud()
+
+
+def write_mesh(path: Path, mesh: Mesh) -> Path:
+    """Write a mesh as binary PLY or GLB, a textured one as GLB or OBJ; the same mesh gives the same bytes.
+
+    Every file is whole or absent. Beside a.obj come its material a.mtl and its picture a.png.
+
+    Convention
+    ----------
+    PLY and OBJ keep millimetres and sRGB bytes. GLB, as glTF 2.0 wants it, is scaled to metres by its node and holds
+    linear colours in 16 bits, from which the sRGB bytes come back exactly, or a PNG; its material is unlit, because
+    the studio's light is already in the colours.
+
+    Raises
+    ------
+    ValueError
+        If the mesh has no face, or the name does not end in .ply, .glb or .obj, or the format cannot hold its colours.
+    """
+    _check_suffix(path, (".ply", ".glb", ".obj"))
+    if not len(mesh.faces):
+        raise ValueError(f"{path}: the mesh has no face, nothing to write")
+    if path.suffix.lower() == ".obj":
+        return _write_obj(path, mesh)
+    if path.suffix.lower() == ".glb":
+        return _write(path, _glb_of(mesh))
+    _check_no_texture(path, mesh)
+    return _write(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
+
+
+def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]) -> Path:
+    """Write a mesh or cloud as binary PLY whose points carry their signed error as the property `error`.
+
+    Parameters
+    ----------
+    path : must end in .ply
+    model : of N points
+    errors : floating (N,), mm
+
+    Raises
+    ------
+    ValueError
+        If there is no point, the mesh has a texture, or the name does not end in .ply.
+    """
+    if isinstance(model, Mesh):
+        _check_no_texture(path, model)
+    points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
+    _check_points(path, points)
+    return _write(path, ply_bytes(_oriented(points, model.normals, model.colours) | {"error": errors}, faces))
+
+
+def write_coloured(
+    path: Path, points: NDArray[np.floating], faces: NDArray[np.integer], colours: NDArray[np.uint8]
+) -> Path:
+    """Write coloured points, and triangles where there are any, as binary PLY to look at.
+
+    Parameters
+    ----------
+    path : must end in .ply
+    points : floating (N, 3), mm
+    faces : integer (M, 3); M is 0 for a cloud
+    colours : uint8 (N, 3), sRGB
+
+    Raises
+    ------
+    ValueError
+        If there is no point or the name does not end in .ply.
+    """
+    _check_points(path, points)
+    columns = vector_columns("xyz", points) | vector_columns(UINT8_COLOUR, colours)
+    return _write(path, ply_bytes(columns, faces if len(faces) else None))
+
+
+def read_cloud(path: Path) -> Cloud:
+    """Read a PLY of coloured, oriented points.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or points lack normals or colours.
+    """
+    ply = read_ply(path)
+    with _named(path):
+        sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply["vertex"] else None
+        points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
+        return Cloud(points, normals, colours, sigma)
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a PLY of coloured triangles, or a GLB of ours; vertices stay as they are, coincident ones included.
+
+    Vertices of a mesh with a texture have the colours of their texels.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, vertices lack normals or
+        colours, or faces are missing or no triangles.
+    """
+    if path.suffix.lower() == ".glb":
+        with _named(path):
+            return _mesh_of_glb(path)
+    ply = read_ply(path)
+    with _named(path):
+        points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
+        return Mesh(points, face_indices(triangles(path, ply), len(points)), normals, colours)
+
+
+def read_points(path: Path) -> NDArray[np.float32]:
+    """Read the points (N, 3), mm, of any PLY, whatever else it holds.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, or a coordinate is not a number.
+    """
+    ply = read_ply(path)
+    with _named(path):
+        return finite_rows(point_columns(path, ply, "xyz"), "points")
+
+
+def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Read the points (N, 3), mm, and triangles (M, 3) of any PLY; M is 0 where the file holds no faces.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
+    """
+    ply = read_ply(path)
+    with _named(path):
+        points = finite_rows(point_columns(path, ply, "xyz"), "points")
+        if "face" not in ply or not ply["face"].count:
+            return points, np.zeros((0, 3), np.int32)
+        return points, face_indices(triangles(path, ply), len(points))
+
+
+def _mesh_of_glb(path: Path) -> Mesh:
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    vertices, faces, normals, colours, png = read_glb(path.read_bytes())
+    if not png:
+        return Mesh(vertices, faces, normals, colours.astype(np.uint8))
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if pixels is None:
+        raise ValueError("its texture is not readable as PNG")
+    texture = Texture(np.asarray(pixels, np.uint8), colours.astype(np.float32))
+    height, width = pixels.shape[:2]
+    columns, rows = np.floor(texture.uv * (width, -height)).astype(int).T
+    texels = pixels[np.clip(rows + height, 0, height - 1), np.clip(columns, 0, width - 1)]
+    return Mesh(vertices, faces, normals, texels, texture)
+
+
+def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
+
+
+def _check_points(path: Path, points: NDArray[np.floating]) -> None:
+    _check_suffix(path, (".ply",))
+    if not len(points):
+        raise ValueError(f"{path}: there is no point, nothing to write")
+
+
+def _check_no_texture(path: Path, mesh: Mesh) -> None:
+    if mesh.texture is not None:
+        raise ValueError(f"{path}: the mesh has a texture, which PLY cannot hold; write it as .glb or .obj")
+
+
+def _no_cloud() -> bytes:
+    points = np.empty((0, 3), np.float32)
+    return ply_bytes(_oriented(points, points, points.astype(np.uint8)))
+
+
+def _oriented(
+    points: NDArray[np.float32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
+) -> dict[str, NDArray[Any]]:
+    return vector_columns("xyz", points) | vector_columns(FLOAT_NORMAL, normals) | vector_columns(UINT8_COLOUR, colours)
+
+
+def _glb_of(mesh: Mesh) -> bytes:
+    if mesh.texture is None:
+        return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
+    return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, _png(mesh.texture))
+
+
+def _write_obj(path: Path, mesh: Mesh) -> Path:
+    """Write the picture and the material first: an OBJ that exists has both."""
+    if mesh.texture is None:
+        raise ValueError(f"{path}: OBJ holds colours as a texture, and the mesh has none; write it as .ply or .glb")
+    stem = "_".join(path.stem.split())  # many readers end a name at a space
+    picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
+    _write(picture, _png(mesh.texture))
+    _write(material, mtl_text(picture.name).encode())
+    text = obj_text(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, material.name)
+    return _write(path, text.encode())
+
+
+def _png(texture: Texture) -> bytes:
+    return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
+
+
+def _write(path: Path, content: bytes) -> Path:
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Begin the sentence of a ValueError with the file's path."""
+    try:
+        yield
+    except ValueError as error:
+        raise error if str(error).startswith(str(path)) else ValueError(f"{path}: {error}") from error

@@ -1,0 +1,91 @@
+"""The stages that put the sensors' photographs on surfaces, as `recon.pipeline.stages` makes these."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.approaches import VERTICES, Approach
+from recon.capture.format import read_frame, read_masks
+from recon.capture.rectify import undistort
+from recon.geometry.mesh_files import read_mesh, write_mesh
+from recon.pipeline.keys import files_key
+from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
+from recon.pipeline.stages import Job
+from recon.storage.artefacts import code_version
+from recon.storage.files import read_json, write_json
+from recon.surface.photographs import Photograph, compare_exposures, exposed
+from recon.surface.texturing import textured
+
+TOLERANCE_VOXELS = 3  # a voxel is a third of the depth of a pixel of disparity
+
+
+def compare_photographs(job: Job) -> list[str]:
+    """Estimate the gains of all cameras once for a run, from the first frame's surface by the last approach."""
+    approach, frame = job.surfaces[-1][0], job.frames[0]
+    mesh_file = mesh_name(str(approach), frame)
+    key = {
+        "mesh": job.artefacts.digest(mesh_file),
+        "pictures": _all_pictures_key(job, frame),
+        "tolerance_mm": _tolerance(job),
+        "code": code_version("surface/photographs.py", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> None:
+        mesh = read_mesh(job.artefacts.path(mesh_file))
+        gains = compare_exposures(mesh, _photographs(job, frame), _tolerance(job))
+        write_json(path, {"gain": gains.tolist()})
+
+    return job.artefacts.make(EXPOSURES_NAME, key, write)
+
+
+def make_textured(job: Job, approach: Approach, frame: int) -> list[str]:
+    """Texture the surface of an approach by the photographs of all sensors.
+
+    Parameters
+    ----------
+    job : whose surfaces are finished, and whose photographs are compared
+    approach, frame : which surface
+    """
+    surface = mesh_name(str(replace(approach, colour=VERTICES)), frame)
+    key = {
+        "mesh": job.artefacts.digest(surface),
+        "exposures": job.artefacts.digest(EXPOSURES_NAME),
+        "pictures": _all_pictures_key(job, frame),
+        "tolerance_mm": _tolerance(job),
+        "code": code_version("surface", "models/atlas.py", "geometry", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> None:
+        gains = np.array(read_json(job.artefacts.path(EXPOSURES_NAME))["gain"])
+        photographs = [exposed(*each) for each in zip(_photographs(job, frame), gains, strict=True)]
+        write_mesh(path, textured(read_mesh(job.artefacts.path(surface)), photographs, _tolerance(job)))
+
+    return job.artefacts.make(mesh_name(str(approach), frame), key, write)
+
+
+def _photographs(job: Job, frame: int) -> list[Photograph]:
+    """Read what all cameras saw, those of sensors without depth maps included."""
+    photographs = []
+    for stream in job.capture.sensors:
+        pictures, masks = read_frame(job.capture, stream.id, frame), read_masks(job.capture, stream.id, frame)
+        for camera, picture, mask in zip(stream.cameras, pictures, masks or [None] * len(pictures), strict=True):
+            photographs.append(Photograph(*undistort(camera.camera, picture, mask)))
+    return photographs
+
+
+def _tolerance(job: Job) -> float:
+    """Return how far surfaces may lie behind each other and count as one, mm: about a pixel of disparity."""
+    voxel = job.options.surface.voxel_mm
+    assert voxel is not None
+    return TOLERANCE_VOXELS * voxel
+
+
+def _all_pictures_key(job: Job, frame: int) -> list[dict[str, Any]]:
+    return [
+        files_key(job.capture, View("", stream.id, frame), stream.cameras, stream.mask or ())
+        for stream in job.capture.sensors
+    ]
