@@ -6,6 +6,7 @@ A folder that `reconstudy render` wrote keeps what it knows: masters, quality, c
 from __future__ import annotations
 
 import csv
+import io
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -188,14 +189,17 @@ def _check_complete(
 def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     if not path.exists():
         return {condition: {} for condition in conditions}
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        columns = [column.strip() for column in reader.fieldnames or ()]
-        if columns[:1] != ["condition"] or len(columns) < 2:
-            raise StimuliError(
-                f"{path}: has the columns {', '.join(columns) or 'none'}; expected condition and a column per factor"
-            )
-        rows = [{column: (row.get(column) or "").strip() for column in columns} for row in reader]
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise StimuliError(f"{path}: is no text in UTF-8; expected a table with commas between cells") from error
+    reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+    columns = [column.strip() for column in reader.fieldnames or ()]
+    if columns[:1] != ["condition"] or len(columns) < 2:
+        raise StimuliError(
+            f"{path}: has the columns {', '.join(columns) or 'none'}; expected condition and a column per factor"
+        )
+    rows = [{column: (row.get(column) or "").strip() for column in columns} for row in reader]
     levels = {row["condition"]: {factor: row[factor] for factor in columns[1:] if row[factor]} for row in rows}
     if len(levels) != len(rows):
         raise StimuliError(f"{path}: a condition appears twice")

@@ -4,7 +4,6 @@ its scores.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from app.files import is_plain_name, read_json_bytes
+
 REPORT = "report.json"
 TABLE = "measures.csv"  # of a report; a table of somebody else's measures may have any name that ends in .csv
 SUFFIXES = (".svg", ".png", ".pdf", ".csv")  # of tables and figures
-PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,99}")
 MOST_FILES = 400  # of a report
 LARGEST_FILE = 32 * 1024 * 1024  # bytes
 EVERY_DATASET = "all"  # dataset of a measure that holds for an approach on all datasets
@@ -90,11 +90,15 @@ def read_report(path: Path) -> Report:
     if path.suffix.lower() == ".csv":
         return _read_table(path)
     file = path / REPORT if path.is_dir() else path
+    if path.is_file() and path.suffix.lower() != ".json":
+        raise ValueError(
+            f"{path}: expected the folder of a report, its {REPORT}, or a table of measures that ends in .csv"
+        )
     try:
-        report = _ReportFile.model_validate_json(file.read_bytes())
+        report = _ReportFile.model_validate_json(read_json_bytes(file))
     except FileNotFoundError as error:
         raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
-    except (OSError, ValidationError) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
     if not report.measures and not report_files(path):
         raise ValueError(
@@ -148,7 +152,7 @@ def report_files(path: Path) -> list[Path]:
     files = [
         file
         for file in sorted(path.iterdir())
-        if file.is_file() and file.suffix in SUFFIXES and PLAIN_NAME.fullmatch(file.name)
+        if file.is_file() and file.suffix in SUFFIXES and is_plain_name(file.name)
     ]
     if len(files) > MOST_FILES:
         raise ValueError(f"{path}: holds {len(files)} tables and figures, expected {MOST_FILES} at most")
@@ -231,8 +235,8 @@ def better_by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, str]:
     return {str(row["measure"]): str(row["better"]) for row in rows}
 
 
-def _first_fault(error: OSError | ValidationError) -> str:
-    if isinstance(error, OSError):
+def _first_fault(error: OSError | ValueError) -> str:
+    if not isinstance(error, ValidationError):
         return str(error)
     fault = error.errors()[0]
     return f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {fault['msg']}"

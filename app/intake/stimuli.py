@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
-from app.files import file_digest
+from app.files import file_digest, read_json_bytes
 from app.study.text import check_text
 
 MANIFEST = "manifest.json"
@@ -200,7 +200,7 @@ def check_videos(stimulus_set: StimulusSet, progress: Progress = no_progress) ->
 
 def _read_manifest(path: Path) -> tuple[_Manifest, str]:
     try:
-        content = path.read_bytes()
+        content = read_json_bytes(path)
         facts = json.loads(content)
         check_text(facts)
         manifest = _Manifest.model_validate(facts)

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from app.files import file_digest, whole_file
+from app.intake.bounds import in_bounds
 from app.intake.models import Model, holds_models, read_models
 from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
 from app.settings import Settings
@@ -84,11 +85,11 @@ def attach(
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
         attached = measurement_records(connection, study.id)
     compared = Compared(study, datasets, conditions)
-    reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
+    reports, every_model = in_bounds(_read, paths)
     _check_distinct([report for _, report in reports])
     measures, strangers = _suited_measures(compared, _chosen([report for _, report in reports], only))
     check_agreement(measures, attached)
-    models, foreign = _suited_models(compared, [path for path in paths if holds_models(path)])
+    models, foreign = _suited_models(compared, every_model)
     kept = [(report, _keep_report(settings, path)) for path, report in reports]
     for model in models:
         _keep_model(settings, model)
@@ -104,6 +105,12 @@ def attach(
         replace_models(connection, study.id, models, now)
         record(connection, by, Entry(ATTACHED, study.id, study.slug, detail), now)
     return {"study": study.slug, "n_values": len(measures), **detail}
+
+
+def _read(paths: Sequence[Path]) -> tuple[list[tuple[Path, Report]], list[Model]]:
+    """Read the reports and tables, each with its path, and all models."""
+    reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
+    return reports, [model for path in paths if holds_models(path) for model in read_models(path)]
 
 
 def listed(names: Sequence[str]) -> str:
@@ -165,8 +172,7 @@ def _suited_measures(compared: Compared, measures: Sequence[Measure]) -> tuple[l
     return suited, strangers
 
 
-def _suited_models(compared: Compared, folders: Sequence[Path]) -> tuple[list[Model], list[str]]:
-    models = [model for folder in folders for model in read_models(folder)]
+def _suited_models(compared: Compared, models: Sequence[Model]) -> tuple[list[Model], list[str]]:
     suited = [
         model for model in models if model.dataset in compared.datasets and model.condition in compared.conditions
     ]

@@ -5,54 +5,105 @@ from __future__ import annotations
 import re
 import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
-from app.files import file_digest, whole_file
-from app.intake.reports import PLAIN_NAME
+from app.files import PRIVATE, file_digest, is_plain_name, whole_file
 from app.operations.attach import digest_of, model_file, report_folder
+from app.operations.encryption import decrypt, encrypt, is_encrypted, read_recipients
+from app.operations.erasure import erase_again
 from app.settings import Settings
 from app.store.attached_models import model_digests
 from app.store.attached_reports import report_digests
 from app.store.backup import faults_of, read_tables, refuse_what_is_held, write_tables
 from app.store.designs import film_files
-from app.store.engine import Database, open_database
+from app.store.engine import Database, Transaction, open_database
 from app.store.keys import utc_now
 
 MEDIA = "media/"
 DAMAGED = (BadZipFile, zlib.error, EOFError)
-ATTACHED = re.compile(rf"reports/[0-9a-f]{{64}}/{PLAIN_NAME.pattern}|models/[0-9a-f]{{64}}\.ply")  # in the data folder
+ATTACHED = re.compile(r"reports/[0-9a-f]{64}/([^/]+)|models/[0-9a-f]{64}\.ply")  # in the data folder
 
 
-def back_up(settings: Settings, path: Path, *, with_media: bool = False) -> dict[str, Any]:
-    """Write all rows to a file, with pair videos, reports and models if wanted; the server may run."""
-    with (
-        _database(settings) as database,
-        whole_file(path) as temporary,
-        ZipFile(temporary, "w", ZIP_DEFLATED) as archive,
-    ):
-        tables = write_tables(database, archive, utc_now())
-        videos = sorted(_films(database)) if with_media else []
-        for name in videos:
-            archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
-        attached = _attached(settings, database) if with_media else []
-        for file in attached:
-            archive.write(file, file.relative_to(settings.data_dir).as_posix())
-    counts = {"videos": len(videos), "attached": len(attached)}
-    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, **counts}
+def back_up(
+    settings: Settings, path: Path, *, with_media: bool = False, encrypt_to: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Write all rows to a file; the server may run.
 
-
-def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[str, Any]:
-    """Restore what `back_up` wrote into a database of either kind: everything, or nothing is changed.
+    Parameters
+    ----------
+    settings : of the server
+    path : file to write
+    with_media : with pair videos, reports and models
+    encrypt_to : public keys, or files of them, beside those of the settings; none: the file is not encrypted
 
     Raises
     ------
     ValueError
-        If the file is not a complete backup, or the database holds data and `replace` is not set.
+        If there is no database, or a public key is none.
     """
+    given = (*encrypt_to, *([settings.backup_encrypt_to] if settings.backup_encrypt_to else []))
+    recipients = read_recipients(given) if given else []
+    _check_is_there(settings)
+    with _database(settings) as database, ExitStack() as files:
+        temporary = files.enter_context(whole_file(path))
+        if recipients:
+            encrypted, temporary = temporary, temporary.with_name(f"{temporary.name}.plain")
+            files.callback(temporary.unlink, missing_ok=True)
+        temporary.touch(PRIVATE)
+        with ZipFile(temporary, "w", ZIP_DEFLATED) as archive:
+            tables = write_tables(database, archive, utc_now())
+            videos = sorted(_films(database)) if with_media else []
+            for name in videos:
+                archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
+            attached = _attached(settings, database) if with_media else []
+            for file in attached:
+                archive.write(file, file.relative_to(settings.data_dir).as_posix())
+        if recipients:
+            encrypt(temporary, encrypted, recipients)
+    counts = {"videos": len(videos), "attached": len(attached), "encrypted": bool(recipients)}
+    return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, **counts}
+
+
+def restore(settings: Settings, path: Path, *, replace: bool = False, identity: Path | None = None) -> dict[str, Any]:
+    """Restore what `back_up` wrote into a database of either kind: everything, or nothing is changed.
+
+    Who was erased since the backup is erased again.
+
+    Parameters
+    ----------
+    settings : of the server
+    path : of the backup
+    replace : drop what the database holds
+    identity : file of the private key to an encrypted backup
+
+    Raises
+    ------
+    ValueError
+        If the file is not a complete backup, cannot be decrypted, or the database holds data and `replace` is not set.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file; expected a backup, as `reconstudy backup` writes it")
+    try:
+        is_locked = is_encrypted(path)
+    except OSError as error:
+        raise ValueError(f"{path}: is not a backup: {error}") from error
+    if not is_locked:
+        return _restore(settings, path, replace=replace)
+    if identity is None:
+        raise ValueError(f"{path}: is encrypted; name the file of a private key that opens it: --identity FILE")
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".restore-", dir=settings.data_dir) as folder:
+        plain = Path(folder) / path.name
+        decrypt(path, plain, identity)
+        return _restore(settings, plain, replace=replace)
+
+
+def _restore(settings: Settings, path: Path, *, replace: bool) -> dict[str, Any]:
     try:
         archive = ZipFile(path)
     except (OSError, BadZipFile) as error:
@@ -61,23 +112,38 @@ def restore(settings: Settings, path: Path, *, replace: bool = False) -> dict[st
         videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
         if strange := [name for name in videos if Path(name).name != name]:
             raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
-        attached = [name for name in archive.namelist() if ATTACHED.fullmatch(name)]
+        attached = [name for name in archive.namelist() if _is_attached(name)]
         refuse_what_is_held(database, replace=replace)
         places = {MEDIA + name: settings.media_dir / name for name in videos}
         places |= {name: settings.data_dir / name for name in attached}
+        n_erased = 0
         try:
             with ExitStack() as files:
                 for name, place in places.items():
                     _extract(archive, name, files.enter_context(whole_file(place)))
-                # as late as possible: the files there may belong to the rows that are being replaced
-                tables = read_tables(database, archive, replace=replace, before_commit=files.close)
+
+                def finish(connection: Transaction) -> None:
+                    nonlocal n_erased
+                    n_erased = erase_again(settings, connection)
+                    # as late as possible: the files there may belong to the rows that are being replaced
+                    files.close()
+
+                tables = read_tables(database, archive, replace=replace, before_commit=finish)
         except DAMAGED as error:
             raise ValueError(f"{path}: is damaged: {error}") from error
-    return {"tables": tables, "videos": len(videos), "attached": len(attached)}
+        database.shred_deleted()
+    return {"tables": tables, "videos": len(videos), "attached": len(attached), "erased_again": n_erased}
 
 
 def check(settings: Settings) -> dict[str, Any]:
-    """Return all faults of the database, and of the pair videos, models and reports that it names."""
+    """Return all faults of the database, and of the pair videos, models and reports that it names.
+
+    Raises
+    ------
+    ValueError
+        If there is no database.
+    """
+    _check_is_there(settings)
     with _database(settings) as database:
         if faults := faults_of(database):
             return {"faults": faults, "videos": 0, "attached": 0}
@@ -104,6 +170,12 @@ def _faults_of_report(folder: Path, digest: str) -> list[str]:
     return [] if digest_of(sorted(folder.iterdir())) == digest else [f"{folder}: is not the report that was attached"]
 
 
+def _is_attached(name: str) -> bool:
+    """Whether a backup's entry is a file of a report or a model, named as the server names them."""
+    match = ATTACHED.fullmatch(name)
+    return match is not None and (match[1] is None or is_plain_name(match[1]))
+
+
 def _extract(archive: ZipFile, name: str, path: Path) -> None:
     with archive.open(name) as source, path.open("wb") as target:
         shutil.copyfileobj(source, target)
@@ -125,6 +197,12 @@ def _attached_digests(database: Database) -> tuple[list[str], list[str]]:
 def _films(database: Database) -> dict[str, str]:
     with database.reading() as connection:
         return film_files(connection)
+
+
+def _check_is_there(settings: Settings) -> None:
+    """Refuse an SQLite database that is not there, which opening it would make."""
+    if settings.is_sqlite and not (kept := Path(settings.url.removeprefix("sqlite:///"))).exists():
+        raise ValueError(f"{kept}: there is no database; RECONSTUDY_DATA_DIR names its folder")
 
 
 @contextmanager

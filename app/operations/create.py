@@ -8,29 +8,16 @@ import secrets
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.errors import StimuliError
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
-from app.films.object_store import MediaStore
-from app.films.pairs import (
-    NO_REFERENCES,
-    FilmMaker,
-    PairVideo,
-    prepare_against,
-    prepare_alone,
-    prepare_identical,
-    prepare_pairs,
-    prepare_practice,
-    split_reference,
-)
-from app.films.practice import Practice, choose_practice, without_dataset
-from app.intake.stimuli import MANIFEST, StimulusSet, read_stimulus_set
+from app.intake.stimuli import MANIFEST, StimulusSet
 from app.operations.languages import read_languages
 from app.operations.manage import opened_store
+from app.operations.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
@@ -39,17 +26,16 @@ from app.store.engine import Database, Transaction
 from app.store.images import copy_images
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
-from app.store.orders import pairs_to_show, study_plan
-from app.study.adaptive import check_adaptive
-from app.study.options import StudyOptions, check_minimum_viewing, parse_options
+from app.store.orders import planned_trials
+from app.study.options import StudyOptions, parse_options
 from app.study.presets import QUICK, read_preset
-from app.study.protocols import DCR, WITH_REFERENCE
-from app.study.stages import PRACTICE
 from app.study.study_file import parse_study_file
+from app.study.text import is_one_line
 from app.study.wording import LONGEST_NAME, check_languages, refused_languages
 
-EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_SLUG = 48
+RESERVED = ("new",)  # the page that creates a study has this place among the studies
+LATIN = {"æ": "ae", "œ": "oe", "ø": "o", "đ": "d", "ð": "d", "ħ": "h", "ı": "i", "ł": "l", "ŋ": "ng", "þ": "th"}
 
 
 def create_study(
@@ -82,35 +68,30 @@ def create_study(
         If a study has this name, is complete in no language, or a number is out of bounds; StimuliError if the
         stimulus set cannot be used.
     """
-    slug, wanted = slugify(name), options or StudyOptions()
+    wanted, chosen_seed = options or StudyOptions(), _seed(seed)
     with opened_store(settings) as database:
-        _refuse_second(database, slug, name)
+        slug = new_slug(database, name)
         packs = read_languages(settings)
         check_languages(wanted, packs)
-        stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), wanted.without)
-        practice = _practice(stimulus_set, wanted)
-        exposure = _exposure(practice.compared, exposure_s)
-        check_minimum_viewing(wanted, exposure)
+        made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
+        notes = (*made.notes, *_telling_names(name, made.shown))
+        created_at = utc_now()
         row = {
             "slug": slug,
             "name": name.strip(),
             "state": "open",
-            "exposure_s": exposure,
-            "seed": _seed(seed),
-            "factors": practice.compared.factors,
-            "options": replace(wanted, practice_pairs=practice.films).as_json(),
-            "manifest_sha256": stimulus_set.sha256,
+            "seed": chosen_seed,
+            "created_at": created_at,
+            "paused_at": created_at if is_paused else None,
+            **prepared_columns(made),
         }
-        films = _prepare_films(settings, stimulus_set, practice, wanted, progress)
-        row["created_at"] = created_at = utc_now()
-        row["paused_at"] = created_at if is_paused else None
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
-            insert_design(connection, study_id, films.shown, films.pairs)
-            insert_practice(connection, study_id, films.practice)
+            insert_design(connection, study_id, made.shown, made.pairs)
+            insert_practice(connection, study_id, made.practice)
             code = insert_invitation(connection, study_id, None, created_at)
-            detail = {"stimulus_set": stimulus_set.name, "seed": row["seed"]}
-            entry = Entry("study created", study_id, slug, {**detail, **_noted(practice.notes)})
+            detail = {"stimulus_set": made.set_name, "seed": row["seed"]}
+            entry = Entry("study created", study_id, slug, {**detail, **_noted(notes)})
             record(connection, by, entry, created_at)
         with database.reading() as connection:
             counts = asdict(studies.progress_of(connection, study_id))
@@ -124,15 +105,16 @@ def create_study(
         "n_trials": n_trials,
         **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
         "without": list(wanted.without),
-        **_noted(practice.notes),
+        **_noted(notes),
     }
 
 
 def _n_trials(connection: Transaction, study_id: int) -> int:
-    """Count the trials of a study's first participant."""
+    """Count the trials of a study's first participants; of the group that sees most."""
     study = studies.study_by_id(connection, study_id)
     assert study is not None, "it was just inserted"
-    return len(study_plan(connection, study).order_of_slot(0, pairs_to_show(connection, study, 0)))
+    slots = range(max(1, len(parse_options(study.options).groups)))  # one of each group
+    return max(len(planned_trials(connection, study, slot)[1]) for slot in slots)
 
 
 def import_study(
@@ -150,9 +132,10 @@ def import_study(
     ValueError
         If the file is not readable or not as described, or its stimulus set is another one; else as `create_study`.
     """
+    text = _read_toml(path, "a study file, as `reconstudy study export` writes it")
     try:
-        study = parse_study_file(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        study = parse_study_file(text)
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if stimuli is None and study.stimuli is None:
         raise ValueError(f'{path}: names no stimuli; add stimuli = "FOLDER", or name the folder by --stimuli')
@@ -182,9 +165,8 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
     ValueError
         If a study has this name.
     """
-    slug = slugify(name)
-    _refuse_second(database, slug, name)
-    kept = ("exposure_s", "factors", "options", "manifest_sha256")
+    slug = new_slug(database, name)
+    kept = ("exposure_s", "factors", "options", "manifest_sha256", "set_folder")
     row = {key: getattr(original, key) for key in kept}
     changes = {"slug": slug, "name": name.strip(), "state": "open", "seed": secrets.randbits(63)}
     with database.writing() as connection:
@@ -196,6 +178,17 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
         )
     return slug
+
+
+def copy_study(settings: Settings, slug: str, name: str) -> dict[str, Any]:
+    """Duplicate a study by its short name, see `duplicate_study`."""
+    with opened_store(settings) as database:
+        with database.reading() as connection:
+            original = studies.study_by_slug(connection, slug)
+        if original is None:
+            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+        copy = duplicate_study(database, original, name, Actor(0, COMMAND_LINE, utc_now()))
+    return {"study": copy, "duplicate_of": slug}
 
 
 def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUICK) -> StudyOptions:
@@ -215,116 +208,79 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
     chosen = read_preset(preset)
     if path is None:
         return parse_options(chosen.overridden_by(given))
+    text = _read_toml(path, "a TOML file of a study's options")
     try:
-        in_file = tomllib.loads(path.read_text(encoding="utf-8"))
+        in_file = tomllib.loads(text)
+        if "options" in in_file:
+            raise ValueError(
+                "is a study file; make its study by `reconstudy study import FILE --stimuli SET`, or give --options a "
+                "file of what its table options holds"
+            )
         return parse_options(chosen.overridden_by({**in_file, **given}))
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
 def slugify(name: str) -> str:
-    """Return a study's name as it appears in addresses; a name in another script appears as a digest.
+    """Return a study's name as it appears in addresses: in Latin letters without accents.
+
+    Names that lose letters of another script end in a digest, so that different names have different addresses.
 
     Raises
     ------
     ValueError
-        If the name is too long, or has no letter or digit.
+        If the name is too long, has no letter or digit, or several lines.
     """
-    if not any(map(str.isalnum, name)) or len(name) > LONGEST_NAME:
-        raise ValueError(f"{name!r}: expected a name of 1 to {LONGEST_NAME} characters, with a letter or digit")
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    if not any(map(str.isalnum, name)) or len(name) > LONGEST_NAME or not is_one_line(name.strip()):
+        raise ValueError(
+            f"{name!r:.240}: expected a name of 1 to {LONGEST_NAME} characters in one line, with a letter or digit"
+        )
+    letters = "".join(LATIN.get(letter, letter) for letter in unicodedata.normalize("NFKD", name.casefold()))
+    plain = letters.encode("ascii", "ignore").decode()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
-    return slug or f"name-{hashlib.sha256(name.strip().encode()).hexdigest()[:8]}"
+    if slug not in RESERVED and all(letter.isascii() for letter in letters if letter.isalnum()):
+        return slug
+    return f"{slug or 'name'}-{hashlib.sha256(name.strip().encode()).hexdigest()[:8]}"
 
 
-def _refuse_second(database: Database, slug: str, name: str) -> None:
+def new_slug(database: Database, name: str) -> str:
+    """Return the slug of a study that is to be created.
+
+    Raises
+    ------
+    ValueError
+        If the name cannot be used, or a study has it.
+    """
+    slug = slugify(name)
     with database.reading() as connection:
         is_taken = studies.slug_exists(connection, slug)
     if is_taken:
         raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
+    return slug
 
 
-def _left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusSet:
-    """Return the set without conditions that a study neither shows nor compares.
-
-    Raises
-    ------
-    StimuliError
-        If the set has no such condition, or a dataset has one other stimulus, or none.
-    """
-    if unknown := [condition for condition in conditions if condition not in stimulus_set.conditions]:
-        raise StimuliError(
-            f"{unknown[0]!r} cannot be left out: it is none of the set's conditions, "
-            f"{', '.join(stimulus_set.conditions)}"
-        )
-    kept = stimulus_set.without(*conditions)
-    for dataset in stimulus_set.datasets:
-        if (n := len(kept.of_dataset(dataset))) < 2:
-            raise StimuliError(
-                f"dataset {dataset} has {n} stimuli without {', '.join(conditions)}, expected at least two to compare"
-            )
-    return kept
-
-
-@dataclass(frozen=True)
-class _Films:
-    """The stimuli that a study shows, and the films of its pairs and of the practice."""
-
-    shown: StimulusSet
-    pairs: Sequence[PairVideo]
-    practice: Sequence[PairVideo]
-
-
-def _practice(stimulus_set: StimulusSet, options: StudyOptions) -> Practice:
-    """Choose what the study's participants practise with, and what is left to compare."""
-    if PRACTICE in options.way:
-        return choose_practice(stimulus_set, options.practice_dataset, options.practice_pairs, options.reference_beside)
-    if options.practice_dataset:
-        return Practice((), without_dataset(stimulus_set, options.practice_dataset))
-    return Practice((), stimulus_set)
+def _read_toml(path: Path, expected: str) -> str:
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file; expected {expected}")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is no text in UTF-8; expected {expected}") from error
 
 
 def _noted(notes: Sequence[str]) -> dict[str, list[str]]:
     return {"notes": list(notes)} if notes else {}
 
 
-def _prepare_films(
-    settings: Settings, stimulus_set: StimulusSet, practice: Practice, options: StudyOptions, progress: Progress
-) -> _Films:
-    """Make the missing films and upload them to the object store, if there is one."""
-    compared, references = practice.compared, NO_REFERENCES
-    if options.reference:
-        fewest = 1 if options.protocol in WITH_REFERENCE else 2
-        compared, references = split_reference(compared, options.reference, fewest)
-    if options.adaptive_pairs:
-        check_adaptive(options.adaptive_pairs, len(compared.conditions))
-    maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), progress)
-    if options.is_shown_alone:
-        pairs = prepare_alone(practice.compared, maker)
-    elif options.protocol == DCR:
-        pairs = prepare_against(compared, maker, references, has_identical=options.identical_pairs > 0)
-    else:
-        pairs = prepare_pairs(compared, maker, references)
-        if options.identical_pairs:
-            pairs += prepare_identical(compared, maker, references)
-    practised = []
-    if practice.pairs:
-        practised = prepare_practice(stimulus_set, practice.pairs, maker, is_alone=options.is_shown_alone)
-    if settings.media_url:
-        files = [file for video in [*pairs, *practised] for file in video.files]
-        MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
-    shown = practice.compared if options.protocol in WITH_REFERENCE else compared
-    return _Films(shown, pairs, practised)
-
-
-def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
-    """Return how long a pair is shown, s: the wanted time, or the length of the shortest video."""
-    shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
-    exposure_s = float(shortest_s if wanted_s is None else wanted_s)
-    low_s, high_s = EXPOSURE_BOUNDS_S
-    if not low_s <= exposure_s <= high_s:
-        raise ValueError(f"exposure {exposure_s} s: expected between {low_s} and {high_s}")
-    return exposure_s
+def _telling_names(name: str, shown: StimulusSet) -> list[str]:
+    """Return a sentence if a study's name, which participants see, holds that of a condition."""
+    words = [each for each in shown.conditions if re.search(rf"(?<!\w){re.escape(each)}(?!\w)", name, re.IGNORECASE)]
+    if not words:
+        return []
+    return [
+        f"the name {name.strip()!r} holds {', '.join(words)}, and participants see it, also in the study's address; "
+        "choose a name that tells nothing of what is compared"
+    ]
 
 
 def _seed(wanted: int | None) -> int:

@@ -1,4 +1,7 @@
-"""Remove files that a killed process left half written in the data folder; no later process uses them."""
+"""Remove files that a killed process left half written in the data folder; no later process uses them.
+
+What tells by its lock that nobody works on it goes at once, the rest after a day: another process may still write it.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,27 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from app.files import LOCK, is_locked
+from app.intake.part_uploads import remove_expired, remove_killed
 from app.settings import Settings
 
-LEFT_FOR = timedelta(days=1)  # younger files may still be written by another worker
-# the names that app/files.py, app/web/admin/uploads.py and app/operations/attach.py give
-FILES, UPLOADS, REPORTS = ".*.part*", ".upload-*", ".part-*"
+LEFT_FOR = timedelta(days=1)
+# the names that app/files.py, app/web/admin/uploads.py, app/operations/attach.py and app/operations/backup.py give
+FILES, UPLOADS, REPORTS, RESTORED = ".*.part*", ".upload-*", ".part-*", ".restore-*"
 
 log = logging.getLogger(__name__)
 
 
 def remove_leftovers(settings: Settings, now: datetime) -> None:
-    """Remove half-written files that have not changed for a day."""
+    """Remove uploads whose process was killed, and half-written files that have not changed for a day."""
+    for upload in remove_killed(settings.intake_dir):
+        log.warning("the check of the upload %s was killed; whoever sends the file again repeats it", upload)
+    for upload in remove_expired(settings.intake_dir, now):
+        log.warning("removed the upload %s, which nobody had added to for a day", upload)
     for path in _leftovers(settings):
         try:
             changed_at = datetime.fromtimestamp(path.stat().st_ctime, UTC)  # films get an artificial st_mtime
-            if now - changed_at > LEFT_FOR:
+            if now - changed_at > LEFT_FOR or _was_killed(path):
                 _remove(path)
                 log.warning("removed %s, which was left half written", path)
         except OSError as error:  # another worker was quicker, or somebody else owns it
@@ -34,8 +43,14 @@ def _leftovers(settings: Settings) -> Iterator[Path]:
     yield from settings.sets_dir.glob(UPLOADS)
     yield from (data / "uploads").glob(UPLOADS)
     yield from (data / "reports").glob(REPORTS)
+    yield from data.glob(RESTORED)
     for folder in (settings.media_dir, data / "stills", data / "models"):
         yield from folder.glob(FILES)
+
+
+def _was_killed(path: Path) -> bool:
+    """Tell whether a folder of work has a lock that nobody holds."""
+    return (path / LOCK).is_file() and not is_locked(path / LOCK)
 
 
 def _remove(path: Path) -> None:

@@ -5,20 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from app.operations.attach import attach
+from app.operations.standing import change_standing, delete_study
 from app.settings import Settings
 from app.store import studies
-from app.store.audit import COMMAND_LINE, Entry, record, record_alone
+from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
 from app.store.engine import Database, open_database
-from app.store.experimenters import Role, experimenter_named, renew_link, set_up_link
+from app.store.experimenters import (
+    Role,
+    all_experimenters,
+    disable,
+    experimenter_named,
+    renew_link,
+    set_up_link,
+)
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready
 from app.store.orders import study_plan, taken_orders
-from app.store.tokens import SCOPES, insert_token
+from app.store.tokens import READING, all_tokens, insert_token, revoke_token
 from app.study.balance import balance_report
 from app.study.options import parse_options
 from app.study.study_file import StudyFile, write_study_file
@@ -142,12 +151,17 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     return {"invitation": code, "path": f"/s/{code}"}
 
 
-def add_experimenter(settings: Settings, name: str, role: Role | None = None) -> dict[str, Any]:
+def add_experimenter(
+    settings: Settings, name: str, role: Role | None = None, studies: Sequence[str] | None = None
+) -> dict[str, Any]:
     """Make a sign-in link for an experimenter, added if new; an older link or password ends.
 
     Parameters
     ----------
+    settings : of the server
+    name : the experimenter's
     role : None: the present one, or owner
+    studies : short names of the studies that they see; None: unchanged, or all
     """
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
@@ -155,8 +169,8 @@ def add_experimenter(settings: Settings, name: str, role: Role | None = None) ->
         with database.reading() as connection:
             known = experimenter_named(connection, name.strip())
         password_ended = known is not None and known.has_password
-        secret = renew_link(database, name.strip(), utc_now(), role)
-        _note(database, "sign-in link made", name.strip(), password_ended=password_ended)
+        secret = renew_link(database, name.strip(), utc_now(), role, studies)
+        _note(database, "sign-in link made", name.strip(), password_ended=password_ended, studies=studies)
     return {"name": name.strip(), "path": f"/admin/login/{secret}", "password_ended": password_ended}
 
 
@@ -167,20 +181,127 @@ def set_up_path(settings: Settings) -> str | None:
     return None if secret is None else f"/admin/setup/{secret}"
 
 
-def add_token(settings: Settings, name: str, scopes: Sequence[str] = tuple(SCOPES)) -> dict[str, Any]:
-    """Make a bearer token that may read what its scopes name; it is shown only once."""
+def add_token(
+    settings: Settings, name: str, scopes: Sequence[str] = READING, studies: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """Make a bearer token that may do what its scopes name; it is shown only once.
+
+    Parameters
+    ----------
+    settings : of the server
+    name : whom or what it is for
+    scopes : of SCOPES
+    studies : short names of the studies that it opens; None: all
+    """
     if not 1 <= len(name.strip()) <= 100:
         raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
     with opened_store(settings) as database:
         with database.writing() as connection:
-            token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now())
-        _note(database, "token made", name.strip(), scopes=list(scopes))
-    return {"name": name.strip(), "token": token, "scopes": list(scopes)}
+            token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now(), studies=studies)
+        _note(database, "token made", name.strip(), scopes=list(scopes), studies=studies)
+    return {"name": name.strip(), "token": token, "scopes": list(scopes), "studies": studies}
 
 
-def add_own_token(settings: Settings, purpose: str) -> str:
-    """Make a bearer token for this program's own use, named by purpose and time."""
-    return str(add_token(settings, f"{purpose} {utc_now().isoformat(timespec='microseconds')}")["token"])
+@contextmanager
+def own_token(settings: Settings, purpose: str, scopes: Sequence[str] = READING) -> Iterator[str]:
+    """Make a bearer token for this program's own use, named by purpose and time; it ends with the block."""
+    name = f"{purpose} {utc_now().isoformat(timespec='microseconds')}"
+    try:
+        yield str(add_token(settings, name, scopes)["token"])
+    finally:
+        end_token(settings, name)
+
+
+def list_tokens(settings: Settings) -> list[dict[str, Any]]:
+    """Return all tokens, the newest first, without their secrets; `state` is valid, expired or revoked."""
+    now = utc_now()
+    with opened_store(settings) as database, database.reading() as connection:
+        known = all_tokens(connection)
+    return [
+        {
+            "name": token.name,
+            "scopes": list(token.scopes),
+            "studies": token.studies,
+            "state": "revoked" if token.revoked_at else "expired" if _is_over(token.expires_at, now) else "valid",
+            "created_by": token.created_by,
+            "created_at": token.created_at.isoformat(),
+            "expires_at": token.expires_at.isoformat() if token.expires_at else None,
+        }
+        for token in known
+    ]
+
+
+def _is_over(end: datetime | None, now: datetime) -> bool:
+    return end is not None and end <= now
+
+
+def end_token(settings: Settings, name: str) -> bool:
+    """Revoke a token; returns whether it was valid until now.
+
+    Raises
+    ------
+    ValueError
+        If there is no token of this name.
+    """
+    with opened_store(settings) as database, database.writing() as connection:
+        if name not in {token.name for token in all_tokens(connection)}:
+            raise ValueError(f"there is no token called {name!r}; `reconstudy token list` shows all")
+        was_valid = revoke_token(connection, name, utc_now())
+        if was_valid:
+            record(connection, COMMAND_LINE, Entry("token revoked", subject=name), utc_now())
+    return was_valid
+
+
+def list_experimenters(settings: Settings) -> list[dict[str, Any]]:
+    """Return all experimenters by name; `state` is signed up, invited (by a sign-in link) or removed."""
+    with opened_store(settings) as database, database.reading() as connection:
+        known = all_experimenters(connection)
+    return [
+        {
+            "name": person.name,
+            "role": person.role,
+            "studies": person.studies,
+            "state": "removed" if person.is_disabled else "signed up" if person.has_password else "invited",
+        }
+        for person in known
+    ]
+
+
+def remove_experimenter(settings: Settings, name: str) -> None:
+    """End an experimenter's access and sessions; their name stays in the audit log, and a new link lets them in again.
+
+    Raises
+    ------
+    ValueError
+        If there is nobody of this name; ConflictError if nobody would be left who is an owner.
+    """
+    with opened_store(settings) as database, database.writing() as connection:
+        if experimenter_named(connection, name) is None:
+            raise ValueError(f"there is no experimenter called {name!r}; `reconstudy admin list` shows all")
+        disable(connection, name, utc_now())
+        record(connection, COMMAND_LINE, Entry("access ended", subject=name), utc_now())
+
+
+def change_study_standing(settings: Settings, slug: str, standing: studies.Standing) -> dict[str, Any]:
+    """Open, pause, close or archive a study, as the dashboard does."""
+    with opened_store(settings) as database:
+        study = _study(database, slug)
+        change_standing(database, study, standing, _operator())
+    return {"study": slug, "state": standing, "before": study.standing}
+
+
+def remove_study(settings: Settings, slug: str) -> dict[str, Any]:
+    """Delete a study for good, see `delete_study`."""
+    with opened_store(settings) as database:
+        study = _study(database, slug)
+        with database.reading() as connection:
+            progress = studies.progress_of(connection, study.id)
+        delete_study(database, study, _operator())
+    return {"study": slug, "participants": progress.n_started, "votes": progress.n_votes}
+
+
+def _operator() -> Actor:
+    return Actor(0, COMMAND_LINE, utc_now())
 
 
 def _note(database: Database, action: str, subject: str, study_id: int | None = None, **detail: Any) -> None:

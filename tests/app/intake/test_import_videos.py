@@ -133,6 +133,8 @@ def spoil(videos: Path, fault: str) -> None:
         tiny_stimuli.encode(videos / "street" / "low.master.mp4", tiny_stimuli.flat("black"), "-frames:v", "12")
     if fault == "columns":
         (videos / "conditions.csv").write_text("name,codec\nlow,av1\n", encoding="utf-8")
+    if fault == "bytes":
+        (videos / "conditions.csv").write_bytes(b"condition,codec\n\xf9\x8f")
     if fault == "empty":
         shutil.rmtree(videos)
         videos.mkdir()
@@ -147,6 +149,7 @@ def spoil(videos: Path, fault: str) -> None:
             "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",
         ),
         ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again, .* `ffmpeg -i low.mp4 -r 25 "),
+        ("bytes", r"conditions\.csv: is no text in UTF-8"),
         ("text", "low.mp4: cannot be decoded as a video"),
         ("twice", "low.mkv and low.mp4 are both the condition low"),
         ("row", "has no row for high"),

@@ -65,6 +65,7 @@ def rewrite(folder: Path, change: Change) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_films_of_another_program_join_ours_in_a_study(sets: Path, tmp_path: Path) -> None:
     out = tmp_path / "all"
     given = ["stimuli", "merge", str(sets / "ours"), str(sets / "theirs"), "-o", str(out), "--json"]

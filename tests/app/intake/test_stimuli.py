@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from app.errors import StimuliError
+from app.ffmpeg import decode
 from app.films.pairs import FilmMaker, prepare_pairs
 from app.films.strips import GUARD_ROWS, check_strip
 from app.intake.stimuli import StimulusSet, read_stimulus_set
@@ -269,6 +270,18 @@ def test_a_second_codec_holds_the_same_frames(checked: StimulusSet, media_dir: P
         assert f"Video: {codec}" in subprocess.run(command, capture_output=True, text=True, check=False).stderr
         found, first = (frames(media_dir / name).astype(int) for name in (pair.second.file, pair.file))
         assert np.abs(found - first).max() <= 6
+
+
+def test_a_lighter_film_holds_the_same_frames_in_fewer_bytes(checked: StimulusSet, media_dir: Path) -> None:
+    (pair,) = prepare_pairs(
+        replace(checked, stimuli=checked.of_dataset("ball")[:2]), FilmMaker(media_dir, has_lighter=True)
+    )
+    assert pair.lighter is not None
+    whole, lighter = media_dir / pair.file, media_dir / pair.lighter.file
+    assert decode(lighter) == decode(whole)
+    assert lighter.stat().st_size < whole.stat().st_size
+    assert [film.file for film in pair.films] == [pair.file, pair.lighter.file]
+    assert pair.second is None
 
 
 def test_a_strip_that_is_not_its_source_is_found(checked: StimulusSet, media_dir: Path) -> None:

@@ -65,6 +65,7 @@ def rows_of(settings: Settings) -> dict[str, list[Any]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_every_row_comes_back_on_either_kind_of_database(
     here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -322,3 +323,12 @@ def test_contradictions_are_found(here: Settings) -> None:
     faults = check(here)["faults"]
     assert "1 votes on trials that were interrupted" in faults
     assert "1 finished sessions with trials without a vote" in faults
+
+
+def test_only_their_owner_reads_the_database_and_its_backup(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", database_url=None)
+    manage.open_store(settings).dispose()
+    back_up(settings, tmp_path / "backup.zip")
+    files = [*(tmp_path / "data").glob("study.sqlite*"), tmp_path / "backup.zip"]
+    assert len(files) >= 2
+    assert {file.stat().st_mode & 0o077 for file in files} == {0}

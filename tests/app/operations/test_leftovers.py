@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from app import main
-from app.files import whole_file
+from app.files import WorkFolder, whole_file
+from app.intake.part_uploads import PartUpload, begin_upload, checking, standing, work_folder
 from app.main import running_server
-from app.operations.leftovers import LEFT_FOR
+from app.operations.leftovers import LEFT_FOR, remove_leftovers
 from app.settings import Settings
 from app.store.keys import utc_now
 
@@ -46,3 +48,23 @@ def test_what_was_left_half_written_a_day_ago_is_removed(
     with running_server(settings):
         assert [path.exists() for path in left] == [are_there] * len(left)
     assert all(path.exists() for path in kept)
+
+
+def test_what_a_killed_upload_unpacked_is_removed_at_the_next_start(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    held = WorkFolder(".upload-", tmp_path / "uploads")
+    killed = tmp_path / "uploads" / ".upload-killed"
+    shutil.copytree(held.name, killed)  # with a lock that nobody holds
+    facts = ("captures", "ball", "ball.zip", 3)
+    uploads = {name: PartUpload(name * 32, *facts, by="Eva", job="/admin/jobs/1") for name in "ab"}
+    for upload in uploads.values():
+        begin_upload(settings.intake_dir, upload)
+        work_folder(settings.intake_dir, upload.id).mkdir()
+    with checking(settings.intake_dir, uploads["a"].id) as received:
+        remove_leftovers(settings, utc_now())
+        assert received.is_file()
+    assert (Path(held.name).is_dir(), killed.exists()) == (True, False)
+    assert [work_folder(settings.intake_dir, upload.id).is_dir() for upload in uploads.values()] == [True, False]
+    assert standing(settings.intake_dir, uploads["a"].id).upload.job == "/admin/jobs/1"
+    assert standing(settings.intake_dir, uploads["b"].id).upload.job is None, "it can be checked again"
+    held.cleanup()

@@ -65,13 +65,23 @@ def test_a_bad_stimulus_set_leaves_no_study(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "slug"), [("Temple, round 2", "temple-round-2"), ("Été à Graz", "ete-a-graz"), ("日本", "name-cf2abf0c")]
+    ("name", "slug"),
+    [
+        ("Temple, round 2", "temple-round-2"),
+        ("Été à Graz", "ete-a-graz"),
+        ("Größe ß", "grosse-ss"),
+        ("Łódź og Øst", "lodz-og-ost"),
+        ("日本", "name-cf2abf0c"),
+        ("日本 2", "2-367cd00e"),  # another address than that of "2"
+        ("\u062f\u0631\u0627\u0633\u0629 \U0001f469\u200d\U0001f52c", "name-1ac57e49"),  # Arabic, and a joined emoji
+        ("New", "new-18fdd549"),  # /admin/studies/new creates a study
+    ],
 )
 def test_a_name_becomes_an_address(name: str, slug: str) -> None:
     assert create.slugify(name) == slug
 
 
-@pytest.mark.parametrize("name", ["", "---", "x" * 201])
+@pytest.mark.parametrize("name", ["", "---", "x" * 201, "two\nlines", "\x1b[31mred", "safe\u202egnp.exe"])
 def test_a_name_that_cannot_be_an_address_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="expected a name"):
         create.slugify(name)

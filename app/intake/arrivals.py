@@ -1,0 +1,166 @@
+"""Unpack what was uploaded, check it by its kind, and put it on its shelf, whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import InvalidError
+from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
+from app.intake.import_videos import VIDEO_SUFFIXES
+from app.intake.reports import read_report
+from app.intake.shelves import FOLDERS, SUFFIXES, free_path
+from app.intake.summaries import MESHES, PICTURES, SCENE_FILE, files_of, is_film
+from app.intake.zips import MB, check_file, check_zip, unpack
+
+TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
+CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".m4v", ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
+BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
+    "captures": CAPTURED,
+    "calibration": (*PICTURES, *VIDEO_SUFFIXES, ".m4v", *TEXTS),
+    "models": (*MESHES, ".mtl", ".bin", *PICTURES, *TEXTS),
+    "films": (*VIDEO_SUFFIXES, *TEXTS),
+    "clouds": (".ply", *TEXTS),
+    "measures": (".csv",),
+}
+EXPECTED: Mapping[str, str] = {
+    "captures": "a zip file of the recording's folder: pictures or videos, with capture.json where it has one",
+    "calibration": "a zip file of the pictures of a board, in left/ and right/, or in such folders of each sensor",
+    "models": "a zip file of the models' folder, with scene.json and APPROACH/FRAME.ply, .obj, .glb or .gltf",
+    "films": "a zip file of DATASET/CONDITION.mp4, with conditions.csv where conditions have factors",
+    "clouds": "a PLY file, or a zip file of some",
+    "measures": "a table in CSV, whose name ends in .csv",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How large an upload may be, packed and unpacked, and how many files it may hold."""
+
+    largest_mb: int
+    most_files: int
+
+
+def shelve(intake: Path, kind: str, name: str, received: Path, work: Path, limits: Limits) -> Path:
+    """Check an upload and put it on its shelf; return its place there.
+
+    Parameters
+    ----------
+    intake : the intake folder
+    kind : of the shelf
+    name : of the new entry, which is free
+    received : a zip file, or the file itself where the kind takes one
+    work : a missing folder on the same disk, to unpack into; the caller removes it
+    limits : of the upload
+
+    Raises
+    ------
+    InvalidError, TooLargeError
+        If it is not what the kind takes, or the name is taken meanwhile.
+    """
+    work.mkdir(parents=True)
+    made = work / "unpacked"
+    if _is_zip(received) and kind in FOLDERS:
+        check_zip(received, limits.largest_mb, limits.most_files)
+        made.mkdir()
+        unpack(received, made, limits.largest_mb * MB, BELONGING[kind], kind)
+        made = _top(kind, made)
+    elif kind in SUFFIXES and name.lower().endswith(SUFFIXES[kind]):
+        made = work / name
+        shutil.copyfile(received, made)
+        check_file(made, name, BELONGING[kind], kind)
+    else:
+        raise InvalidError(f"This file does not belong to {kind}; expected {EXPECTED[kind]}.")
+    CHECKS[kind](made)
+    place = free_path(intake, kind, name)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    made.rename(place)
+    return place
+
+
+def _is_zip(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"PK"
+
+
+def _top(kind: str, folder: Path) -> Path:
+    """Return the folder to keep: a zip file may hold it inside another one."""
+    while True:
+        inside = list(folder.iterdir())
+        if len(inside) != 1 or not inside[0].is_dir():
+            return folder
+        if kind == "films" and any(path.is_file() for path in inside[0].iterdir()):
+            return folder  # it is the only dataset
+        folder = inside[0]
+
+
+def _check_capture(folder: Path) -> None:
+    if not (folder / CAPTURE_FILE).is_file():
+        _check_recording(folder)
+        return
+    missing = missing_pictures(folder, read_outline(folder))
+    if missing:
+        raise InvalidError(
+            f"{CAPTURE_FILE} names {missing[0]}, which is not in the upload{_and_more(missing)}. Add what is missing, "
+            "then upload again."
+        )
+
+
+def _check_recording(folder: Path) -> None:
+    """Check a recording without `capture.json`, of which a job can make a capture."""
+    if not any(file.suffix.lower() in (*PICTURES, *VIDEO_SUFFIXES) for file in files_of(folder)):
+        raise InvalidError(f"There is neither {CAPTURE_FILE} nor a picture or video in the upload.")
+
+
+def _check_calibration(folder: Path) -> None:
+    if not any(file.suffix.lower() in (*PICTURES, *VIDEO_SUFFIXES) for file in files_of(folder)):
+        raise InvalidError(
+            "There is no picture or video of a board in the upload; expected left/ and right/ with them."
+        )
+
+
+def _check_models(folder: Path) -> None:
+    if not (folder / SCENE_FILE).is_file():
+        raise InvalidError(
+            f"There is no {SCENE_FILE} beside the models; it names the dataset, the unit and what is up."
+        )
+    if not any(file.suffix.lower() in MESHES for file in files_of(folder)):
+        raise InvalidError("There is no model in the upload; expected APPROACH/FRAME.ply, .obj, .glb or .gltf.")
+
+
+def _check_films(folder: Path) -> None:
+    films = [file.relative_to(folder) for file in files_of(folder) if file.suffix.lower() in VIDEO_SUFFIXES]
+    if misplaced := [film.as_posix() for film in films if len(film.parts) != 2]:
+        raise InvalidError(
+            f"{misplaced[0]} lies in the wrong place{_and_more(misplaced)}; expected DATASET/CONDITION.mp4."
+        )
+    if not any(map(is_film, films)):
+        raise InvalidError("There is no film in the upload; expected DATASET/CONDITION.mp4.")
+
+
+def _check_clouds(path: Path) -> None:
+    if not any(file.suffix.lower() == ".ply" for file in files_of(path)):
+        raise InvalidError("There is no cloud in the upload; expected files that end in .ply.")
+
+
+def _check_measures(path: Path) -> None:
+    try:
+        read_report(path)
+    except ValueError as error:
+        raise InvalidError(f"{str(error).replace(str(path), 'The table')}.") from error
+
+
+CHECKS: Mapping[str, Callable[[Path], None]] = {
+    "captures": _check_capture,
+    "calibration": _check_calibration,
+    "models": _check_models,
+    "films": _check_films,
+    "clouds": _check_clouds,
+    "measures": _check_measures,
+}
+
+
+def _and_more(names: list[str]) -> str:
+    return f" (and {len(names) - 1} more)" if len(names) > 1 else ""

@@ -1,0 +1,175 @@
+"""List and find what lies in the server's intake folder: recordings, videos, tables and what jobs made of them.
+
+It has a folder for each kind. Somebody may also put entries there by hand, with scp or on a network drive.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.errors import InvalidError
+from app.intake.summaries import SUMMARIES, walk
+
+KINDS: tuple[str, ...] = tuple(SUMMARIES)
+PLAIN_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 ._+-]{0,98}[A-Za-z0-9_+-])?")
+SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
+    "clouds": (".ply",),
+    "measures": (".csv",),
+}
+HIDDEN = ".uploads"  # folder of the intake folder for what is on its way in or out
+FOLDERS = frozenset({"captures", "calibration", "models", "films", "clouds", "runs"})  # kinds whose entries are folders
+
+
+@dataclass(frozen=True)
+class ShelfEntry:
+    """A folder or file in the intake folder.
+
+    Parameters
+    ----------
+    kind, name : where it lies, `KIND/NAME`
+    size : bytes, of all files in it
+    changed_at : the newest change of a file in it
+    summary : what it holds, or what is wrong with it, in one line
+    """
+
+    kind: str
+    name: str
+    size: int
+    changed_at: datetime
+    summary: str
+
+
+def shelf(folder: Path, kind: str) -> Path:
+    """Return the folder of a kind; it may be missing.
+
+    Raises
+    ------
+    InvalidError
+        If there is no such kind.
+    """
+    if kind not in KINDS:
+        raise InvalidError(f"There is no kind of files {kind[:40]!r}; expected one of {', '.join(KINDS)}.")
+    return folder / kind
+
+
+def entries(folder: Path, kind: str) -> list[ShelfEntry]:
+    """Return what lies on the shelf of a kind, the newest first; names that are not plain are left out."""
+    place = shelf(folder, kind)
+    paths = sorted(place.iterdir()) if place.is_dir() else []
+    listed = [_entry(kind, path) for path in paths if _is_entry(kind, path)]
+    return sorted(listed, key=lambda entry: entry.changed_at, reverse=True)
+
+
+def entry_path(folder: Path, kind: str, name: str) -> Path:
+    """Return the path of an entry.
+
+    Raises
+    ------
+    InvalidError
+        If the name is not plain, or nothing of this name lies there.
+    """
+    path = shelf(folder, kind) / checked_name(kind, name)
+    if not _is_entry(kind, path):
+        raise InvalidError(f"There is nothing called {name!r} in {kind}; it may have been deleted.")
+    return path
+
+
+def free_path(folder: Path, kind: str, name: str) -> Path:
+    """Return the path of a new entry, whose name is not taken.
+
+    Raises
+    ------
+    InvalidError
+        If the name is not plain, or taken.
+    """
+    path = shelf(folder, kind) / checked_name(kind, name)
+    if path.exists() or path.is_symlink():
+        raise InvalidError(f"There is {name!r} in {kind} already; choose another name, or delete that one first.")
+    return path
+
+
+def remove_entry(folder: Path, kind: str, name: str) -> None:
+    """Remove an entry, which disappears at once as a whole.
+
+    Raises
+    ------
+    InvalidError
+        If there is none.
+    """
+    path = entry_path(folder, kind, name)
+    removed = folder / HIDDEN / f"{secrets.token_hex(16)}.work"
+    removed.parent.mkdir(exist_ok=True)
+    path.rename(removed)
+    shutil.rmtree(removed) if removed.is_dir() else removed.unlink()
+
+
+def file_in(folder: Path, kind: str, name: str, place: str) -> Path:
+    """Return a file of an entry.
+
+    Parameters
+    ----------
+    folder : the intake folder
+    kind, name : of the entry
+    place : where the file lies in the entry; the entry's name where it is a file itself
+
+    Raises
+    ------
+    InvalidError
+        If there is no such entry or file, or the place leads out of the entry.
+    """
+    entry = entry_path(folder, kind, name)
+    if entry.is_file() and place == name:
+        return entry
+    path, parts = entry, place.split("/")
+    for part in parts:
+        path = path / part
+        if not part or part.startswith(".") or "\0" in part or path.is_symlink():
+            break
+    else:
+        if path.is_file():
+            return path
+    raise InvalidError(f"There is no file {place[:200]!r} in {name!r}; it may have been deleted.")
+
+
+def checked_name(kind: str, name: str) -> str:
+    """Return the name of an entry, which is letters, digits, spaces and . _ + - and begins with a letter or digit.
+
+    Raises
+    ------
+    InvalidError
+        If it is another.
+    """
+    if not PLAIN_NAME.fullmatch(name):
+        raise InvalidError(
+            f"The name {name[:100]!r} cannot be used: expected 1 to 100 letters (a to z), digits, spaces or . _ + -, "
+            "with a letter or digit first."
+        )
+    if kind not in FOLDERS and not name.lower().endswith(SUFFIXES[kind]):
+        raise InvalidError(f"The name {name!r} has to end in {' or '.join(SUFFIXES[kind])}.")
+    return name
+
+
+def _is_entry(kind: str, path: Path) -> bool:
+    if path.is_symlink() or not PLAIN_NAME.fullmatch(path.name):
+        return False
+    if path.is_dir():
+        return kind in FOLDERS
+    return path.is_file() and path.name.lower().endswith(SUFFIXES.get(kind, ()))
+
+
+def _entry(kind: str, path: Path) -> ShelfEntry:
+    facts: list[os.stat_result] = []
+    for file in walk(path) if path.is_dir() else [path]:
+        with suppress(FileNotFoundError):  # a job has just removed it
+            facts.append(file.stat())
+    changed_s = max((fact.st_mtime for fact in facts), default=path.stat().st_mtime)
+    size = sum(fact.st_size for fact in facts)
+    return ShelfEntry(kind, path.name, size, datetime.fromtimestamp(changed_s, UTC), SUMMARIES[kind](path))

@@ -1,0 +1,99 @@
+"""Encrypt backups to public keys by age (https://age-encryption.org): the server that makes them cannot read them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from app.files import PRIVATE
+
+HEADER = b"age-encryption.org/v1"  # begins every encrypted file
+EXPECTED = "a public key such as age1… or ssh-ed25519 …, or a file of them"
+
+
+def read_recipients(given: Sequence[str]) -> list[Any]:
+    """Read public keys, or files that hold one a line.
+
+    Raises
+    ------
+    ValueError
+        If one is no public key, or a file holds none.
+    """
+    from pyrage import RecipientError, ssh, x25519
+
+    recipients = []
+    for text in given:
+        is_key = text.startswith(("age1", "ssh-"))
+        keys = [text.strip()] if is_key else list(_lines(Path(text), EXPECTED))
+        for number, key in enumerate(keys, start=1):
+            where = "" if is_key else f"{text}, key {number}: "
+            try:
+                recipients.append((ssh if key.startswith("ssh-") else x25519).Recipient.from_str(key))
+            except RecipientError as error:
+                raise ValueError(f"{where}{key[:60]!r} is no public key ({error}); expected {EXPECTED}") from error
+    return recipients
+
+
+def encrypt(plain: Path, encrypted: Path, recipients: Sequence[Any]) -> None:
+    """Encrypt a file to public keys, any of whose owners can decrypt it."""
+    from pyrage import encrypt_io
+
+    with plain.open("rb") as source, _new_private(encrypted) as target:
+        encrypt_io(source, target, list(recipients))
+        target.flush()
+        os.fsync(target.fileno())
+
+
+def is_encrypted(path: Path) -> bool:
+    """Was a file encrypted by age?"""
+    with path.open("rb") as file:
+        return file.read(len(HEADER)) == HEADER
+
+
+def decrypt(encrypted: Path, plain: Path, identity: Path) -> None:
+    """Decrypt a file by a private key.
+
+    Parameters
+    ----------
+    encrypted : the file
+    plain : what to write
+    identity : file of the private key: one of age-keygen, or an SSH key without a passphrase
+
+    Raises
+    ------
+    ValueError
+        If the file holds no private key, or the key does not open what was encrypted, or that is damaged.
+    """
+    from pyrage import DecryptError, IdentityError, decrypt_io, ssh, x25519
+
+    lines = list(_lines(identity, "a private key such as AGE-SECRET-KEY-1…"))
+    try:
+        if lines[0].startswith("-----BEGIN"):
+            identities: list[Any] = [ssh.Identity.from_buffer(identity.read_bytes())]
+        else:
+            identities = [x25519.Identity.from_str(line) for line in lines]
+    except IdentityError as error:
+        raise ValueError(f"{identity}: is no private key of age or SSH: {error}") from error
+    try:
+        with encrypted.open("rb") as source, _new_private(plain) as target:
+            decrypt_io(source, target, identities)
+    except (DecryptError, OSError) as error:  # OSError: what was encrypted is damaged
+        raise ValueError(f"{encrypted}: cannot be decrypted by {identity}: {error}") from error
+
+
+def _lines(path: Path, expected: str) -> Iterator[str]:
+    """Yield the lines of a file of keys that are no comments."""
+    try:
+        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: cannot be read; expected {expected}") from error
+    keys = [line for line in lines if line and not line.startswith("#")]
+    if not keys:
+        raise ValueError(f"{path}: holds no key, expected {expected}")
+    yield from keys
+
+
+def _new_private(path: Path) -> Any:
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, PRIVATE), "wb")

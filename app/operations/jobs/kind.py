@@ -1,0 +1,83 @@
+"""A kind of job: its form, and the command that its values become."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.errors import InvalidError
+from app.operations.jobs.fields import Field, NewName, Values, place
+from app.settings import Settings
+from app.store.queue import NewJob
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobKind:
+    """What a job of a kind does.
+
+    Parameters
+    ----------
+    name : in addresses and over REST
+    title, help : as people read them
+    command : of the command line
+    fields : in the order of the form and of the command's arguments
+    out_option : of the command for the output; empty: its last argument; None: it has none, as it changes an entry
+    out_file : the file in the output that the command writes; empty: the output itself
+    output : the shelf and name of what the job makes or changes
+    more : further arguments that follow from the values
+    needs_recon : whether it takes the extra `recon`
+    """
+
+    name: str
+    title: str
+    help: str
+    command: tuple[str, ...]
+    fields: tuple[Field, ...]
+    output: Callable[[Values], tuple[str, str]]
+    out_option: str | None = "--out"
+    out_file: str = ""
+    more: Callable[[Values, Settings], list[str]] = lambda _values, _settings: []
+    needs_recon: bool = True
+
+    def read(self, given: Mapping[str, Any], settings: Settings) -> NewJob:
+        """Check what a form or a client gave.
+
+        Raises
+        ------
+        InvalidError
+            If a field is missing, unknown or not as expected: names it.
+        """
+        known = {field.name for field in self.fields}
+        if unknown := sorted(given.keys() - known):
+            raise InvalidError(f"There is no field {unknown[0][:40]!r}; expected some of {', '.join(sorted(known))}.")
+        values = {field.name: field.read(given.get(field.name), settings) for field in self.fields}
+        for field in self.fields:
+            if isinstance(field, NewName) and values[field.name] is None:
+                values[field.name] = field.made_from(values, settings)
+        self.more(values, settings)  # which refuses what it cannot use
+        return NewJob(self.name, values, "/".join(self.output(values)))
+
+    def argv(self, values: Values, settings: Settings) -> list[str]:
+        """Return the arguments of the command line.
+
+        Raises
+        ------
+        InvalidError
+            If an entry is not there any more.
+        """
+        words = list(self.command)
+        for field in self.fields:
+            if field.option is not None and values.get(field.name) is not None:
+                words += field.words(values[field.name], settings)
+        words += self.more(values, settings)
+        if self.out_option is not None:
+            shelf, name = self.output(values)
+            out = place(settings, shelf) / name / self.out_file
+            words.append(f"{self.out_option}={out}" if self.out_option else str(out))
+        return words
+
+
+def named(shelf: str) -> Callable[[Values], tuple[str, str]]:
+    """Return the output of a kind whose form has a field for its name."""
+    return lambda values: (shelf, values["name"])

@@ -1,0 +1,44 @@
+"""All kinds of jobs. None of their commands opens the database."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from app.errors import InvalidError
+from app.operations.jobs.fields import Entry
+from app.operations.jobs.films import FILMS
+from app.operations.jobs.kind import JobKind
+from app.operations.jobs.recordings import RECORDINGS
+from app.operations.jobs.validations import VALIDATIONS
+from app.settings import Settings
+
+GROUPS: Mapping[str, tuple[JobKind, ...]] = {
+    "Recordings": RECORDINGS,
+    "Models and films": FILMS,
+    "Measures": VALIDATIONS,
+}
+KINDS: Mapping[str, JobKind] = {kind.name: kind for kinds in GROUPS.values() for kind in kinds}
+
+
+def job_kind(name: str) -> JobKind:
+    """Find a kind by its name.
+
+    Raises
+    ------
+    InvalidError
+        If there is none.
+    """
+    if name not in KINDS:
+        raise InvalidError(f"There is no kind of job {name[:40]!r}; expected one of {', '.join(KINDS)}.")
+    return KINDS[name]
+
+
+def kinds_for(settings: Settings, shelf: str, name: str) -> list[tuple[JobKind, str, str]]:
+    """Return the kinds that can begin with an entry: each with the field that takes it, and the value there."""
+    starts = []
+    for kind in KINDS.values():
+        field = next(field for field in kind.fields if isinstance(field, Entry))
+        value = field.value_for(settings, shelf, name)
+        if value is not None:
+            starts.append((kind, field.name, value))
+    return starts

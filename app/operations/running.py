@@ -1,0 +1,56 @@
+"""Find the server of a data folder: while it serves it notes its address there, so that printed links work."""
+
+from __future__ import annotations
+
+import os
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.files import read_json, write_json
+from app.settings import Settings
+
+NOTE_FILE = "server.json"  # in the data folder
+DEFAULT_URL = "http://127.0.0.1:8000"
+TIMEOUT_S = 5.0  # a busy server; where none is, the answer comes at once
+
+
+@contextmanager
+def noted(settings: Settings, url: str) -> Iterator[None]:
+    """Note the address of a server while the block runs."""
+    note = settings.data_dir / NOTE_FILE
+    mine = {"url": url, "process": os.getpid()}
+    write_json(note, mine)
+    try:
+        yield
+    finally:
+        if _content_of(note) == mine:  # another server may have started meanwhile
+            note.unlink(missing_ok=True)
+
+
+def running_url(settings: Settings) -> str | None:
+    """Return the address of the server that serves this data folder; None if none answers."""
+    url = str(_content_of(settings.data_dir / NOTE_FILE).get("url", ""))
+    return url if url and _answers(url) else None
+
+
+def url_for_links(settings: Settings) -> str:
+    """Return the address for links that are printed: the public one, that of the running server, or the usual one."""
+    return settings.public_url or running_url(settings) or DEFAULT_URL
+
+
+def _content_of(note: Path) -> dict[str, Any]:
+    try:
+        return read_json(note)
+    except ValueError:  # nobody serves
+        return {}
+
+
+def _answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(f"{url}/healthz", timeout=TIMEOUT_S) as answer:
+            return bool(answer.status == 200)
+    except (OSError, ValueError):
+        return False

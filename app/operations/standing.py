@@ -1,0 +1,41 @@
+"""Open, pause, close, archive or delete a study, from the dashboard, over REST or from the command line."""
+
+from __future__ import annotations
+
+from app.errors import ConflictError
+from app.store.audit import Actor
+from app.store.delete_study import delete_rows
+from app.store.engine import Database
+from app.store.studies import Standing, Study, lock_study, progress_of, set_standing
+
+
+def change_standing(database: Database, study: Study, standing: Standing, actor: Actor) -> None:
+    """Open, pause, close or archive a study; nothing happens if it is so already."""
+    if study.standing == standing:
+        return
+    with database.writing() as connection:
+        set_standing(connection, study.id, standing, actor.now)
+        actor.note(connection, f"study {standing}", study, study.slug, before=study.standing)
+
+
+def delete_study(database: Database, study: Study, actor: Actor) -> None:
+    """Delete a study for good, with all that was given in it; the audit log keeps what was done, and films stay.
+
+    Raises
+    ------
+    ConflictError
+        If somebody has begun, and the study is not archived.
+    """
+    with database.writing() as connection:
+        now = lock_study(connection, study.id)
+        progress = progress_of(connection, study.id)
+        if progress.n_started and now.standing != "archived":
+            raise ConflictError(
+                f"{progress.n_started} people have begun in this study. Archive it first, then delete it; nothing was "
+                "deleted."
+            )
+        delete_rows(connection, study.id)
+        actor.note(
+            connection, "study deleted", None, study.slug, participants=progress.n_started, votes=progress.n_votes
+        )
+    database.shred_deleted()

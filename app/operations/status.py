@@ -1,0 +1,100 @@
+"""Tell where everything lies and in which state it is, without changing any of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from app.errors import UnavailableError
+from app.intake.stimuli import MANIFEST
+from app.operations.running import running_url
+from app.settings import Settings
+from app.store.engine import Database, embedded_file, open_database, without_password
+from app.store.keys import utc_now
+from app.store.migrate import newest_version, version_of
+from app.store.server_tasks import running_tasks
+from app.store.studies import all_studies, progress_by_study
+
+UNKNOWN: Mapping[str, Any] = {"studies": None, "jobs": []}  # without a database that can be read
+
+
+def server_status(settings: Settings) -> dict[str, Any]:
+    """Describe the data folder, what it holds, and the server.
+
+    Returns
+    -------
+    {"version", "data_dir", "free_gb", "database": {"kind", "place", "megabytes", "answers", "version", "newest"},
+    "studies": {"n", "open", "participants", "votes"} or None without a database, "jobs": titles of what runs now,
+    "films": {"n", "megabytes", "place"}, "stimulus_sets": {"n", "place"}, "server": its address or None}
+    """
+    films, sets = list(settings.media_dir.glob("*.mp4")), settings.sets_dir
+    return {
+        "version": version("reconstudy"),
+        "data_dir": str(settings.data_dir.absolute()),
+        "free_gb": round(shutil.disk_usage(_nearest(settings.data_dir)).free / 1e9, 1),
+        **_database_status(settings),
+        "films": {
+            "n": len(films),
+            "megabytes": _megabytes(films),
+            "place": settings.media_url or str(settings.media_dir.absolute()),
+        },
+        "stimulus_sets": {"n": len(list(sets.glob(f"*/{MANIFEST}"))), "place": str(sets.absolute())},
+        "server": running_url(settings),
+    }
+
+
+def installed_extras(modules_by_extra: Mapping[str, Sequence[str]]) -> dict[str, bool]:
+    """Whether each extra is installed; nothing is imported."""
+    return {extra: all(find_spec(module) for module in modules) for extra, modules in modules_by_extra.items()}
+
+
+def _database_status(settings: Settings) -> dict[str, Any]:
+    file = embedded_file(settings.url)
+    facts: dict[str, Any] = {
+        "kind": "SQLite" if file else "PostgreSQL",
+        "place": str(file or without_password(settings.url)),
+        "megabytes": None,
+        "answers": True,
+        "version": None,
+        "newest": newest_version(),
+    }
+    if file is not None and not file.is_file():  # opening it would make it
+        return {"database": facts, **UNKNOWN}
+    if file is not None:
+        facts["megabytes"] = _megabytes([file])
+    database = open_database(settings.url)
+    try:
+        facts["version"] = version_of(database)
+        return {"database": facts, **(_content(database) if facts["version"] == facts["newest"] else UNKNOWN)}
+    except UnavailableError:
+        return {"database": {**facts, "answers": False}, **UNKNOWN}
+    finally:
+        database.dispose()
+
+
+def _content(database: Database) -> dict[str, Any]:
+    with database.reading() as connection:
+        studies, jobs = all_studies(connection), running_tasks(connection, utc_now())
+        counts = progress_by_study(connection).values()
+    return {
+        "studies": {
+            "n": len(studies),
+            "open": sum(study.standing == "open" for study in studies),
+            "participants": sum(count.n_started for count in counts),
+            "votes": sum(count.n_votes for count in counts),
+        },
+        "jobs": jobs,
+    }
+
+
+def _megabytes(files: Iterable[Path]) -> float:
+    return round(sum(file.stat().st_size for file in files) / 1e6, 1)
+
+
+def _nearest(folder: Path) -> Path:
+    """Return the folder, or the nearest one above it that is there."""
+    return next(place for place in (folder.absolute(), *folder.absolute().parents) if place.is_dir())

@@ -1,0 +1,160 @@
+"""What a form or a client gives becomes a command of this program, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from typer.main import get_command
+
+from app.cli import app as command_line
+from app.errors import InvalidError
+from app.operations.jobs.fields import Choice, Choices, Entries, Entry, Number, Switch, Text
+from app.operations.jobs.kinds import KINDS, job_kind, kinds_for
+from app.settings import Settings
+
+FILES = (
+    "captures/ball/capture.json",
+    "captures/ball/strokes.json",
+    "captures/recording/calibration.yml",
+    "calibration/board/left/0.png",
+    "models/theirs/scene.json",
+    "films/mine/ball/pm_fb.mp4",
+    "clouds/S1.ply",
+    "clouds/placed/1.ply",
+    "clouds/placed/2.ply",
+    "runs/done/run.json",
+)
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("shelves"))
+    for name in FILES:
+        path = settings.intake_dir / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    manifest = settings.sets_dir / "set" / "manifest.json"
+    manifest.parent.mkdir(parents=True)
+    manifest.touch()
+    (settings.intake_dir / "captures" / "link").symlink_to(settings.intake_dir / "captures" / "ball")
+    return settings
+
+
+def some_value(field: Any, settings: Settings) -> Any:
+    """A value that a field takes, if possible not its default."""
+    if isinstance(field, Entry):
+        name = field.names(settings)[0]
+        return [name] if isinstance(field, Entries) else name
+    if isinstance(field, Choice | Choices):
+        last = list(field.choices)[-1]
+        return [last] if isinstance(field, Choices) else last
+    if isinstance(field, Number):
+        return max(field.low, 2)
+    if isinstance(field, Text):
+        return re.split(r" or ", field.example)[0]
+    return not field.default if isinstance(field, Switch) else "new name"
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_field_of_every_kind_is_one_that_the_command_takes(name: str, here: Settings) -> None:
+    kind = job_kind(name)
+    new = kind.read({field.name: some_value(field, here) for field in kind.fields}, here)
+    words = kind.argv(new.arguments, here)
+    context, command = None, get_command(command_line)
+    while hasattr(command, "commands"):
+        command = command.commands[words.pop(0)]
+    context = command.make_context(name, list(words))  # a UsageError for what it does not take
+    assert context.args == []
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_is_required_is_enough_and_what_is_missing_is_named(name: str, here: Settings) -> None:
+    kind = job_kind(name)
+    required = {field.name: some_value(field, here) for field in kind.fields if field.is_required}
+    new = kind.read(required, here)
+    assert kind.argv(new.arguments, here)[: len(kind.command)] == list(kind.command)
+    for field in kind.fields:
+        if field.is_required:
+            with pytest.raises(InvalidError, match=re.escape(f"{field.label}: is missing")):
+                kind.read({key: value for key, value in required.items() if key != field.name}, here)
+
+
+OUTSIDE = ["../captures/ball", "/etc/passwd", "..", ".", "ball/../../x", "link", "ball/", "", "-o", "ball\0", "ball\n"]
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_path_or_a_link_is_no_entry(name: str, here: Settings) -> None:
+    with pytest.raises(InvalidError):
+        job_kind("check").read({"capture": name}, here)
+    with pytest.raises(InvalidError):
+        job_kind("render").read({"sources": ["runs/done", f"runs/{name}"]}, here)
+
+
+@pytest.mark.parametrize("name", ["../x", "/tmp/x", ".hidden", "a/b", "-o", "x" * 101, "new\nline"])
+def test_a_path_is_no_new_name(name: str, here: Settings) -> None:
+    with pytest.raises(InvalidError, match="name"):
+        job_kind("reconstruct").read({"capture": "ball", "name": name}, here)
+
+
+@hypothesis_settings(max_examples=60)
+@given(st.dictionaries(st.sampled_from(["capture", "name", "depth", "frames", "voxel", "temporal"]), st.text()))
+def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict[str, str]) -> None:
+    kind = job_kind("reconstruct")
+    try:
+        words = kind.argv(kind.read({"capture": "ball", **texts}, here).arguments, here)
+    except InvalidError:
+        return
+    inside = str(here.intake_dir.absolute())
+    options = [word.partition("=") for word in words[2:]]
+    assert words[0] == "reconstruct"
+    assert Path(words[1]) == here.intake_dir.absolute() / "captures" / "ball"
+    assert {option for option, _, _ in options} <= {"--depth", "--frames", "--voxel", "--no-temporal", "--out"}
+    out = next(value for option, _, value in options if option == "--out")
+    assert Path(out).parent == Path(inside) / "runs"
+
+
+def test_values_are_refused_with_what_was_expected(here: Settings) -> None:
+    kind = job_kind("reconstruct")
+    for wrong, said in (
+        ({"voxel": "thick"}, "Voxel: 'thick' was given, expected a number from 0.01 to 10000"),
+        ({"erode": 1.5}, "expected a whole number from 0 to 100"),
+        ({"voxel": float("nan")}, "expected a number"),
+        ({"depth": ["id", "best"]}, "expected some of id, dr, pm, sgm, given"),
+        ({"frames": "1-2"}, "expected for example 0:25"),
+        ({"temporal": "maybe"}, "expected yes or no"),
+        ({"methods": "x.toml"}, "There is no field 'methods'"),
+        ({"name": "done"}, "there is 'done' already"),
+    ):
+        with pytest.raises(InvalidError, match=re.escape(said)):
+            kind.read({"capture": "ball", **wrong}, here)
+    with pytest.raises(InvalidError, match="no kind of job 'serve'"):
+        job_kind("serve")
+
+
+def test_a_name_is_made_where_none_is_given_and_numbered_where_it_is_taken(here: Settings) -> None:
+    assert job_kind("reconstruct").read({"capture": "ball"}, here).output == "runs/ball"
+    assert job_kind("render").read({"sources": ["runs/done"]}, here).output == "sets/done"
+    assert job_kind("validate-views").read({"run": "done"}, here).output == "runs/done-views"
+    (here.intake_dir / "runs" / "done-views").mkdir()
+    assert job_kind("validate-views").read({"run": "done"}, here).output == "runs/done-views-2"
+
+
+def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
+    kind = job_kind("validate-sphere")
+    words = kind.argv(kind.read({"clouds": ["S1.ply", "placed"], "radius": 150}, here).arguments, here)
+    assert [Path(word).name for word in words[2:5]] == ["S1.ply", "1.ply", "2.ply"]
+
+
+def test_an_entry_knows_what_can_be_done_with_it(here: Settings) -> None:
+    starts = {kind.name: (field, value) for kind, field, value in kinds_for(here, "runs", "done")}
+    assert starts["render"] == ("sources", "runs/done")
+    assert starts["validate-views"] == ("run", "done")
+    assert "reconstruct" not in starts
+    names = {name: {kind.name for kind, _, _ in kinds_for(here, "captures", name)} for name in ("ball", "recording")}
+    assert names == {"ball": {"check", "segment", "reconstruct"}, "recording": {"import-recording"}}

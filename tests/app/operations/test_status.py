@@ -1,0 +1,67 @@
+"""What the status tells of a data folder and its server."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+
+import pytest
+
+from app.main import running_server, serve
+from app.operations.running import DEFAULT_URL, noted, url_for_links
+from app.operations.status import installed_extras, server_status
+from app.settings import Settings
+from tests.command_line import Command
+
+
+def test_the_status_of_an_empty_folder_makes_nothing(tmp_path: Path) -> None:
+    status = server_status(Settings(data_dir=tmp_path / "reconstudy"))
+    assert status["data_dir"] == str(tmp_path / "reconstudy")
+    assert (status["database"]["version"], status["studies"], status["server"]) == (None, None, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_commands_print_links_of_the_server_that_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
+) -> None:
+    settings = Settings(data_dir=tmp_path / "reconstudy")
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(settings.data_dir))
+    with running_server(settings) as url, noted(settings, url):
+        told = json.loads(command("status", "--json").out)
+        assert told["server"] == url
+        assert told["database"]["version"] == told["database"]["newest"]
+        assert told["studies"] == {"n": 0, "open": 0, "participants": 0, "votes": 0}
+        assert json.loads(command("admin", "add", "Eva", "--json").out)["link"].startswith(f"{url}/admin/login/")
+        assert f"Server:         {url}\n" in command("status").out
+    assert url_for_links(settings) == DEFAULT_URL
+    assert not (settings.data_dir / "server.json").exists()
+
+
+def test_a_server_that_died_is_not_taken_for_running(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as bound:
+        url = f"http://127.0.0.1:{bound.getsockname()[1]}"
+    with noted(settings, url):
+        assert server_status(settings)["server"] is None
+
+
+def test_a_database_that_does_not_answer_is_named_without_its_password(tmp_path: Path) -> None:
+    address = "postgresql+psycopg://reader:{}@127.0.0.1:1/votes"
+    told = server_status(Settings(data_dir=tmp_path, database_url=address.format("secret")))["database"]
+    assert (told["place"], told["answers"]) == (address.format("***"), False)
+
+
+def test_extras_are_found_without_loading_them() -> None:
+    assert installed_extras({"there": ("json",), "missing": ("json", "no_such_module")}) == {
+        "there": True,
+        "missing": False,
+    }
+
+
+def test_a_port_that_is_taken_is_named_with_what_to_do(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as bound:
+        port = bound.getsockname()[1]
+        with pytest.raises(ValueError, match=f"port {port} is in use: another program.*--port 0 for any free one"):
+            serve(Settings(data_dir=tmp_path), port=port)
+    assert list(tmp_path.iterdir()) == []
