@@ -2,11 +2,25 @@
 reads a clock or draws unseeded random numbers; only reading and writing touch files.
 """
 
+from typing import TYPE_CHECKING
+
 from app.analysis.analyse import analyse
 from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.report import analyse_file, analyse_ratings_file, write_analysis
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import VotesError, VotesTable
+
+if TYPE_CHECKING:
+    from app.analysis.report import analyse_file, analyse_ratings_file, write_analysis
+else:
+
+    def __getattr__(name: str) -> object:
+        """Import the report when it is asked for: what draws its figures takes a quarter of the time of all imports."""
+        if name not in ("analyse_file", "analyse_ratings_file", "write_analysis"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from app.analysis import report
+
+        return getattr(report, name)
+
 
 __all__ = [
     "AnalysisSettings",

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from math import comb
@@ -17,9 +17,13 @@ from scipy.stats import chi2, rankdata
 from app.analysis.bradley_terry import only_compared
 from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesTable, numbered
 
 BETWEEN_DATASETS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
+MOST_ORDERS, FEWEST_ORDERS = 999, 199  # of items' names, tried at random
+WORK = 10_000_000  # numbers permuted, about 0.3 s
+TOGETHER = 500_000  # of them in memory
+ROUNDING = 1e-9
 LARGEST_TRANSITIVITY = 60  # items; 34 220 triples
 
 
@@ -121,8 +125,9 @@ def _has_repeats(votes: VotesTable) -> bool:
     if not votes.has_participants:
         return False
     low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    _, times = np.unique(np.stack([votes.participant, low, high]), axis=1, return_counts=True)
-    return bool((times > 1).any() or (votes.count > 1).any())
+    n = len(votes.items)
+    key = np.sort((votes.participant.astype(np.int64) * n + low) * n + high)
+    return bool((key[1:] == key[:-1]).any() or (votes.count > 1).any())
 
 
 def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
@@ -160,12 +165,13 @@ def dataset_agreement_rows(scores: Mapping[str, Mapping[str, float]]) -> list[di
     return rows
 
 
-def concordance(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Any] | None:
+def concordance(scores: Mapping[str, Mapping[str, float]], votes: VotesTable) -> dict[str, Any] | None:
     """Return Kendall's coefficient of concordance W between the datasets' orders of the items, with its test.
 
     Parameters
     ----------
     scores : mapping, dataset -> item -> score
+    votes : VotesTable, the votes that the scores are made of
 
     Returns
     -------
@@ -174,7 +180,9 @@ def concordance(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Any] | N
 
     Source
     ------
-    Kendall and Babington Smith (1939), with their correction for tied ranks; chi2 = m (n - 1) W, df = n - 1.
+    Kendall and Babington Smith (1939), with their correction for tied ranks; chi2 = m (n - 1) W. Its distribution with
+    n - 1 degrees of freedom takes datasets as independent, which they are not where the same people judge all of
+    them; `p_value` is that of `concordance_p_value`.
     """
     items = list(next(iter(scores.values()), {}))
     if (
@@ -183,13 +191,72 @@ def concordance(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Any] | N
         or any(set(dataset_scores) != set(items) for dataset_scores in scores.values())
     ):
         return None
+    m, n = len(scores), len(items)
     ranks = np.array([rankdata([dataset_scores[item] for item in items]) for dataset_scores in scores.values()])
-    m, n = ranks.shape
-    spread = float(np.sum((ranks.sum(axis=0) - m * (n + 1) / 2) ** 2))
-    tied = sum(float(np.sum(sizes**3 - sizes)) for row in ranks for sizes in [np.unique(row, return_counts=True)[1]])
-    most = m**2 * (n**3 - n) - m * tied
-    if most == 0:
+    w = float(kendall_w(ranks))
+    if np.isnan(w):
         return None
-    w = 12 * spread / most
-    x2 = m * (n - 1) * w
-    return {"n_datasets": m, "n_items": n, "w": w, "chi2": x2, "df": n - 1, "p_value": float(chi2.sf(x2, n - 1))}
+    p_value = concordance_p_value(votes, list(scores))
+    return {"n_datasets": m, "n_items": n, "w": w, "chi2": m * (n - 1) * w, "df": n - 1, "p_value": p_value}
+
+
+def kendall_w(ranks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return W, float64 (…), of the ranks of n items on m datasets, float64 (…, m, n); NaN if all are tied."""
+    m, n = ranks.shape[-2:]
+    spread = np.sum((ranks.sum(axis=-2) - m * (n + 1) / 2) ** 2, axis=-1)
+    # The variance of a dataset's ranks falls short of (n^2 - 1) / 12 by the ties' sum of (t^3 - t) / (12 n).
+    most = m * n * np.sum(np.var(ranks, axis=-1), axis=-1)
+    return np.asarray(np.where(most > 0, spread / np.where(most > 0, most, 1), np.nan))
+
+
+def concordance_p_value(votes: VotesTable, datasets: Sequence[str]) -> float | None:
+    """Return how often datasets agree as much if no participant's preferences go with the items.
+
+    The names of the items are permuted for each participant, the same way on all datasets. So whatever a person
+    prefers on all of them stays together. The statistic is W of the ranks of the items' shares of won votes.
+
+    Parameters
+    ----------
+    votes : VotesTable
+    datasets : names of those to compare
+
+    Returns
+    -------
+    float; None where participants are unknown, or fewer than two
+    """
+    shares = _shares(votes, datasets)
+    if not votes.has_participants or len(shares) < 2:
+        return None
+    n_orders = int(np.clip(WORK // shares.size, FEWEST_ORDERS, MOST_ORDERS))
+    rng = np.random.default_rng(len(shares))
+    observed = float(_concordance_of(shares.sum(axis=0)))
+    n_people, n_items = shares.shape[:2]
+    as_much, people = 1, np.arange(n_people)[:, None]
+    size = max(1, TOGETHER // shares.size)
+    for start in range(0, n_orders, size):
+        orders = np.argsort(rng.random((min(size, n_orders - start), n_people, n_items)), axis=-1)
+        renamed = shares[people, orders].sum(axis=1)
+        as_much += int(np.count_nonzero(_concordance_of(renamed) >= observed - ROUNDING))
+    return as_much / (n_orders + 1)
+
+
+def _shares(votes: VotesTable, datasets: Sequence[str]) -> NDArray[np.float64]:
+    """Return each participant's points and votes of every item, float64 (J, n, 2, D); a tie is half a point."""
+    place = np.array([list(datasets).index(name) if name in datasets else -1 for name in votes.datasets])
+    kept = votes.where(place[votes.dataset] >= 0)
+    present, who = numbered(kept.participant, len(kept.participants))
+    n_people, n_datasets, n = len(present), len(datasets), len(votes.items)
+    unit = (who * n_datasets + place[kept.dataset]) * n
+    points = np.array([1.0, 0.0, 0.5])[kept.choice] * kept.count
+    sides = ((kept.item_a, points), (kept.item_b, kept.count - points))
+    size = n_people * n_datasets * n
+    won = sum(np.bincount(unit + item, weight, size) for item, weight in sides)
+    cast = sum(np.bincount(unit + item, kept.count, size) for item, _ in sides)
+    result = np.stack([won, cast]).reshape(2, n_people, n_datasets, n).transpose(1, 3, 0, 2)
+    return np.ascontiguousarray(result[:, result[:, :, 1].any(axis=(0, 2))])
+
+
+def _concordance_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return W, float64 (…), of everybody's points and votes, float64 (…, n, 2, D); 0 if all items are alike."""
+    points, n_votes = np.moveaxis(sums, (-2, -3), (0, -1))  # each (…, D, n)
+    return np.nan_to_num(kendall_w(rankdata(points / np.maximum(n_votes, 1), axis=-1)))

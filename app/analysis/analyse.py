@@ -7,11 +7,12 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores, only_compared
-from app.analysis.comparison import ALL, Comparison, compare, dataset_names, of_dataset
+from app.analysis.comparison import ALL, Comparison, compare, dataset_names, in_order, of_dataset
 from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
@@ -23,13 +24,15 @@ from app.analysis.factors import (
     order_test,
     votes_with_levels,
 )
+from app.analysis.findings.votes import vote_findings
 from app.analysis.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.homogeneity import Part, parts_differ
-from app.analysis.objective.comparison import comparison_rows
-from app.analysis.objective.points import ScoreSet, matched
-from app.analysis.objective.prediction import prediction_rows
+from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.points import ScoreSet
 from app.analysis.objective.scores import score_sets
 from app.analysis.observers import observer_rows
+from app.analysis.random_effect_rows import random_effect_tables
+from app.analysis.reading import Rows, votes_from_rows
 from app.analysis.result_rows import (
     contrast_rows,
     effect_row,
@@ -47,8 +50,13 @@ from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
 
 
-def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict[str, Any]:
+def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings | None = None) -> dict[str, Any]:
     """Analyse votes: screen participants, fit scores, test factors, groups and datasets, measure agreement.
+
+    Parameters
+    ----------
+    votes : a votes table, or what `votes_from_rows` makes one of: a pandas table, or rows with named values
+    settings : how to analyse
 
     Returns
     -------
@@ -60,39 +68,39 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         If a dataset or factor has the name of all of them together.
     """
     settings = settings or AnalysisSettings()
+    if not isinstance(votes, VotesTable):
+        votes = votes_from_rows(votes)
     _check_names(votes, settings)
+    votes = in_order(votes)
     used = used_votes(votes, settings)
     check_groups(votes, settings.groups)
     compared = list(compare(used, settings))
     screened = triads(used)
-    effects, tests = _factor_results(used, settings, compared)
-    groups = _group_comparisons(used, settings)
+    effects, tests = factor_results(used, settings, compared)
+    groups = group_comparisons(used, settings)
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
-    scored = _measured_scores(used, settings, compared)
-    rng = np.random.default_rng([settings.seed, 1])
-    predictions = prediction_rows(scored, settings.measures, settings.better, rng)
-    return {
+    random_effects, why_no_random_effects = random_effect_tables(compared, settings.random_effects)
+    measured = measure_tables(_measured_scores(used, settings, compared), settings)
+    analysis: dict[str, Any] = {
         "schema_version": 1,
         "settings": settings.as_dict(),
         "votes": _tally(votes, used),
-        "scores": [row for comparison in compared for row in score_rows(comparison)],
+        "scores": [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)],
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [model_row(comparison) for comparison in compared],
-        "tie_models": [row for comparison in compared for row in tie_model_rows(comparison, settings)],
-        "contrasts": [row for comparison in compared for row in contrast_rows(comparison)],
+        "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
+        "contrasts": [row for comparison in compared for row in contrast_rows(comparison, settings.equivalence_margin)],
         "effects": effects,
         "tests": _test_rows(tests),
-        "groups": [row for group in groups for row in group_rows(group)],
+        "groups": [row for group in groups for row in group_rows(group, settings.jod_prior)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
-        "measures": predictions,
-        "measure_comparisons": comparison_rows(
-            {measure: matched(scored, values) for measure, values in settings.measures.items()}, settings.better, rng
-        ),
+        **random_effects,
+        **measured,
         "agreement": agreement_rows(used),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
-        "dataset_concordance": concordance(by_dataset),
+        "dataset_concordance": concordance(by_dataset, used),
         "observers": observer_rows(used, screened, ties=settings.ties),
         "checks": check_rows(votes),
         "pairs": [
@@ -103,10 +111,26 @@ def analyse(votes: VotesTable, settings: AnalysisSettings | None = None) -> dict
         ],
         "warnings": [
             *warnings_of(votes, used, compared),
-            *measure_warnings(predictions),
+            *measure_warnings(measured["measures"]),
             *_left_out(used, settings),
+            *why_no_random_effects,
         ],
     }
+    return analysis | {"findings": vote_findings(analysis)}
+
+
+def scored(votes: VotesTable, settings: AnalysisSettings | None = None) -> list[dict[str, Any]]:
+    """Fit the scores alone: the rows `scores` of `analyse`, in a tenth of its time.
+
+    Raises
+    ------
+    VotesError
+        As `analyse`.
+    """
+    settings = settings or AnalysisSettings()
+    _check_names(votes, settings)
+    compared = compare(used_votes(votes, settings), settings)
+    return [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)]
 
 
 def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
@@ -116,29 +140,37 @@ def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
             raise VotesError(f"a {kind} is called {ALL!r}, which stands for all of them together: rename it")
 
 
-def _factor_results(
+def factor_results(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
 ) -> tuple[list[dict[str, Any]], list[ModelTest]]:
-    """Return the additive model's effects, and all likelihood-ratio tests between models."""
+    """Return the additive model's effects, and all likelihood-ratio tests between models.
+
+    Parameters
+    ----------
+    votes : VotesTable, the votes to score
+    settings : the factors, and how to fit
+    compared : the fits of the items' scores to the same votes
+    """
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
     additive: dict[str, Part] = {}
     with_levels = votes_with_levels(votes, settings.factors)
+    ordered = {c.dataset for c in compared if c.comparison == ALL and c.fit.design.has_order}
     for dataset in dataset_names(votes, settings) if settings.factors else ():
         part = only_compared(of_dataset(with_levels, dataset))
-        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=settings.order_effect)
+        has_order = dataset in ordered
+        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=has_order)
         if fit is not None and fit.status == "ok":
             additive[dataset] = Part(part, fit)
-            if settings.order_effect:
+            if has_order:
                 without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
                 tests.append(None if without is None else order_test(fit, without, "additive", dataset))
             effects += effects_of(fit, settings.factors, dataset)
-            tests += model_tests(
-                part, settings.factors, dataset, ties=settings.ties, order_effect=settings.order_effect
-            )
-    for comparison in compared if settings.order_effect else ():
-        without = fit_scores(comparison.votes, ties=settings.ties)
-        tests.append(order_test(comparison.fit, without, comparison.comparison, comparison.dataset))
+            tests += model_tests(part, settings.factors, dataset, ties=settings.ties, order_effect=has_order)
+    for comparison in compared:
+        if comparison.fit.design.has_order:
+            without = fit_scores(comparison.votes, ties=settings.ties)
+            tests.append(order_test(comparison.fit, without, comparison.comparison, comparison.dataset))
     for model in dict.fromkeys(comparison.comparison for comparison in compared):
         parts = {
             comparison.dataset: Part(comparison.votes, comparison.fit)
@@ -163,7 +195,8 @@ def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
     ]
 
 
-def _group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
+def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
+    """Compare the groups of each grouping, on each dataset and on all together."""
     parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
@@ -199,11 +232,12 @@ def _measured_scores(
 
 def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
     """Return the tests with Holm's correction over each family: tests of one kind, on single datasets or on all
-    votes.
+    votes. The models that contain the order effect ask the same question, so each of them is a family of its own.
     """
-    families: dict[tuple[str, bool], list[ModelTest]] = {}
+    families: dict[tuple[str, str, bool], list[ModelTest]] = {}
     for test in tests:
-        families.setdefault((test.name.split()[0], test.dataset == ALL), []).append(test)
+        kind = test.name.split()[0]
+        families.setdefault((kind, test.model if kind == "order" else "", test.dataset == ALL), []).append(test)
     rows = []
     for family in families.values():
         p_values = [test.p_value if test.p_participant is None else test.p_participant for test in family]
@@ -214,11 +248,13 @@ def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
 
 def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
     """Return the scores without the experimenter's exclusions; empty if nobody was excluded."""
+    if not votes.excluded.any() and not settings.exclude:
+        return []
     everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
     if len(everybody) == len(used):
         return []
     plain = replace(settings, bootstrap=0)
-    return [row for comparison in compare(everybody, plain) for row in score_rows(comparison)]
+    return [row for comparison in compare(everybody, plain) for row in score_rows(comparison, settings.jod_prior)]
 
 
 def used_votes(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
@@ -234,6 +270,8 @@ def used_votes(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
         raise ValueError(
             f"the participant to exclude, {sorted(unknown)[0]!r}, is not among the {len(votes.participants)} who voted"
         )
+    if not settings.exclude:
+        return votes.used()
     excluded = np.isin(np.array(votes.participants, object), list(settings.exclude))[votes.participant]
     return replace(votes, excluded=votes.excluded | excluded).used()
 
@@ -250,7 +288,7 @@ def _tally(votes: VotesTable, used: VotesTable) -> dict[str, Any]:
         "checks": checks,
         "excluded": total - practice - checks - analysed,
         "analysed": analysed,
-        "participants": len(np.unique(used.participant)) if votes.has_participants else None,
+        "participants": used.n_voters if votes.has_participants else None,
         "datasets": list(votes.datasets) if votes.has_datasets else [],
         "items": list(votes.items),
         "ties": int(used.count[used.choice == 2].sum()),

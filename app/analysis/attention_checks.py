@@ -27,10 +27,10 @@ def check_rows(votes: VotesTable) -> list[dict[str, Any]]:
     counting = votes.where(~(votes.practice | votes.excluded))
     if not votes.has_participants or not np.any(counting.role != MAIN):
         return []
-    checked = np.unique(counting.participant[counting.role != MAIN])
     return [
-        {"participant": votes.participants[participant], **_counts(counting.where(counting.participant == participant))}
-        for participant in checked
+        {"participant": votes.participants[participant], **_counts(part)}
+        for participant, part in counting.by_participant().items()
+        if np.any(part.role != MAIN)
     ]
 
 

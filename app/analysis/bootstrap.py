@@ -9,6 +9,8 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts, is_identified
 from app.analysis.counts import PairCounts, outcome_index
@@ -40,15 +42,29 @@ class Bootstrap:
         """Number of replicates without a maximum, which are left out."""
         return int((~self.kept).sum())
 
-    def has_percentiles(self, level: float) -> bool:
+    def has_percentiles(self, level: float, n_participants: int) -> bool:
         """Have enough replicates converged for percentiles? Those without a maximum are missing extremes."""
-        return self.n_without_maximum <= (1 - level) / 2 * len(self.kept)
+        return self.n_without_maximum <= percentile_tail(level, n_participants) * len(self.kept)
 
-    def interval(self, level: float) -> Array:
-        """Return the percentile interval of each score, float64 (2, n), log-odds."""
-        tail = (1 - level) / 2
+    def interval(self, level: float, n_participants: int) -> Array:
+        """Return the expanded percentile interval of each score, float64 (2, n), log-odds."""
+        tail = percentile_tail(level, n_participants)
         result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0)
         return result
+
+
+def percentile_tail(level: float, n_participants: int) -> float:
+    """Return the share of replicates beyond each end of an interval.
+
+    Plain percentiles of J participants are too narrow: their spread is that of a sample of J divided by J, not J - 1,
+    and they have the tails of a normal distribution. These reach as far as t(J - 1) does.
+
+    Source
+    ------
+    Hesterberg (2015), "What teachers should know about the bootstrap", section 4.2: the expanded percentile interval.
+    """
+    n = n_participants
+    return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + level) / 2, n - 1)))
 
 
 def participant_weights(n_participants: int, n_replicates: int, rng: np.random.Generator) -> Array:

@@ -17,7 +17,7 @@ from app.analysis.existence import Existence, ford, recession
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.penalised import maximise_firth
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, TieModel
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,7 @@ LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes min
 MANY_ITEMS = 100  # above, Newton's steps are cheaper by conjugate gradients
 ALIKE = 1e-12  # a variance between participants below this share of their votes' variance is rounding
 LARGEST_FIRTH = 300  # parameters; each step inverts a matrix
+ROWS_TOGETHER = 1_000_000  # votes looked up at once, which bounds the memory
 RIDGE = 0.1  # penalty where Firth's correction does not apply (Rao-Kupper, many parameters)
 
 
@@ -205,12 +206,29 @@ def fit_scores(
     ------
     Bradley and Terry (1952); Davidson (1970); Davidson and Beaver (1977); Rao and Kupper (1967).
     """
-    counts = _counted(count_pairs(votes, is_ordered=order_effect), TIE_MODELS[ties])
-    fit = fit_counts(counts, votes.items, ties=ties, levels=levels, penalty=penalty)
+    fit = fit_pairs(votes, ties=ties, order_effect=order_effect, levels=levels, penalty=penalty)
     if fit.theta is None or not votes.has_participants:
         return fit
     sandwich = None if fit.penalty else participant_covariance(fit, votes)
-    return replace(fit, participant_covariance=sandwich, n_participants=len(np.unique(votes.participant)))
+    return replace(fit, participant_covariance=sandwich, n_participants=votes.n_voters)
+
+
+def fit_pairs(
+    votes: VotesTable,
+    *,
+    ties: str = "davidson",
+    order_effect: bool = False,
+    levels: Array | None = None,
+    penalty: str = "firth",
+) -> Fit:
+    """Fit scores as `fit_scores` does, without what is known about participants.
+
+    Parameters
+    ----------
+    votes, ties, order_effect, levels, penalty : as in `fit_scores`
+    """
+    counts = _counted(count_pairs(votes, is_ordered=order_effect), TIE_MODELS[ties])
+    return fit_counts(counts, votes.items, ties=ties, levels=levels, penalty=penalty)
 
 
 def fit_counts(
@@ -257,12 +275,15 @@ def _existence(counts: PairCounts, design: Design) -> tuple[Existence, bool]:
     graph = ford(counts)
     if design.levels is None and graph.status == "disconnected":
         return graph, True
-    if (design.levels is not None or design.has_order) and not is_identified(design):
-        return Existence("disconnected", (tuple(range(n)),)), True
+    both_ways = (counts.wins > 0) & (counts.losses > 0)
+    if design.levels is not None or design.has_order:
+        if both_ways.any() and is_identified(design, both_ways):  # what went both ways cannot grow without limit
+            return Existence("ok", (tuple(range(n)),)), True
+        if not is_identified(design):
+            return Existence("disconnected", (tuple(range(n)),)), True
     if design.levels is None and graph.status == "separated":
         return graph, True
-    both_ways = bool(((counts.wins > 0) & (counts.losses > 0)).any())
-    if design.levels is None and not design.has_order and (both_ways or not design.has_tie):
+    if design.levels is None and not design.has_order and (both_ways.any() or not design.has_tie):
         return graph, True
     tie_effects = design.tie_effects if design.has_tie else None
     is_checked, direction = recession(counts, design.effects, tie_effects, n_scores=design.n_effects)
@@ -352,9 +373,11 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
     ------
     Liang and Zeger (1986).
     """
+    if fit.covariance is None:
+        return None
     gradients = participant_gradients(fit, votes)
     n = len(gradients)
-    if n < 2 or fit.covariance is None:
+    if n < 2:
         return None
     influence = gradients @ fit.covariance  # (J, P)
     result: Array = influence.T @ influence * n / (n - 1)
@@ -363,25 +386,49 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
 
 
 def participant_gradients(fit: Fit, votes: VotesTable) -> Array:
-    """Return each participant's part of the gradient at the maximum, float64 (J, P), for participants with votes."""
-    assert fit.theta is not None
+    """Return each participant's part of the gradient at the maximum, float64 (J, P), for participants with votes.
+
+    A vote's part depends on its pair and outcome alone, and is looked up.
+    """
     design, n = fit.design, fit.counts.n_items
-    first, second, outcome = outcome_index(votes, is_ordered=design.has_order)
-    parts = [votes.count * (outcome == index) for index in range(3)]
-    wins, losses, ties = TIE_MODELS[fit.ties].counted(*(part.astype(np.float64) for part in parts))
-    rows = PairCounts(n, first, second, wins, losses, ties, design.has_order)
-    by_row = Design(rows, design.model, design.has_tie, design.levels)
-    d, t = by_row.predictors(fit.theta[None])
-    slopes = design.model.derivatives(d, t, wins[None], losses[None], ties[None])
-    present, who = np.unique(votes.participant, return_inverse=True)
-    size = len(present)
-    scores = np.bincount(who * n + first, slopes.d[0], size * n) - np.bincount(who * n + second, slopes.d[0], size * n)
+    by_d, by_t = _slopes(fit)
+    people, who = numbered(votes.participant, len(votes.participants))
+    size = len(people)
+    scores, sums_d, sums_t = np.zeros(size * n), np.zeros(size), np.zeros(size)
+    for start in range(0, len(votes), ROWS_TOGETHER):
+        rows = slice(start, start + ROWS_TOGETHER)
+        first, second, outcome = outcome_index(votes.where(rows), is_ordered=design.has_order)
+        place, person = (outcome * n + first) * n + second, who[rows]
+        slope = by_d[place] * votes.count[rows]
+        scores += np.bincount(person * n + first, slope, size * n) - np.bincount(person * n + second, slope, size * n)
+        sums_d += np.bincount(person, slope, size)
+        sums_t += (
+            np.bincount(person, by_t[place] * votes.count[rows], size) if design.has_tie or design.has_order else 0
+        )
     columns = [scores.reshape(size, n) if design.levels is None else scores.reshape(size, n) @ design.levels]
     if design.has_order:
-        columns.append(np.bincount(who, (slopes.d + design.model.order_in_t * slopes.t)[0], size)[:, None])
+        columns.append((sums_d + design.model.order_in_t * sums_t)[:, None])
     if design.has_tie:
-        columns.append(np.bincount(who, slopes.t[0], size)[:, None])
+        columns.append(sums_t[:, None])
     return np.concatenate(columns, axis=1)
+
+
+def _slopes(fit: Fit) -> tuple[Array, Array]:
+    """Return the slopes in d and t of a vote's log-likelihood, float64 (3 n n,), by outcome, first and second item."""
+    assert fit.theta is not None
+    n, design = fit.counts.n_items, fit.design
+    first, second = (index.ravel() for index in np.indices((n, n)))
+    nothing = np.zeros(n * n)
+    every = Design(
+        PairCounts(n, first, second, nothing, nothing, nothing, design.has_order),
+        design.model,
+        design.has_tie,
+        design.levels,
+    )
+    d, t = every.predictors(fit.theta[None])
+    single = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n * n))  # which outcome, by outcome
+    slopes = design.model.derivatives(d, t, *TIE_MODELS[fit.ties].counted(*single))
+    return np.ravel(slopes.d), np.ravel(np.broadcast_to(slopes.t, slopes.d.shape))
 
 
 def only_compared(votes: VotesTable) -> VotesTable:

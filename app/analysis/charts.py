@@ -4,28 +4,45 @@ stay readable in print, without colour, and for colour-blind readers.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import altair as alt
-import vl_convert
+
+from app.analysis.drawing import (
+    DIVERGING,
+    FONT_SIZE,
+    FULL,
+    INK,
+    MARGIN,
+    PALETTE,
+    Labels,
+    arranged,
+    colours_of,
+    labels_of,
+    legend_of,
+    panel_layout,
+    shapes_of,
+    text_width,
+)
 
 Row = Mapping[str, Any]
 
-# Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
-PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-DIVERGING = ["#b35806", "#f7f7f7", "#2166ac"]  # of a matrix
-INK, FAINT = "#222222", "#d9d9d9"
-FONT = "Liberation Sans, Arial, sans-serif"
-COLUMNS = 3  # panels in a row
 MOST_ITEMS_IN_A_MATRIX = 40  # labels of more cannot be read
 MOST_PARTICIPANTS_IN_A_CHART = 80
-PNG_SCALE = 2.0
+SMALLEST_CELL_WITH_TEXT = 15  # pixels of a matrix's cell
+LARGEST_CELL = 46
+AXIS_TITLE = 16  # pixels
 
 
-def scores_chart(analysis: Mapping[str, Any], comparison: str = "all") -> Any:
-    """Draw the scores with their intervals, a panel per dataset, items ordered by their overall score.
+def scores_chart(analysis: Mapping[str, Any], comparison: str = "all", width: int = FULL) -> Any:
+    """Draw the scores with their intervals, a panel per dataset, conditions ordered by their overall score.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    comparison : all conditions, or a factor
+    width : of the figure, in pixels
 
     Returns
     -------
@@ -35,19 +52,38 @@ def scores_chart(analysis: Mapping[str, Any], comparison: str = "all") -> Any:
     if not rows:
         return None
     items = _by_score(rows)
-    panels = [_scores_panel([row for row in rows if row["dataset"] == name], items, name) for name in _datasets(rows)]
-    return arranged(panels)
+    names, labels = _datasets(analysis, rows), labels_of(items, width)
+    n_columns, panel_width = panel_layout(len(names), labels, width)
+    panels = [
+        _scores_panel(
+            [row for row in rows if row["dataset"] == name],
+            labels.axis(is_shown=number % n_columns == 0),
+            alt.Scale(domain=items),
+        ).properties(
+            width=panel_width,
+            height=alt.Step(labels.step(18)),
+            title=_title(name) if analysis["votes"]["datasets"] else "",
+        )
+        for number, name in enumerate(names)
+    ]
+    return arranged(panels, n_columns)
 
 
-def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> Any:
-    values = [dict(row) | {"estimate": "penalised" if row["penalty"] else "maximum likelihood"} for row in rows]
+def _title(dataset: str) -> str:
+    return "all datasets" if dataset == "all" else dataset
+
+
+def _scores_panel(rows: Sequence[Row], axis: alt.Axis, conditions: alt.Scale) -> Any:
+    values = [
+        {name: row[name] for name in ("item", "score", "ci_low", "ci_high")}
+        | {"estimate": "penalised" if row["penalty"] else "maximum likelihood"}
+        for row in rows
+    ]
     base = alt.Chart(alt.Data(values=values))
-    y = alt.Y("item:N", sort=list(items), title=None, axis=alt.Axis(grid=True, gridColor=FAINT))
-    x = alt.X("score:Q", title="score (log-odds)", scale=alt.Scale(nice=True, zero=True))
-    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(
-        y=y, x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q"
-    )
-    points = base.mark_point(size=52, opacity=1, strokeWidth=1.6, color=INK).encode(
+    y = alt.Y("item:N", scale=conditions, sort=None, title=None, axis=axis)
+    x = alt.X("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True), axis=FEW_TICKS)
+    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=alt.X("ci_low:Q", title=SCORE), x2="ci_high:Q")
+    points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(
         y=y,
         x=x,
         fill=alt.Fill(
@@ -55,14 +91,75 @@ def _scores_panel(rows: Sequence[Row], items: Sequence[str], dataset: str) -> An
             scale=alt.Scale(domain=["maximum likelihood", "penalised"], range=[PALETTE[1], "#ffffff"]),
             legend=None,
         ),
+        tooltip=["item:N", *(alt.Tooltip(f"{name}:Q", format="+.2f") for name in ("score", "ci_low", "ci_high"))],
     )
     zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
-    title = "all datasets" if dataset == "all" else dataset
-    return alt.layer(zero, bars, points).properties(width=210, height=alt.Step(22), title=title)
+    return alt.layer(zero, bars, points)
 
 
-def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
+SCORE = "score (log-odds)"
+FEW_TICKS = alt.Axis(tickCount=4)
+
+
+def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) -> Any:
+    """Draw the scores of a factor's levels side by side on each dataset, as figures 7 and 8 of the paper do.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    factor : its name
+    width : of the figure, in pixels
+
+    Returns
+    -------
+    altair chart, or None if no dataset has scores
+    """
+    rows = [row for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None]
+    if not rows:
+        return None
+    levels = _by_score(rows)
+    names = _datasets(analysis, rows)
+    datasets = [_title(name) for name in names]
+    values = [dict(row) | {"dataset": _title(row["dataset"])} for row in rows if row["dataset"] in names]
+    is_turned = any(text_width(name) > (width - 60) / len(datasets) for name in datasets)
+    base = alt.Chart(alt.Data(values=values)).encode(
+        x=alt.X(
+            "dataset:N",
+            scale=alt.Scale(domain=datasets),
+            sort=None,
+            title=None,
+            axis=alt.Axis(labelAngle=-60 if is_turned else 0, labelLimit=0, labelOverlap=False),
+        ),
+        xOffset=alt.XOffset("item:N", sort=levels, scale=alt.Scale(paddingOuter=0.5)),
+        color=_colours("item", factor, levels, width),
+    )
+    bars = base.mark_rule(strokeWidth=1.6).encode(y=alt.Y("ci_low:Q", title=SCORE), y2="ci_high:Q")
+    points = base.mark_point(size=52, opacity=1, filled=True).encode(
+        y=alt.Y("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
+        shape=_shapes("item", factor, levels, width),
+    )
+    zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(y="zero:Q")
+    return alt.layer(zero, bars, points).properties(width=width - MARGIN - 45, height=230)
+
+
+def _colours(field: str, title: str, names: Sequence[str], width: int) -> alt.Color:
+    scale = alt.Scale(domain=list(names), range=colours_of(len(names)))
+    return alt.Color(f"{field}:N", title=title, scale=scale, legend=legend_of(names, width))
+
+
+def _shapes(field: str, title: str, names: Sequence[str], width: int) -> alt.Shape:
+    scale = alt.Scale(domain=list(names), range=shapes_of(len(names)))
+    return alt.Shape(f"{field}:N", title=title, scale=scale, legend=legend_of(names, width))
+
+
+def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) -> Any:
     """Draw the scores of groups of participants over all datasets, told apart by colour and shape.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    grouping : its name
+    width : of the figure, in pixels
 
     Returns
     -------
@@ -76,58 +173,101 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str) -> Any:
     if not rows:
         return None
     groups = list(dict.fromkeys(row["group"] for row in rows))
+    items = _by_score(rows)
+    labels = labels_of(items, width)
     base = alt.Chart(alt.Data(values=[dict(row) for row in rows])).encode(
-        y=alt.Y("item:N", sort=_by_score(rows), title=None, axis=alt.Axis(grid=True, gridColor=FAINT)),
+        y=alt.Y("item:N", scale=alt.Scale(domain=items), sort=None, title=None, axis=labels.axis()),
         yOffset=alt.YOffset("group:N", sort=groups),
+        color=_colours("group", grouping, groups, width),
     )
-    color = alt.Color("group:N", title=grouping, sort=groups, scale=alt.Scale(range=list(PALETTE)))
-    bars = base.mark_rule(strokeWidth=1.6).encode(
-        color=color.legend(None), x=alt.X("ci_low:Q", title="score (log-odds)"), x2="ci_high:Q"
+    bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title=SCORE), x2="ci_high:Q")
+    points = base.mark_point(size=46, opacity=1, filled=True).encode(
+        x=alt.X("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
+        shape=_shapes("group", grouping, groups, width),
     )
-    points = base.mark_point(size=52, opacity=1, filled=True).encode(
-        x=alt.X("score:Q", title="score (log-odds)", scale=alt.Scale(nice=True, zero=True)),
-        color=color,
-        shape=alt.Shape("group:N", title=grouping, sort=groups),
-    )
-    return arranged([alt.layer(bars, points).properties(width=320, height=alt.Step(14), title="all datasets")])
+    height = alt.Step(max(labels.step(18) / len(groups), 13))
+    _, panel_width = panel_layout(1, labels, width)
+    return alt.layer(bars, points).properties(width=panel_width, height=height, title="all datasets")
 
 
-def preference_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
-    """Draw how often the row's item was preferred to the column's, with the counts; a tie counts half for each.
+def preference_chart(analysis: Mapping[str, Any], dataset: str = "all", width: int = FULL) -> Any:
+    """Draw how often the row's condition was preferred to the column's, with the counts; a tie counts half for each.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    dataset : its name, or `all`
+    width : of the figure, in pixels
 
     Returns
     -------
     altair chart, or None if there are no votes or too many items to read
     """
-    pairs = [row for row in analysis["pairs"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    pairs = _unordered([row for row in analysis["pairs"] if row["comparison"] == "all" and row["dataset"] == dataset])
     scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
     color = alt.Color(
         "share:Q",
-        title=["share", "preferred"],
+        title="share preferred",
         scale=alt.Scale(domain=[0, 0.5, 1], range=DIVERGING),
-        legend=alt.Legend(format="%"),
+        legend=alt.Legend(format="%", orient="bottom", gradientLength=110, values=[0, 0.5, 1]),
     )
     title = alt.TitleParams(
         "Preferences" if dataset == "all" else f"Preferences, {dataset}",
-        subtitle="number of votes for the row's item; the colour counts ties half",
+        subtitle=["number of votes for the row's condition over the", "column's; the colour counts ties half"],
     )
     values = [cell for row in pairs for cell in _cells(row)]
-    return _matrix(values, _by_score(scores), color, "label:N", "abs(datum.share - 0.5) > 0.3").properties(title=title)
+    dark = "abs(datum.share - 0.5) > 0.3"
+    return _matrix(values, _by_score(scores), color, "label:N", dark, width).properties(title=title)
 
 
-def _matrix(values: Sequence[Row], items: Sequence[str], color: alt.Color, text: str | alt.Text, is_dark: str) -> Any:
-    """Draw a coloured cell with a text for each pair of items; the text is white where `is_dark` holds."""
-    base = alt.Chart(alt.Data(values=values)).encode(
-        x=alt.X("other:N", sort=items, title="… than", axis=alt.Axis(orient="top", labelAngle=-40, labelOverlap=False)),
-        y=alt.Y("item:N", sort=items, title="preferred …"),
+def _unordered(pairs: Sequence[Row]) -> list[Row]:
+    """Add up the rows of a pair that was counted in both orders of showing, as an order effect needs."""
+    summed: dict[frozenset[str], dict[str, Any]] = {}
+    for row in pairs:
+        key = frozenset((row["item_a"], row["item_b"]))
+        if key not in summed:
+            summed[key] = dict(row)
+            continue
+        kept = summed[key]
+        sides = {"a": "a", "b": "b"} if kept["item_a"] == row["item_a"] else {"a": "b", "b": "a"}
+        for name, other in (sides | {"none": "none"}).items():
+            kept[name] += row[other]
+            expected = f"expected_{name}"
+            kept[expected] = None if kept[expected] is None else kept[expected] + row[f"expected_{other}"]
+    return list(summed.values())
+
+
+def _matrix(
+    values: Sequence[Row], items: Sequence[str], color: alt.Color, text: str | alt.Text, is_dark: str, width: int
+) -> Any:
+    """Draw a coloured cell with a text for each pair of conditions; the text is white where `is_dark` holds.
+
+    Columns have the numbers of the rows: names at the top of narrow columns could not be read.
+    """
+    numbers = {name: str(place) for place, name in enumerate(items, start=1)}
+    rows = {name: f"{name}  {numbers[name]}" for name in items}
+    labels = labels_of(rows.values(), width)
+    cell = min(LARGEST_CELL, (width - labels.extent - MARGIN - AXIS_TITLE) / len(items))
+    cells_values = [dict(value) | {"row": rows[value["item"]], "column": numbers[value["other"]]} for value in values]
+    top = alt.Axis(orient="top", labelAngle=0 if cell > 2 * FONT_SIZE - 4 else -90, labelOverlap=False, labelLimit=0)
+    base = alt.Chart(alt.Data(values=cells_values)).encode(
+        x=alt.X("column:N", scale=alt.Scale(domain=list(numbers.values())), sort=None, title="… than", axis=top),
+        y=alt.Y(
+            "row:N",
+            scale=alt.Scale(domain=list(rows.values())),
+            sort=None,
+            title="preferred …",
+            axis=labels.axis(has_grid=False),
+        ),
     )
-    cells = base.mark_rect(stroke="#ffffff").encode(color=color)
-    texts = base.mark_text(fontSize=11).encode(
+    cells = base.mark_rect(stroke="#ffffff").encode(color=color, tooltip=["item:N", "other:N", text])
+    texts = base.mark_text(fontSize=min(11, cell * 0.55)).encode(
         text=text, color=alt.condition(is_dark, alt.value("#ffffff"), alt.value(INK))
     )
-    return (cells + texts).properties(width=alt.Step(46), height=alt.Step(30))
+    drawn = cells + texts if cell >= SMALLEST_CELL_WITH_TEXT else alt.layer(cells)
+    return drawn.properties(width=cell * len(items), height=alt.Step(max(labels.step(18), min(cell, 30))))
 
 
 def _cells(row: Row) -> list[dict[str, Any]]:
@@ -139,30 +279,42 @@ def _cells(row: Row) -> list[dict[str, Any]]:
     ]
 
 
-def residual_chart(analysis: Mapping[str, Any], dataset: str = "all") -> Any:
+def residual_chart(analysis: Mapping[str, Any], dataset: str = "all", width: int = FULL) -> Any:
     """Draw the standardised residuals of the pairs: where the model predicts too many or too few wins.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    dataset : its name, or `all`
+    width : of the figure, in pixels
 
     Returns
     -------
     altair chart or None
     """
-    pairs = [
-        row
-        for row in analysis["pairs"]
-        if row["comparison"] == "all" and row["dataset"] == dataset and row["expected_a"] is not None
-    ]
+    pairs = _unordered(
+        [
+            row
+            for row in analysis["pairs"]
+            if row["comparison"] == "all" and row["dataset"] == dataset and row["expected_a"] is not None
+        ]
+    )
     scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
     color = alt.Color(
-        "residual:Q", title="residual (sd)", scale=alt.Scale(domain=[-3, 0, 3], range=DIVERGING, clamp=True)
+        "residual:Q",
+        title="residual (sd)",
+        legend=alt.Legend(orient="bottom", gradientLength=110),
+        scale=alt.Scale(domain=[-3, 0, 3], range=DIVERGING, clamp=True),
     )
     title = alt.TitleParams(
         "Residuals of the model",
-        subtitle=["standard deviations by which the row's item was", "preferred more often than its score says"],
+        subtitle=["standard deviations by which the row's condition was", "preferred more often than its score says"],
     )
     values, text = [cell for row in pairs for cell in _residuals(row)], alt.Text("residual:Q", format="+.1f")
-    return _matrix(values, _by_score(scores), color, text, "abs(datum.residual) > 1.8").properties(title=title)
+    dark = "abs(datum.residual) > 1.8"
+    return _matrix(values, _by_score(scores), color, text, dark, width).properties(title=title)
 
 
 def _residuals(row: Row) -> list[dict[str, Any]]:
@@ -176,35 +328,32 @@ def _residuals(row: Row) -> list[dict[str, Any]]:
     return cells
 
 
-def triads_chart(analysis: Mapping[str, Any]) -> Any:
+def triads_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw each participant's circular triads over all datasets beside the number that random votes would give.
 
     Returns
     -------
     altair chart or None
     """
-    expected: dict[str, float] = {}
-    for row in analysis["triads"]:
-        n = row["n_items"]
-        if row["complete"]:
-            chance = n * (n - 1) * (n - 2) / 24
-            expected[row["participant"]] = expected.get(row["participant"], 0.0) + chance
-    values = [dict(row) | {"chance": expected.get(row["participant"])} for row in analysis["triads_pooled"]]
+    values = analysis["triads_pooled"]
     if not values or len(values) > MOST_PARTICIPANTS_IN_A_CHART:
         return None
     base = alt.Chart(alt.Data(values=values))
-    y = alt.Y("participant:N", title=None, sort=None)
+    labels = labels_of((row["participant"] for row in values), width)
+    y = alt.Y("participant:N", title=None, sort=None, axis=labels.axis())
     strict = base.mark_bar(color=PALETTE[1], height=8).encode(y=y, x=alt.X("circular:Q", title="circular triads"))
     ties = base.mark_tick(color=INK, thickness=2, size=12).encode(y=y, x="circular_expected_ties:Q")
-    chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True).encode(y=y, x="chance:Q")
+    chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True).encode(
+        y=y, x="circular_by_chance:Q"
+    )
     title = alt.TitleParams(
         "Contradictory preferences",
         subtitle=["bar: strict cycles; tick: expected if ties are broken", "at random; diamond: random votes"],
     )
-    return (strict + ties + chance).properties(width=320, height=alt.Step(15), title=title)
+    return (strict + ties + chance).properties(width=_panel_width(labels, width), height=alt.Step(15), title=title)
 
 
-def response_chart(analysis: Mapping[str, Any]) -> Any:
+def response_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw each participant's response times: the median, and a line down to the fastest tenth.
 
     Returns
@@ -215,52 +364,18 @@ def response_chart(analysis: Mapping[str, Any]) -> Any:
     if not values or len(values) > MOST_PARTICIPANTS_IN_A_CHART:
         return None
     base = alt.Chart(alt.Data(values=[{k: v for k, v in row.items() if k != "flags"} for row in values]))
-    y = alt.Y("participant:N", title=None, sort=None)
+    labels = labels_of((row["participant"] for row in values), width)
+    y = alt.Y("participant:N", title=None, sort=None, axis=labels.axis())
     x = alt.X("fastest_decile_ms:Q", title="response time (ms)", scale=alt.Scale(zero=True))
     reach = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=x, x2="median_response_ms:Q")
     median = base.mark_point(filled=True, size=48, opacity=1, color=PALETTE[1]).encode(y=y, x="median_response_ms:Q")
     title = alt.TitleParams("Response times", subtitle="point: median; line: down to the fastest tenth")
-    return (reach + median).properties(width=320, height=alt.Step(15), title=title)
+    return (reach + median).properties(width=_panel_width(labels, width), height=alt.Step(15), title=title)
 
 
-def chart_svg(chart: Any) -> str:
-    """Return the chart as SVG text."""
-    return str(vl_convert.vegalite_to_svg(_spec(chart)))
-
-
-def chart_png(chart: Any) -> bytes:
-    """Return the chart as PNG."""
-    return bytes(vl_convert.vegalite_to_png(_spec(chart), scale=PNG_SCALE))
-
-
-def chart_pdf(chart: Any) -> bytes:
-    """Return the chart as PDF."""
-    return bytes(vl_convert.vegalite_to_pdf(_spec(chart)))
-
-
-def chart_vega(chart: Any) -> str:
-    """Return the chart as a Vega specification in JSON, which a browser draws."""
-    return json.dumps(vl_convert.vegalite_to_vega(_spec(chart)))
-
-
-def _spec(chart: Any) -> str:
-    spec = json.loads(chart.to_json())
-    spec["config"] = {
-        "font": FONT,
-        "background": "#ffffff",
-        "view": {"stroke": "#bbbbbb"},
-        "title": {"fontSize": 13, "anchor": "start", "color": INK, "subtitleFontSize": 11, "subtitleColor": "#555555"},
-        "axis": {
-            "labelFontSize": 11,
-            "titleFontSize": 11,
-            "titleFontWeight": "normal",
-            "labelColor": INK,
-            "labelLimit": 160,
-            "labelFlush": False,
-        },
-        "legend": {"labelFontSize": 11, "titleFontSize": 11, "titleFontWeight": "normal"},
-    }
-    return json.dumps(spec)
+def _panel_width(labels: Labels, width: int) -> float:
+    """Return the width of a single panel; participants need no more than half a page."""
+    return min(panel_layout(1, labels, width)[1], FULL / 2)
 
 
 def _by_score(rows: Sequence[Row]) -> list[str]:
@@ -271,15 +386,9 @@ def _by_score(rows: Sequence[Row]) -> list[str]:
     return list(names | dict.fromkeys(row["item"] for row in rows))
 
 
-def _datasets(rows: Sequence[Row]) -> list[str]:
+def _datasets(analysis: Mapping[str, Any], rows: Sequence[Row]) -> list[str]:
+    """Return the datasets of rows and then all together, where they are several."""
+    if len({row["dataset"] for row in analysis["scores"]} - {"all"}) == 1:
+        rows = [row for row in rows if row["dataset"] != "all"] or rows
     names = list(dict.fromkeys(row["dataset"] for row in rows))
     return [*(name for name in names if name != "all"), *(name for name in names if name == "all")]
-
-
-def arranged(panels: Sequence[Any]) -> Any:
-    """Return panels in rows of three, which share their horizontal axis."""
-    rows = [
-        alt.hconcat(*panels[start : start + COLUMNS]).resolve_scale(x="shared")
-        for start in range(0, len(panels), COLUMNS)
-    ]
-    return alt.vconcat(*rows).resolve_scale(x="shared") if len(rows) > 1 else rows[0]

@@ -2,32 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.contrasts import Contrast, contrasts
 from app.analysis.factors import votes_on_factor, votes_with_levels
+from app.analysis.separation import group_fits, separated_contrasts
 from app.analysis.settings import AnalysisSettings
+from app.analysis.showing_order import why_no_order_effect
 from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
 
 ALL = "all"
+PARTS = re.compile(r"\d+|\D+")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A model fitted to the votes of a comparison (`all`, or a factor) on a dataset (or `all`)."""
+    """A model fitted to the votes of a comparison (`all`, or a factor) on a dataset (or `all`).
+
+    Parameters
+    ----------
+    order_left_out : why the order effect that was asked for is not estimated
+    """
 
     comparison: str
     dataset: str
     votes: VotesTable
     fit: Fit
     bootstrap: Bootstrap | None
+    order_left_out: str | None = None
+
+    @cached_property
+    def groups(self) -> list[Fit]:
+        """The fits of the groups that separated votes set apart; none where all scores have a maximum."""
+        return group_fits(self.fit, self.votes) if self.fit.status == "separated" else []
+
+    @cached_property
+    def contrasts(self) -> list[Contrast]:
+        """The differences of all pairs of items with their tests."""
+        if self.fit.status == "separated":
+            return separated_contrasts(self.fit, self.votes, self.groups)
+        return contrasts(self.fit)
+
+
+def natural_order(names: Iterable[str]) -> list[str]:
+    """Return names in alphabetical order, with the numbers in them as numbers: box 2 before box 10."""
+
+    def key(name: str) -> tuple[list[tuple[bool, str]], str]:
+        parts = [
+            (not part.isdigit(), part.zfill(20) if part.isdigit() else part.casefold()) for part in PARTS.findall(name)
+        ]
+        return parts, name
+
+    return sorted(names, key=key)
+
+
+def in_order(votes: VotesTable) -> VotesTable:
+    """Return the votes with their datasets in natural order, in which every result names them."""
+    names = natural_order(votes.datasets)
+    if tuple(names) == votes.datasets:
+        return votes
+    places = np.array([names.index(name) for name in votes.datasets], np.int32)
+    return replace(votes, datasets=tuple(names), dataset=places[votes.dataset])
 
 
 def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Comparison]:
@@ -51,15 +96,29 @@ def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Compariso
 def _compare(
     comparison: str, dataset: str, votes: VotesTable, settings: AnalysisSettings, weights: Array | None
 ) -> Comparison:
-    fit = fit_by(settings, votes)
+    fit, order_left_out = fit_by(settings, votes)
     has_sample = weights is not None and fit.status == "ok" and (fit.n_participants or 0) > 1
     bootstrap = bootstrap_scores(fit, votes, weights) if has_sample and weights is not None else None
-    return Comparison(comparison, dataset, votes, fit, bootstrap)
+    return Comparison(comparison, dataset, votes, fit, bootstrap, order_left_out)
 
 
-def fit_by(settings: AnalysisSettings, votes: VotesTable) -> Fit:
-    """Fit the items' scores with the ties, order effect and penalty of the settings."""
-    return fit_scores(votes, ties=settings.ties, order_effect=settings.order_effect, penalty=settings.penalty)
+def fit_by(settings: AnalysisSettings, votes: VotesTable) -> tuple[Fit, str | None]:
+    """Fit the items' scores with the ties, order effect and penalty of the settings.
+
+    Returns
+    -------
+    fit : Fit
+    order_left_out : why the order effect is not in it although the settings ask for it
+    """
+    why = None
+    if settings.order_effect:
+        why = why_no_order_effect(votes)
+        if why is None:
+            fit = fit_scores(votes, ties=settings.ties, order_effect=True, penalty=settings.penalty)
+            if fit.status == "ok":
+                return fit, None
+            why = "with it the scores have no finite estimate"
+    return fit_scores(votes, ties=settings.ties, penalty=settings.penalty), why
 
 
 def of_dataset(votes: VotesTable, dataset: str) -> VotesTable:

@@ -14,11 +14,14 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from app.analysis.bradley_terry import ALIKE, Fit
+from app.analysis.settings import LEVEL
 
 Array = NDArray[np.float64]
 
 MOST_ITEMS = 40  # 780 contrasts
 SIGNIFICANT = 0.05
+BY_SCORES, ALL_ALIKE = "difference of scores", "all participants voted alike"  # methods of a contrast
+FEWEST_PARTICIPANTS = 12  # clusters; with fewer, a clustered error is too small by chance (Cameron and Miller 2015)
 
 
 @dataclass(frozen=True)
@@ -29,22 +32,36 @@ class Contrast:
     ----------
     difference, se : log-odds; the error is clustered by participant where participants are known
     p_value, p_holm : two-sided, uncorrected and corrected for all contrasts of this fit
+    ci_low, ci_high : limits of the 95 % interval of the difference, uncorrected; if only one of them is there, the
+        interval is one-sided: 95 % of such limits hold
+    method : what the test and the interval rest on
     """
 
     item_a: str
     item_b: str
     difference: float
-    se: float
+    se: float | None
     p_value: float
     p_holm: float
+    ci_low: float | None
+    ci_high: float | None
+    method: str = BY_SCORES
 
 
 class Differences(NamedTuple):
-    """Differences of scores with their errors and two-sided p-values, all float64 (K,)."""
+    """Differences of scores with their errors and two-sided p-values, all float64 (K,).
+
+    Parameters
+    ----------
+    half : half the width of the 95 % interval
+    is_alike : bool (K,), did all participants vote alike, so that nothing is known of others?
+    """
 
     difference: Array
     se: Array
+    half: Array
     p_value: Array
+    is_alike: NDArray[np.bool_]
 
 
 def contrasts(fit: Fit) -> list[Contrast]:
@@ -55,7 +72,10 @@ def contrasts(fit: Fit) -> list[Contrast]:
         return []
     first, second = np.triu_indices(n, 1)
     compared = differences(fit, first, second)
-    columns = (*(column.tolist() for column in compared), holm(compared.p_value).tolist())
+    limits = compared.difference - compared.half, compared.difference + compared.half
+    methods = np.where(compared.is_alike, ALL_ALIKE, BY_SCORES)
+    numbers_of = compared.difference, compared.se, compared.p_value, holm(compared.p_value), *limits, methods
+    columns = [column.tolist() for column in numbers_of]
     names = [(fit.items[a], fit.items[b]) for a, b in zip(first, second, strict=True)]
     return [Contrast(a, b, *numbers) for (a, b), *numbers in zip(names, *columns, strict=True)]
 
@@ -64,7 +84,8 @@ def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
     """Return the differences of scores of pairs of items, for a fit that has errors.
 
     If all participants voted alike on a pair, the clustered error is zero and says nothing about other people. Such
-    a difference gets the error from the information, and a p-value of 1.
+    a difference gets the error from the information, and a p-value of 1. Few participants make the clustered error
+    too small by chance; interval and p-value are then at least those of the votes as independent.
 
     Parameters
     ----------
@@ -73,18 +94,52 @@ def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
 
     Returns
     -------
-    Differences, each float64 (K,)
+    Differences, each (K,)
     """
     assert fit.scores is not None
     assert fit.covariance is not None
-    difference, naive = fit.scores[first] - fit.scores[second], _variances(fit.covariance, first, second)
+    difference, naive = fit.scores[first] - fit.scores[second], np.sqrt(_variances(fit.covariance, first, second))
     if fit.participant_covariance is None:
-        se = np.sqrt(naive)
-        return Differences(difference, se, two_sided(difference / se, None))
-    variance = _variances(fit.participant_covariance, first, second)
-    is_alike = variance <= ALIKE * naive
-    se = np.sqrt(np.where(is_alike, naive, variance))
-    return Differences(difference, se, np.where(is_alike, 1.0, two_sided(difference / se, fit.n_participants)))
+        half, p_value = critical_value(None) * naive, two_sided(difference / naive, None)
+        return Differences(difference, naive, half, p_value, np.zeros(len(naive), bool))
+    n, is_few = fit.n_participants, has_few_participants(fit)
+    clustered = np.sqrt(_variances(fit.participant_covariance, first, second))
+    is_alike = clustered**2 <= ALIKE * naive**2
+    clustered = np.where(is_alike, naive, clustered)
+    p_value = two_sided(difference / clustered, n)
+    if is_few:
+        p_value = np.maximum(p_value, two_sided(difference / naive, None))
+    se = np.maximum(clustered, naive) if is_few else clustered
+    half = half_width(clustered, naive, n, is_few=is_few)
+    return Differences(difference, se, half, np.where(is_alike, 1.0, p_value), is_alike)
+
+
+def half_width(clustered: Array, naive: Array, n_participants: int | None, *, is_few: bool) -> Array:
+    """Return half the width of 95 % intervals, log-odds, float64 (K,): by t(J - 1) on errors clustered by participant.
+
+    With few participants it is at least that of the normal distribution on the errors of the votes. In simulations of
+    4 to 8 people such intervals hold 96 to 98 %, where t(J - 1) on the larger error holds 98 to 100 %.
+
+    Parameters
+    ----------
+    clustered, naive : float64 (K,), errors clustered by participant, and of the votes as independent
+    n_participants : J
+    is_few : are the participants few, as `has_few_participants` tells?
+    """
+    half = critical_value(n_participants) * clustered
+    return np.maximum(half, critical_value(None) * naive) if is_few else half
+
+
+def has_few_participants(fit: Fit) -> bool:
+    """Are the participants too few, or no more than the free parameters, for errors clustered by participant alone?"""
+    n = fit.n_participants
+    return n is not None and (n < FEWEST_PARTICIPANTS or n <= fit.design.n_free)
+
+
+def critical_value(n_participants: int | None) -> float:
+    """Return how many standard errors a 95 % interval reaches: by t(J - 1), or normal without participants."""
+    tail = (1 + LEVEL) / 2
+    return float(norm.ppf(tail) if n_participants is None else student.ppf(tail, n_participants - 1))
 
 
 def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:

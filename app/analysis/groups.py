@@ -71,5 +71,5 @@ def compare_groups(votes: VotesTable, dataset: str, settings: AnalysisSettings) 
         if len(names) < 2:
             continue
         parts = {name: only_compared(votes.where(group == name)) for name in names}
-        fits = {name: Part(part, fit_by(settings, part)) for name, part in parts.items()}
-        yield GroupComparison(grouping, dataset, fit_by(settings, only_compared(votes.where(group != ""))), fits)
+        fits = {name: Part(part, fit_by(settings, part)[0]) for name, part in parts.items()}
+        yield GroupComparison(grouping, dataset, fit_by(settings, only_compared(votes.where(group != "")))[0], fits)

@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import Fit, participant_gradients
 from app.analysis.factors import ModelTest
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,8 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
     Under the hypothesis, G2 is a sum of chi-squares weighted by the eigenvalues of V0^-1 V. V0 is the covariance of
     the differences between the parts from the information, V from participants. The statistic and its degrees of
     freedom are scaled to the first two moments of that sum and compared with F, whose second degrees of freedom come
-    from the number of participants. Unlike Hotelling's test this needs no more participants than parameters.
+    from the number of participants, less one for each group of people: a part's own participants vary around its own
+    scores. Unlike Hotelling's test this needs no more participants than parameters.
 
     The second moment is estimated without the bias that few participants cause.
 
@@ -70,15 +71,18 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
     """
     if any(not part.votes.has_participants or part.fit.covariance is None for part in parts):
         return None
+    sizes = [part.votes.n_voters for part in parts]
+    if min(sizes) < 2:
+        return None
     influence, information = _stacked(parts)
-    n_participants = len(influence)
-    if n_participants < 3:
+    are_groups = sum(sizes) == len(influence)  # nobody is in two parts
+    n = len(influence) - (len(parts) if are_groups else 1)
+    if n < 2:
         return None
     differ = _differences(information.shape[0] // len(parts), len(parts))
     by_people = influence @ differ.T
-    observed = by_people.T @ by_people * n_participants / (n_participants - 1)
-    ratio = np.linalg.solve(differ @ information @ differ.T, observed)
-    total, n = float(np.trace(ratio)), n_participants - 1
+    ratio = np.linalg.solve(differ @ information @ differ.T, by_people.T @ by_people)
+    total = float(np.trace(ratio))
     if total <= 0:
         return None
     squares = n**2 / ((n - 1) * (n + 2)) * (float(np.trace(ratio @ ratio)) - total**2 / n)
@@ -91,9 +95,11 @@ def _stacked(parts: Sequence[Part]) -> tuple[Array, Array]:
     """Return the participants' influence on the free parameters of all parts (J, D f), and the covariance (D f, D
     f).
 
-    The covariance comes from the information; D is the number of parts, f that of a part's free parameters.
+    The influence on a part has the factor J / (J - 1) of its J participants in its square. The covariance comes from
+    the information; D is the number of parts, f that of a part's free parameters.
     """
-    present = [[part.votes.participants[who] for who in np.unique(part.votes.participant)] for part in parts]
+    voters = [numbered(part.votes.participant, len(part.votes.participants))[0] for part in parts]
+    present = [[part.votes.participants[who] for who in people] for part, people in zip(parts, voters, strict=True)]
     place = {name: index for index, name in enumerate(dict.fromkeys(name for names in present for name in names))}
     influences, covariances = [], []
     for part, names in zip(parts, present, strict=True):
@@ -103,7 +109,7 @@ def _stacked(parts: Sequence[Part]) -> tuple[Array, Array]:
         influence[[place[name] for name in names]] = (
             participant_gradients(part.fit, part.votes) @ part.fit.covariance @ free.T
         )
-        influences.append(influence)
+        influences.append(influence * np.sqrt(len(names) / (len(names) - 1)))
         covariances.append(free @ part.fit.covariance @ free.T)
     return np.concatenate(influences, axis=1), np.asarray(block_diag(*covariances))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from app.analysis.tabular import read_csv
+from app.analysis.tabular import DECIMAL_COMMA, named, read_csv
 from app.analysis.votes_table import VotesError
 
 Better = Literal["higher", "lower"]
@@ -135,12 +135,9 @@ def _check_columns(columns: Sequence[str]) -> None:
     missing = [name for name in REQUIRED if name not in columns]
     if not missing:
         return
-    if len(columns) == 1 and (mark := next((mark for mark in (";", "\t") if mark in columns[0]), "")):
-        separator = "semicolons" if mark == ";" else "tabs"
-        raise VotesError(f"its columns are separated by {separator}, expected commas; save it as CSV with commas")
     more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
     raise VotesError(
-        f"has the columns {', '.join(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
+        f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
         f"{', '.join(OPTIONAL)} where known{more}"
     )
 
@@ -181,9 +178,9 @@ def _full_name(measure: str, direction: str) -> str:
 def _number(row: int, text: str) -> float:
     """Return the value of a cell, NaN where it is empty."""
     try:
-        return float(text or "nan")
+        return float(text.replace(",", ".") if DECIMAL_COMMA.fullmatch(text) else text or "nan")
     except ValueError as error:
-        raise VotesError(f"row {row}: value is {text!r}, expected a number with a decimal point") from error
+        raise VotesError(f"row {row}: value is {text!r}, expected a number") from error
 
 
 def _frame(row: int, text: str) -> int | None:

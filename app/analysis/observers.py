@@ -6,20 +6,22 @@ look alike, honest judges contradict themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from app.analysis.bradley_terry import ConvergenceError, Fit, fit_scores, only_compared
+from app.analysis.bootstrap import RUNAWAY, participant_counts
+from app.analysis.bradley_terry import MANY_ITEMS, ConvergenceError, Fit, fit_pairs, only_compared
 from app.analysis.contrasts import holm
 from app.analysis.counts import PairCounts, outcome_index
-from app.analysis.newton import Design
+from app.analysis.newton import Design, Search, maximise
+from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value, smallest_p_value
-from app.analysis.votes_table import NONE, A, B, VotesTable
+from app.analysis.votes_table import NONE, A, B, VotesTable, order_of
 
 Array = NDArray[np.float64]
 
@@ -45,15 +47,16 @@ def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -
     """
     if not votes.has_participants or not len(votes):
         return []
-    present = np.unique(votes.participant)
-    by_participant = {int(index): votes.where(votes.participant == index) for index in present}
+    votes = votes.where(order_of(votes.participant, len(votes.participants)))
+    by_participant = votes.by_participant()
     p_a = _preferred_by_all(votes, ties)
+    bounds = np.cumsum([len(part) for part in by_participant.values()])
     by_name: dict[str, list[Triads]] = {}
     for triad in screened:
         by_name.setdefault(triad.participant, []).append(triad)
     rows = [
-        _measures(votes.participants[index], part, p_a[votes.participant == index], by_name)
-        for index, part in by_participant.items()
+        _measures(votes.participants[index], part, p_a[end - len(part) : end], by_name)
+        for (index, part), end in zip(by_participant.items(), bounds.tolist(), strict=True)
     ]
     for row, value in zip(rows, _left_out_likelihoods(votes, by_participant, ties), strict=True):
         row["loglik_per_vote_left_out"] = value
@@ -69,14 +72,15 @@ def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
         compared = only_compared(votes.where(rows))
         fit = _fit_without_participants(compared, ties) if rows.any() else None
         if fit is not None and fit.scores is not None:
-            p_a[rows] = fit.preference(fit.scores[compared.item_a] - fit.scores[compared.item_b])
+            chance = fit.preference(np.subtract.outer(fit.scores, fit.scores))
+            p_a[rows] = chance[compared.item_a, compared.item_b]
     return p_a
 
 
 def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
     """Fit scores without clustered errors; None where even a penalised estimate does not converge."""
     try:
-        return fit_scores(replace(votes, participants=("",)), ties=ties)
+        return fit_pairs(votes, ties=ties)
     except (ConvergenceError, RuntimeError):
         return None
 
@@ -178,18 +182,69 @@ def _left_out_likelihoods(votes: VotesTable, by_participant: dict[int, VotesTabl
     """
     if len(by_participant) < 2 or len(by_participant) * len(votes.items) > MOST_REFITS:
         return [None] * len(by_participant)
-    total = dict.fromkeys(by_participant, 0.0)
-    known = dict.fromkeys(by_participant, 0)
+    places = {index: place for place, index in enumerate(by_participant)}
+    logliks, n_votes = np.zeros(len(places)), np.zeros(len(places))
     for dataset in range(len(votes.datasets)):
-        of_dataset = votes.where(votes.dataset == dataset)
-        for index in by_participant:
-            votes_left_out = of_dataset.where(of_dataset.participant == index)
-            others = of_dataset.where(of_dataset.participant != index)
-            if len(votes_left_out) and len(others):
-                loglik, n = _loglik_under(others, votes_left_out, ties)
-                total[index] += loglik
-                known[index] += n
-    return [total[index] / known[index] if known[index] else None for index in by_participant]
+        part = votes.where(votes.dataset == dataset)
+        if not len(part):  # of practice alone
+            continue
+        together = _left_out_together(part, places, ties)
+        for index, mine in part.by_participant().items():
+            place = places[index]
+            if together is not None and together.is_there[place]:
+                logliks[place] += together.loglik[place]
+                n_votes[place] += together.n_votes[place]
+            elif len(others := part.where(part.participant != index)):
+                loglik, n = _loglik_under(others, mine, ties)
+                logliks[place] += loglik
+                n_votes[place] += n
+    return [float(loglik / n) if n else None for loglik, n in zip(logliks, n_votes, strict=True)]
+
+
+@dataclass(frozen=True)
+class _LeftOut:
+    """Log-likelihoods of J participants' votes under the scores of all others, each float64 or bool (J,).
+
+    `is_there` where the others' votes have a maximum of the same form as everybody's.
+    """
+
+    loglik: Array
+    n_votes: Array
+    is_there: NDArray[np.bool_]
+
+
+def _left_out_together(votes: VotesTable, places: Mapping[int, int], ties: str) -> _LeftOut | None:
+    """Leave out each participant of a dataset in turn, and fit the votes of all the others in one batch.
+
+    Parameters
+    ----------
+    votes : VotesTable, of one dataset
+    places : index of a participant -> place in the result
+    ties : as in `observer_rows`
+
+    Returns
+    -------
+    _LeftOut, or None if not even everybody's votes have a maximum
+    """
+    compared = only_compared(votes)
+    fit = _fit_without_participants(compared, ties)
+    if fit is None or fit.theta is None or fit.status != "ok" or len(fit.items) > MANY_ITEMS:
+        return None
+    mine = participant_counts(fit, compared)[list(places)].astype(np.float64).reshape(len(places), 3, -1)  # (J, 3, C)
+    others = TIE_MODELS[ties].counted(*np.moveaxis(mine.sum(axis=0) - mine, 1, 0))
+    has_all = (others[0] + others[1] + others[2] > 0).all(axis=1) & (others[2].any(axis=1) | (not fit.design.has_tie))
+    is_there = np.zeros(len(places), bool)
+    loglik = np.zeros(len(places))
+    wins, losses, tied = (mine[:, index] for index in range(3))
+    if not fit.design.has_tie:
+        tied = np.zeros_like(tied)
+    if has_all.any():
+        table = [part[has_all] for part in others]
+        maximum = maximise(fit.design, *table, start=fit.theta, search=Search(runaway=RUNAWAY))
+        d, t = fit.design.predictors(maximum.theta)
+        is_there[has_all] = maximum.converged
+        loglik[has_all] = fit.design.model.loglik(d, t, wins[has_all], losses[has_all], tied[has_all]).sum(axis=1)
+    return _LeftOut(loglik, (wins + losses + tied).sum(axis=1), is_there)
 
 
 def _loglik_under(others: VotesTable, mine: VotesTable, ties: str) -> tuple[float, int]:

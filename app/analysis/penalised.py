@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.analysis.counts import PairCounts
 from app.analysis.newton import LARGEST_STEP, Design
+from app.analysis.ties import TieModel
 
 Array = NDArray[np.float64]
 
@@ -81,10 +82,24 @@ def _spread(design: Design, covariance: Array) -> Array:
 
 def _correction(design: Design, counts: PairCounts, spread: Array, d: Array, t: Array) -> Array:
     """Return half the trace term for each parameter, (P,)."""
-    probabilities = design.model.probabilities(d, t)[:, 0]  # (3, C)
-    statistics = np.array([[0.5, -0.5, 0.0], [0.0, 0.0, 1.0]])  # of d and of t, for a win, a loss and a tie
-    centred = statistics[:, :, None] - (statistics @ probabilities)[:, None, :]  # (2, 3, C)
-    third = np.einsum("oc,koc,loc,moc->klmc", probabilities, centred, centred, centred)
-    pull = counts.totals / 2 * np.einsum("klmc,lmc->kc", third, spread)
+    pull = third_order(design.model, d[0], t[0], spread) * counts.totals / 2
     result: Array = pull[0] @ design.effects + pull[1] @ design.tie_effects
     return result
+
+
+def third_order(model: TieModel, d: Array, t: Array, spread: Array) -> Array:
+    """Return the third cumulants of a vote's statistics times the covariance of its parameters, float64 (2, …, C).
+
+    Parameters
+    ----------
+    model : one that `is_canonical`
+    d, t : float64 (…, C), or t (…, 1), log-odds
+    spread : float64 (2, 2, …, C), covariance of d and t
+    """
+    probabilities = model.probabilities(d, t)  # (3, …, C)
+    statistics = np.array([[0.5, -0.5, 0.0], [0.0, 0.0, 1.0]])  # of d and of t, for a win, a loss and a tie
+    means = np.tensordot(statistics, probabilities, axes=1)  # (2, …, C)
+    centred = statistics.reshape(2, 3, *[1] * d.ndim) - means[:, None]  # (2, 3, …, C)
+    return np.asarray(
+        np.einsum("o...,ko...,lo...,mo...,lm...->k...", probabilities, *[centred] * 3, spread, optimize=True)
+    )

@@ -1,12 +1,14 @@
 """Read a votes table strictly from a file or rows, in our column names or another tool's.
 
-Rows are counted from 1, without the header. Nothing is dropped or guessed: an error names the row and the value.
+Rows are counted from 1, without the header. Nothing is dropped: an error names the row and the value. What was
+recognised without being told is said.
 """
 
 from __future__ import annotations
 
+import csv
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,51 +16,36 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from app.analysis.tabular import numbers, read_frame, refuse
-from app.analysis.votes_table import CHOICES, IDENTICAL, MAIN, ROLES, VotesError, VotesTable
-
-REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
-OPTIONAL = (
-    *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
-    *("both_seen", "press_to_picture_ms"),
+from app.analysis.findings.phrases import listed
+from app.analysis.layouts import (
+    MAY_BE_UNKNOWN,
+    OPTIONAL,
+    REQUIRED,
+    choice_codes,
+    our_columns,
+    recognise,
+    unused_columns,
 )
+from app.analysis.quick_reading import QUICK_FROM, quick_votes
+from app.analysis.tabular import named, numbers, read_frame, refuse, shown
+from app.analysis.votes_table import IDENTICAL, MAIN, ROLES, VotesError, VotesTable, joined
+from app.analysis.wide_tables import one_vote_a_row
 
+WITHOUT = {"participant": "votes count as independent", "dataset": "all votes are on one dataset"}
 
-@dataclass(frozen=True)
-class Layout:
-    """Another tool's names of our columns and choices: `columns["participant"] == "judge"`."""
-
-    columns: Mapping[str, str]
-    choices: Mapping[str, str]
-
-
-LAYOUTS = {
-    "reconstudy": Layout({}, {}),
-    "judge": Layout({"participant": "judge"}, {"none": "tie"}),
-    # The format of pwcmp, https://github.com/mantiuk/pwcmp
-    "pwcmp": Layout(
-        {
-            "participant": "observer",
-            "dataset": "scene",
-            "item_a": "condition_A",
-            "item_b": "condition_B",
-            "choice": "is_A_selected",
-        },
-        {"a": "1", "b": "0"},
-    ),
-}
+Rows = Iterable[Mapping[str, Any]]
 
 
 def votes_from_rows(
-    rows: Iterable[Mapping[str, Any]],
+    rows: Rows | pd.DataFrame,
     columns: Mapping[str, str] | None = None,
     choices: Mapping[str, str] | None = None,
 ) -> VotesTable:
-    """Make a votes table from dictionaries.
+    """Make a votes table from dictionaries or a pandas table.
 
     Parameters
     ----------
-    rows : with at least the keys participant, dataset, item_a, item_b and choice
+    rows : with at least item_a, item_b and choice; a pandas table may have any layout that a file may have
     columns : our name of a column -> the name in `rows`, where it differs
     choices : our word `a`, `b` or `none` -> the word in `rows`, where it differs
 
@@ -67,46 +54,141 @@ def votes_from_rows(
     VotesError
         Naming the row and the value.
     """
+    if isinstance(rows, pd.DataFrame):
+        return _votes_from_frame(rows.reset_index(drop=True), columns, choices)[0]
+    if isinstance(rows, str | bytes | Mapping):
+        raise VotesError(f"{type(rows).__name__} is no table of votes, expected rows with named values or a DataFrame")
     kept = list(rows)
     for number, row in enumerate(kept, start=1):
         if not isinstance(row, Mapping):
-            raise VotesError(f"row {number}: {row!r} is not an object with named values")
-    return _votes_from_frame(pd.DataFrame(kept, dtype=object), columns, choices)
+            raise VotesError(f"row {number}: {shown(row)} is not an object with named values")
+    return _votes_from_frame(pd.DataFrame(kept, dtype=object), columns, choices)[0]
 
 
 def read_votes(
-    path: Path,
+    path: Path | str,
     columns: Mapping[str, str] | None = None,
     choices: Mapping[str, str] | None = None,
 ) -> VotesTable:
-    """Read a votes table from CSV, Parquet or JSON (a list of objects, or an object with the list `votes`).
+    """Read a votes table from a file: text with commas, semicolons or tabs, JSON, Parquet or Excel.
 
     Parameters
     ----------
-    path : a file whose name ends in .csv, .parquet or .json
-    columns, choices : as in `votes_from_rows`; without them, the columns decide which of `LAYOUTS` it is
+    path : a file whose name ends in .csv, .tsv, .csv.gz, .json, .jsonl, .parquet or .xlsx
+    columns, choices : as in `votes_from_rows`; without them, names and words of other tools are recognised
 
     Raises
     ------
     VotesError
         Naming the file, the row and the value.
     """
+    return understand_votes([path], columns, choices)[0]
+
+
+def understand_votes(
+    paths: Sequence[Path | str],
+    columns: Mapping[str, str] | None = None,
+    choices: Mapping[str, str] | None = None,
+) -> tuple[VotesTable, list[str]]:
+    """Read the votes of one or several files as one table, and say how each was understood.
+
+    Parameters
+    ----------
+    paths : as in `read_votes`; a participant's name means the same person in all of them
+    columns, choices : as in `votes_from_rows`, for every file
+
+    Returns
+    -------
+    VotesTable, and the sentences
+
+    Raises
+    ------
+    VotesError
+        Naming the file, the row and the value.
+    """
+    tables, sentences = [], []
+    for path in map(Path, paths):
+        table, how, notes = _read_quickly(path, columns, choices) or _read_strictly(path, columns, choices)
+        tables.append(table)
+        rest = "".join(f"; {note}" for note in notes)
+        sentences.append(f"{path.name}: {how}; {len(table)} rows, {table.n_votes} votes{rest}")
+    votes = tables[0] if len(tables) == 1 else joined(tables)
+    return votes, [*sentences, *_look_alikes(votes), *_in_several(tables)]
+
+
+def _in_several(tables: Sequence[VotesTable]) -> list[str]:
+    """Say if files share participants, who are then taken for the same people."""
+    names = [name for table in tables for name in table.participants if name]
+    twice = [name for name, n in Counter(names).items() if n > 1]
+    if not twice:
+        return []
+    return [f"{listed(twice)} {'is' if len(twice) == 1 else 'are'} in several files and counted as the same people"]
+
+
+def _look_alikes(votes: VotesTable) -> list[str]:
+    """Name participants, datasets and items that differ in nothing but capitals, spaces or signs."""
+    sentences = []
+    for what in ("participants", "datasets", "items"):
+        alike: dict[str, list[str]] = {}
+        for name in getattr(votes, what):
+            alike.setdefault("".join(filter(str.isalnum, name)).casefold() or name, []).append(name)
+        for names in alike.values():
+            if len(names) > 1:
+                quoted = " and ".join(map(repr, names))
+                sentences.append(f"{quoted} look alike and are counted as {len(names)} {what}")
+    return sentences
+
+
+def _read_quickly(
+    path: Path, columns: Mapping[str, str] | None, choices: Mapping[str, str] | None
+) -> tuple[VotesTable, str, Sequence[str]] | None:
+    """Read a large clean CSV file as `_read_strictly` does; None if it needs that."""
+    if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size < QUICK_FROM:
+        return None
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = next(csv.reader(file))
+        layout = recognise(header, columns, choices)
+    except (ValueError, StopIteration):
+        return None
+    given = {name: layout.columns.get(name, name) for name in (*REQUIRED, *OPTIONAL)}
+    there = {name: theirs for name, theirs in given.items() if header.count(theirs) == 1}
+    if not set(REQUIRED) <= there.keys() or len(set(header)) < len(header) or set(layout.columns) - there.keys():
+        return None
+    table = quick_votes(path, there, layout.choices)
+    return None if table is None else (table, "text in UTF-8, commas between cells", layout.notes)
+
+
+def _read_strictly(
+    path: Path, columns: Mapping[str, str] | None, choices: Mapping[str, str] | None
+) -> tuple[VotesTable, str, Sequence[str]]:
+    """Read a file of any layout: the votes, how its cells were understood, and what was recognised in them."""
     frame = read_frame(path)
     try:
-        return _votes_from_frame(frame, columns, choices)
+        table, notes = _votes_from_frame(frame, columns, choices)
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
+    return table, frame.attrs.get("understood", ""), notes
 
 
 def _votes_from_frame(
     frame: pd.DataFrame, columns: Mapping[str, str] | None, choices: Mapping[str, str] | None
-) -> VotesTable:
-    layout = _layout(tuple(map(str, frame.columns)), columns, choices)
-    ours = _rename(frame, layout.columns)
-    _check_columns(frame, ours, layout)
+) -> tuple[VotesTable, list[str]]:
+    """Return the votes, and what was recognised without being told."""
+    notes: list[str] = []
+    if not columns:
+        frame, note = one_vote_a_row(frame)
+        notes += [note] if note else []
+    layout = recognise(tuple(map(str, frame.columns)), columns, choices)
+    notes += layout.notes
+    ours = our_columns(frame, layout)
     if ours.empty:
         raise VotesError("has no row, expected at least one vote")
     text = {name: _text(ours[name], name) for name in ours.columns}
+    unknown = [name for name in MAY_BE_UNKNOWN if not text[name].any()]
+    notes += [f"no {name} is named: {WITHOUT[name]}" for name in unknown]
+    if unknown and (unused := unused_columns(frame, layout)):
+        notes.append(f"not used: {named(unused)}")
     participant, participants = _names(text["participant"], "participant", may_be_unknown=True)
     dataset, datasets = _names(text["dataset"], "dataset", may_be_unknown=True)
     both, items = _names(np.concatenate([text["item_a"], text["item_b"]]), "item", may_be_unknown=False)
@@ -116,7 +198,9 @@ def _votes_from_frame(
     refuse(
         (item_a == item_b) & (role != IDENTICAL), lambda row: f"the item {items[item_a[row]]!r} is compared with itself"
     )
-    return VotesTable(
+    choice, words = choice_codes(text["choice"], (text["item_a"], text["item_b"]), layout)
+    notes += [words] if words else []
+    votes = VotesTable(
         participants,
         datasets,
         items,
@@ -124,7 +208,7 @@ def _votes_from_frame(
         dataset=dataset,
         item_a=item_a,
         item_b=item_b,
-        choice=_choice(text["choice"], layout.choices),
+        choice=choice,
         first_shown=_first_shown(text.get("first_shown"), text["item_a"], text["item_b"]),
         both_seen=_both_seen(text.get("both_seen"), n),
         count=numbers(text["count"], "count", whole=True).astype(np.int64) if "count" in text else np.ones(n, np.int64),
@@ -135,36 +219,7 @@ def _votes_from_frame(
         reason=text["reason"] if "reason" in text else np.full(n, "", object),
         role=role,
     )
-
-
-def _layout(names: Sequence[str], columns: Mapping[str, str] | None, choices: Mapping[str, str] | None) -> Layout:
-    """Return the layout given, or else the first known one whose required columns are all there."""
-    unknown = [*set(columns or {}).difference(REQUIRED + OPTIONAL), *set(choices or {}).difference(CHOICES)]
-    if unknown:
-        known = ", ".join(REQUIRED + OPTIONAL + CHOICES)
-        raise VotesError(f"{unknown[0]!r} is no column or choice of a votes table; known are {known}")
-    if columns:
-        return Layout(columns, choices or {})
-    for layout in LAYOUTS.values():
-        if all(layout.columns.get(name, name) in names for name in REQUIRED):
-            return Layout(layout.columns, choices or layout.choices)
-    return Layout({}, choices or {})
-
-
-def _rename(frame: pd.DataFrame, columns: Mapping[str, str]) -> pd.DataFrame:
-    names = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
-    return pd.DataFrame({name: frame[given_name] for name, given_name in names.items() if given_name in frame.columns})
-
-
-def _check_columns(frame: pd.DataFrame, ours: pd.DataFrame, layout: Layout) -> None:
-    missing = [layout.columns.get(name, name) for name in REQUIRED if name not in ours.columns]
-    missing += [theirs for name, theirs in layout.columns.items() if name not in ours.columns and theirs not in missing]
-    if missing:
-        present = ", ".join(map(str, frame.columns)) or "none"
-        raise VotesError(
-            f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found {present}. "
-            "Map other names with columns, e.g. participant=judge"
-        )
+    return votes, notes
 
 
 def _text(column: pd.Series[Any], name: str) -> NDArray[np.object_]:
@@ -197,15 +252,6 @@ def _names(
     return codes.astype(np.int32), tuple(str(name) for name in names)
 
 
-def _choice(values: NDArray[np.object_], words: Mapping[str, str]) -> NDArray[np.int8]:
-    known = {words.get(choice, choice): index for index, choice in enumerate(CHOICES)}
-    codes, distinct = pd.factorize(values)
-    index = np.array([known.get(str(word), -1) for word in distinct], np.int8)
-    choice = index[codes]
-    refuse(choice < 0, lambda row: f"choice is {values[row]!r}, expected {', '.join(known)}")
-    return choice
-
-
 def _first_shown(
     values: NDArray[np.object_] | None, item_a: NDArray[np.object_], item_b: NDArray[np.object_]
 ) -> NDArray[np.int8]:
@@ -214,7 +260,9 @@ def _first_shown(
     first = np.select([values == "", values == item_a, values == item_b], [-1, 0, 1], default=-2)
     refuse(
         first == -2,
-        lambda row: f"first_shown is {values[row]!r}, expected {item_a[row]!r} or {item_b[row]!r} or nothing",
+        lambda row: (
+            f"first_shown is {shown(values[row])}, expected {shown(item_a[row])} or {shown(item_b[row])} or nothing"
+        ),
     )
     return first.astype(np.int8)
 
@@ -225,7 +273,7 @@ def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.
     words = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}
     codes, distinct = pd.factorize(values)
     flags = np.array([words.get(str(word).lower(), -1) for word in distinct])[codes]
-    refuse(flags < 0, lambda row: f"{name} is {values[row]!r}, expected true or false")
+    refuse(flags < 0, lambda row: f"{name} is {shown(values[row])}, expected true or false")
     return flags.astype(bool)
 
 
@@ -247,5 +295,5 @@ def _role(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
         return np.zeros(n, np.int8)
     numbers = {"": MAIN, **{name: number for number, name in enumerate(ROLES)}}
     roles = np.array([numbers.get(value, -1) for value in values], np.int8)
-    refuse(roles < 0, lambda row: f"role is {values[row]!r}, expected {', '.join(ROLES)}")
+    refuse(roles < 0, lambda row: f"role is {shown(values[row])}, expected {', '.join(ROLES)}")
     return roles

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.findings.phrases import p_phrase
+from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.report_sections import rating_sections
-from app.analysis.report_tables import Analysis, Figures, Row, section, table
+from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table
 
 MOST_FIGURES = 8  # of measures in the report
 MOST_COMPARED = 30  # pairs of measures in the report
@@ -26,6 +29,10 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _factors(analysis)
     if analysis["tests"]:
         yield _tests(analysis)
+    if analysis["contrasts"]:
+        yield _contrasts(analysis)
+    if analysis["random_effects"]:
+        yield _random_effects(analysis)
     if analysis["measures"]:
         yield _measures(analysis, figures)
     if analysis["scores_with_excluded"]:
@@ -47,12 +54,12 @@ def _model(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     parameter = "log_theta" if analysis["settings"]["ties"] == "rao-kupper" else "log_nu"
     rows = [{parameter: None, **row} for row in analysis["models"]]
     text = (
-        "A small p-value of Pearson's X2 says that one score per item does not explain the votes. With several votes "
-        "per person it also reacts to the similarity of a person's votes."
+        "A small p-value of Pearson's X2 says that one score per condition does not explain the votes. With several "
+        "votes per person it also reacts to the similarity of a person's votes."
     )
     shown = [figures[name] for name in ("preferences", "residuals") if name in figures]
     columns = ["comparison", "dataset", "n_votes", parameter, "order_effect", "loglik", "pearson_x2", "df", "p_value"]
-    return section("Model", text, [*columns, "status"], rows, shown)
+    return _overall_first("Model", text, [*columns, "status"], rows) | {"figures": shown}
 
 
 def _factors(analysis: Analysis) -> dict[str, Any]:
@@ -65,7 +72,7 @@ def _factors(analysis: Analysis) -> dict[str, Any]:
         "factor sum to zero. The scores of single factors above use only the pairs that differ in nothing else."
     )
     columns = ["factor", "level", "dataset", "effect", "error", "ci_low", "ci_high"]
-    return section("Factors together", text, columns, rows)
+    return _overall_first("Factors together", text, columns, rows)
 
 
 def _tests(analysis: Analysis) -> dict[str, Any]:
@@ -74,9 +81,87 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
         "with participants as the sample. Holm's correction covers the tests of one kind on single datasets, or on all "
         "together, and uses p (participants) where it exists."
     )
-    columns = ["name", "model", "dataset", "g2", "df", "p (votes)", "p_participant", "p_holm"]
-    rows = [row | {"p (votes)": row["p_value"]} for row in analysis["tests"]]
-    return section("Tests", text, columns, rows)
+    columns = ["name", "model", "dataset", "g2", "df", "p_votes", "p_participant", "p_holm"]
+    rows = [row | {"p_votes": row["p_value"]} for row in analysis["tests"]]
+    return _overall_first("Tests", text, columns, rows)
+
+
+def _overall_first(title: str, text: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+    """Return a section with the rows over all datasets, and those of single datasets folded away."""
+    single = [row for row in rows if row["dataset"] != "all"]
+    every = [row for row in rows if row["dataset"] == "all"]
+    tables = [table("Over all datasets" if single else "", columns, every)]
+    if single:
+        rest = f", the first {ROWS} of {len(single)}" if len(single) > ROWS else ""
+        tables.append(table(f"On single datasets{rest}", columns, single, is_folded=True))
+    return {"title": title, "paragraphs": [text], "figures": [], "tables": tables}
+
+
+def clearest_contrasts(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return the pairs of conditions over all datasets, the better one first, the clearest difference first."""
+    pairs = [row for row in analysis["contrasts"] if (row["comparison"], row["dataset"]) == ("all", "all")]
+    turned = [row if row["difference"] >= 0 else _turned(row) for row in pairs]
+    return sorted(turned, key=lambda row: (row["p_holm"], -row["difference"]))
+
+
+def _turned(row: Row) -> dict[str, Any]:
+    people = {"people_preferring": 1 - row["people_preferring"]} if "people_preferring" in row else {}
+    return (
+        dict(row)
+        | people
+        | {
+            "item_a": row["item_b"],
+            "item_b": row["item_a"],
+            "difference": -row["difference"],
+            "ci_low": None if row["ci_high"] is None else -row["ci_high"],
+            "ci_high": None if row["ci_low"] is None else -row["ci_low"],
+        }
+    )
+
+
+def _contrasts(analysis: Analysis) -> dict[str, Any]:
+    """Return all pairs of conditions over all datasets, the clearest differences first."""
+    rows = clearest_contrasts(analysis)
+    n_differ = sum(row["p_holm"] < SIGNIFICANT for row in rows)
+    text = (
+        f"How much higher the first of two conditions scores, the clearest first: {n_differ} of {len(rows)} differ "
+        "(5 %, Holm's correction for all of them). The intervals are 95 % for each difference alone."
+        f"{_open_intervals(rows)} All, also of single datasets and factors, are in contrasts.csv."
+    )
+    columns = ["item_a", "item_b", "difference", "se", "ci_low", "ci_high", "p_value", "p_holm"]
+    if any(row["method"] != rows[0]["method"] for row in rows):
+        columns.append("method")
+    return section("Pairs of conditions", text, columns, rows)
+
+
+def _open_intervals(rows: Sequence[Row]) -> str:
+    """Say what a difference without a finite estimate is, if there is one."""
+    if not any(row["ci_high"] is None for row in rows):
+        return ""
+    return (
+        " Where all votes of a pair go one way, the difference is that of the penalised scores, the test is an exact "
+        "sign test, and the interval is one-sided: a dash is a limit that does not exist."
+    )
+
+
+def _random_effects(analysis: Analysis) -> dict[str, Any]:
+    """Return scores with random effects, and how much people, and datasets, differ."""
+    text = (
+        "Scores of the average person, where everybody has scores of their own that vary around them, and on datasets "
+        "at large if datasets vary, too. The intervals hold 95 % of what is likely given the votes (posterior, nested "
+        "Laplace approximation). Spreads are standard deviations in log-odds. Of two conditions, “people” is the "
+        "share of people whose own score of the first is higher."
+    )
+    ordered = sorted(analysis["random_effects_scores"], key=lambda row: -row["score"])
+    pairs = [row if row["difference"] >= 0 else _turned(row) for row in analysis["random_effects_contrasts"]]
+    pairs.sort(key=lambda row: (row["p_holm"], -row["difference"]))
+    columns = ["item_a", "item_b", "difference", "ci_low", "ci_high", "p_value", "p_holm", "people_preferring"]
+    tables = [
+        table("Scores", ["item", "score", "se", "ci_low", "ci_high"], ordered),
+        table("How much they vary", ["level", "sd", "sd_low", "sd_high"], analysis["random_effects"]),
+        table("Pairs of conditions", columns, pairs, is_folded=True),
+    ]
+    return {"title": "Random effects", "paragraphs": [text], "figures": [], "tables": tables}
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -94,7 +179,7 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     where = "all datasets" if single else "the dataset"
     return {
         "title": "Do objective measures predict the scores?",
-        "paragraphs": [MEASURES_TEXT + rest, _chance_text(len(last))],
+        "paragraphs": [MEASURES_TEXT.format(unit=score_unit(analysis)) + rest, _chance_text(len(last))],
         "figures": [*shown, *drawn[:MOST_FIGURES]],
         "tables": [
             table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
@@ -111,9 +196,9 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 
 MEASURES_TEXT = (
     "PLCC is Pearson's correlation of the scores with a logistic curve of the measure (VQEG 2000); monotone is the "
-    "same with the best monotone curve. A pair is different if the votes tell its items apart (5 %, Holm), else "
-    "similar: “in order” is the share of different pairs that the measure orders as the votes do, the areas are those "
-    "of Krasula and others (2016). RMSE is in log-odds, RMSE* counts only what exceeds a score's 95 % interval, "
+    "same with the best monotone curve. A pair is different if the answers tell its conditions apart (5 %, Holm), else "
+    "similar: “in order” is the share of different pairs that the measure orders as people do, the areas are those "
+    "of Krasula and others (2016). RMSE is in {unit}, RMSE* counts only what exceeds a score's 95 % interval, "
     "outliers are the points beyond it (ITU-T P.1401). Over all datasets, measure and score are relative to their "
     "dataset's mean."
 )
@@ -186,19 +271,20 @@ def _groups(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     )
     columns = ["grouping", "group", "n_participants", "dataset", "item", "score", "ci_low", "ci_high", "status"]
     shown = [figure for name, figure in figures.items() if name.startswith("group_")]
-    return section("Groups of participants", text, columns, analysis["groups"], shown)
+    return _overall_first("Groups of participants", text, columns, analysis["groups"]) | {"figures": shown}
 
 
 def _dataset_agreement(analysis: Analysis) -> dict[str, Any]:
     w_test = analysis["dataset_concordance"]
-    overall = (
-        ""
-        if w_test is None
-        else f" Kendall's coefficient of concordance over all {w_test['n_datasets']} datasets: W = {w_test['w']:.3f} "
-        f"(1: the same order everywhere), p = {w_test['p_value']:.2g}."
-    )
+    overall = ""
+    if w_test is not None:
+        tested = "" if w_test["p_value"] is None else f", {p_phrase(w_test['p_value'])}"
+        overall = (
+            f" Kendall's coefficient of concordance over all {w_test['n_datasets']} datasets: W = {w_test['w']:.3f} "
+            f"(1: the same order everywhere){tested}."
+        )
     text = (
-        "Correlation of the scores of two datasets over the items they share. Errors of the scores lower these "
+        "Correlation of the scores of two datasets over the conditions they share. Errors of the scores lower these "
         f"correlations; the test above tells whether the datasets differ beyond them.{overall}"
     )
     columns = ["dataset_a", "dataset_b", "n_items", "pearson", "spearman", "kendall"]
@@ -210,8 +296,8 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
     rows = [row | (row["transitivity"] or dict.fromkeys(violations)) for row in analysis["agreement"]]
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
-        "complete designs without ties. The next columns count the triples of items that violate weak, moderate and "
-        "strong stochastic transitivity; without weak transitivity no scores fit the preferences."
+        "complete designs without ties. The next columns count the triples of conditions that violate weak, moderate "
+        "and strong stochastic transitivity; without weak transitivity no scores fit the preferences."
     )
     columns = ["dataset", "u", "p_value", *violations]
     return section("Agreement", text, columns, rows)
@@ -224,12 +310,13 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     complete = sum(row["complete"] for row in analysis["triads"])
     text = (
         f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
-        f"by {with_cycles} of {len(pooled)} participants. They exclude nobody: where stimuli look alike, honest votes "
-        "contradict each other."
+        f"by {with_cycles} of {len(pooled)} participants. They exclude nobody: where conditions look alike, honest "
+        "votes contradict each other."
     )
     shown = [figures["triads"]] if "triads" in figures else []
     columns = ["participant", "n_datasets", "circular", "circular_expected_ties", "p_value"]
-    return section("Circular triads", text, columns, pooled, shown)
+    rows = sorted(pooled, key=lambda row: (-row["circular"], -row["circular_expected_ties"]))
+    return section("Circular triads", text, columns, rows, shown)
 
 
 def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:

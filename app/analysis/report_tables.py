@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from app.analysis.figures import Figure
+from app.analysis.findings.phrases import LOWEST_P
+
 Analysis = Mapping[str, Any]
-Figures = Mapping[str, dict[str, str]]
+Figures = Mapping[str, Figure]
 Row = Mapping[str, Any]
 
 ROWS = 80  # rows of a table; the CSV files hold the rest
+P_VALUES = {"p_value", "p_holm", "p_participant", "p_votes", "spearman_p", "auc_p", "auc_p_holm"}
 HEADINGS = {  # of columns; others have their name in analysis.json
     "auc_a": "AUC of it",
     "auc_b": "of the other",
@@ -19,6 +23,7 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "auc_p_holm": "p, AUC (Holm)",
     "ci_high": "to",
     "ci_low": "from",
+    "difference": "difference (log-odds)",
     "circular_expected_ties": "expected with ties broken",
     "cmos": "mean rating",
     "dataset_a": "dataset",
@@ -38,7 +43,14 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "n": "points",
     "n_datasets": "datasets",
     "n_first_better": "first better",
-    "n_items": "items",
+    "item": "condition",
+    "item_a": "condition",
+    "item_b": "and",
+    "n_items": "conditions",
+    "sd": "spread",
+    "sd_high": "to",
+    "sd_low": "from",
+    "se": "error",
     "n_participants": "participants",
     "n_ratings": "ratings",
     "n_second_better": "second better",
@@ -51,6 +63,8 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "p_holm": "p (Holm)",
     "p_participant": "p (participants)",
     "p_value": "p",
+    "p_votes": "p (votes)",
+    "people_preferring": "people",
     "pairs_correct": "in order",
     "pairs_different": "pairs that differ",
     "pairs_similar": "pairs alike",
@@ -72,7 +86,7 @@ HEADINGS = {  # of columns; others have their name in analysis.json
 
 
 def section(
-    title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[dict[str, str]] = ()
+    title: str, text: str, columns: Sequence[str], rows: Sequence[Row], figures: Sequence[Figure] = ()
 ) -> dict[str, Any]:
     """Return a section with one table.
 
@@ -86,13 +100,21 @@ def section(
     return {"title": title, "paragraphs": [text + rest], "figures": figures, "tables": [table("", columns, rows)]}
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+def table(title: str, columns: Sequence[str], rows: Sequence[Row], *, is_folded: bool = False) -> dict[str, Any]:
     """Return a table with the headings of these columns, and as many rows as a report shows.
 
     Parameters
     ----------
     title : may be empty
     columns : of the rows, in this order
+    is_folded : hide the rows behind the title until somebody opens them; the title cannot be empty then
     """
     headings = [HEADINGS.get(column, column) for column in columns]
-    return {"title": title, "columns": headings, "rows": [[row[column] for column in columns] for row in rows[:ROWS]]}
+    cells = [[_cell(column, row[column]) for column in columns] for row in rows[:ROWS]]
+    return {"title": title, "columns": headings, "rows": cells, "is_folded": is_folded}
+
+
+def _cell(column: str, value: Any) -> Any:
+    """Return a value, a p-value as text: small ones as a bound, because their tails are not to be trusted."""
+    is_p = column in P_VALUES and isinstance(value, float)
+    return value if not is_p else f"< {LOWEST_P}" if value < LOWEST_P else f"{value:.3f}"

@@ -4,38 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from app.analysis.bootstrap import Bootstrap
-from app.analysis.bradley_terry import Fit, fit_scores
+from app.analysis.bradley_terry import Fit, fit_pairs
 from app.analysis.comparison import ALL, Comparison
-from app.analysis.contrasts import contrasts, letters
+from app.analysis.contrasts import (
+    FEWEST_PARTICIPANTS,
+    critical_value,
+    half_width,
+    has_few_participants,
+    letters,
+)
+from app.analysis.counts import count_pairs
+from app.analysis.distance_prior import fit_with_prior
 from app.analysis.factors import Effect
 from app.analysis.groups import GroupComparison
-from app.analysis.settings import LEVEL, AnalysisSettings
+from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
+from app.analysis.settings import LEVEL
+from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value
-from app.analysis.votes_table import NONE, A, B, VotesTable
+from app.analysis.votes_table import NONE, VotesTable
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
-# One just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017).
-LOG_ODDS_PER_JOD = float(np.log(3))
+WITHIN_GROUP = "relative to the mean of its group"  # added to the method where votes are separated
+WIDER_INTERVAL = "wider of t on participant errors and normal on information"  # where participants are few
 
 
-def score_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
-    """Return a row per item with its score, errors, interval and votes."""
+def score_rows(comparison: Comparison, jod_prior: str = "none") -> Iterator[dict[str, Any]]:
+    """Return a row per item with its score, errors, interval and votes; `jod_prior` is as in the settings."""
     fit, n = comparison.fit, len(comparison.fit.items)
     wins, losses, ties = _outcomes(comparison.votes)
-    low, high, method = intervals(fit, comparison.bootstrap)
-    shown = _letters(fit)
-    for index, item in enumerate(fit.items):
-        score = None if fit.scores is None else float(fit.scores[index])
+    shown, limits = _letters(comparison), score_intervals(comparison)
+    thurstone = _thurstone_columns(comparison, jod_prior)
+    scores = [None] * n if fit.scores is None else fit.scores.tolist()
+    to_mean = preference_columns(
+        fit, "preference_to_mean", [(score, row.low, row.high) for score, row in zip(scores, limits, strict=True)]
+    )
+    for index, (item, interval) in enumerate(zip(fit.items, limits, strict=True)):
+        score = scores[index]
         yield {
             "comparison": comparison.comparison,
             "dataset": comparison.dataset,
@@ -43,10 +56,10 @@ def score_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
             "score": score,
             "se": fit.error(index),
             "se_participant": fit.error(index, by_participant=True),
-            "ci_low": None if low is None else float(low[index]),
-            "ci_high": None if high is None else float(high[index]),
-            "ci_method": method,
-            "jod": None if score is None else score / LOG_ODDS_PER_JOD,
+            "ci_low": interval.low,
+            "ci_high": interval.high,
+            "ci_method": interval.method,
+            "jod": _as_jod(score),
             "win_probability": None if fit.scores is None or n < 2 else _win_probability(fit, index),
             "n_votes": wins[index] + losses[index] + ties[index],
             "wins": wins[index],
@@ -55,45 +68,108 @@ def score_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
             "status": fit.status,
             "penalty": fit.penalty,
             "letters": shown.get(item),
+            "jod_low": _as_jod(interval.low),
+            "jod_high": _as_jod(interval.high),
+            **to_mean[index],
+            **thurstone[index],
         }
 
 
-def group_rows(comparison: GroupComparison) -> Iterator[dict[str, Any]]:
+def _as_jod(score: float | None) -> float | None:
+    return None if score is None else score / LOG_ODDS_PER_JOD
+
+
+def _thurstone_columns(comparison: Comparison, jod_prior: str) -> list[dict[str, float | None]]:
+    """Return each item's JOD by Thurstone's Case V with its interval; none beside an order effect."""
+    nothing: dict[str, float | None] = dict.fromkeys(("jod_thurstone", "jod_thurstone_low", "jod_thurstone_high"))
+    scores, low, high = _thurstone(comparison, jod_prior)
+    if scores is None:
+        return [nothing for _ in comparison.fit.items]
+    columns = [scores, *([None] * len(scores) if limit is None else limit for limit in (low, high))]
+    return [
+        {name: None if number is None else float(number) / JOD for name, number in zip(nothing, row, strict=True)}
+        for row in zip(*columns, strict=True)
+    ]
+
+
+def _thurstone(comparison: Comparison, jod_prior: str) -> tuple[Array | None, Array | None, Array | None]:
+    """Return scores and limits by Thurstone's Case V, each float64 (n,), standard deviations; None: there are none."""
+    if comparison.fit.design.has_order:
+        return None, None, None
+    if jod_prior == "pwcmp":
+        return fit_with_prior(comparison.votes) or (None, None, None)
+    fit = fit_thurstone(comparison.votes) if comparison.fit.status == "ok" else None
+    return (None, None, None) if fit is None else (fit.scores, *intervals(fit, None)[:2])
+
+
+def group_rows(comparison: GroupComparison, jod_prior: str) -> Iterator[dict[str, Any]]:
     """Return the scores of each group, as `score_rows`."""
     for group, part in comparison.groups.items():
-        for row in score_rows(Comparison(comparison.grouping, comparison.dataset, part.votes, part.fit, None)):
+        fitted = Comparison(comparison.grouping, comparison.dataset, part.votes, part.fit, None)
+        for row in score_rows(fitted, jod_prior):
             named = {"grouping": row.pop("comparison"), "group": group, "n_participants": part.fit.n_participants}
             yield named | row
 
 
-def _letters(fit: Fit) -> dict[str, str]:
-    differences = contrasts(fit)
-    if not differences or fit.scores is None:
+def _letters(comparison: Comparison) -> dict[str, str]:
+    fit = comparison.fit
+    if not comparison.contrasts or fit.scores is None:
         return {}
     best_first = [fit.items[index] for index in np.argsort(-fit.scores)]
-    return letters(best_first, differences)
+    return letters(best_first, comparison.contrasts)
+
+
+class Interval(NamedTuple):
+    """Limits of a score's 95 % interval, log-odds, and how it was found; all None where there is none."""
+
+    low: float | None
+    high: float | None
+    method: str | None
+
+
+def score_intervals(comparison: Comparison) -> list[Interval]:
+    """Return each score's interval. Of separated votes it is relative to the mean score of the item's group."""
+    low, high, method = intervals(comparison.fit, comparison.bootstrap)
+    if low is not None and high is not None:
+        return [Interval(*limits, method) for limits in zip(low.tolist(), high.tolist(), strict=True)]
+    known = {item: interval for group in comparison.groups for item, interval in _in_group(comparison.fit, group)}
+    return [known.get(item, Interval(None, None, None)) for item in comparison.fit.items]
+
+
+def _in_group(fit: Fit, group: Fit) -> Iterator[tuple[str, Interval]]:
+    """Yield the intervals of a group's scores around the mean of their penalised scores."""
+    low, high, method = intervals(group, None)
+    if low is None or high is None or fit.scores is None:
+        return
+    mean = float(np.mean([fit.scores[fit.items.index(item)] for item in group.items]))
+    for item, lower, upper in zip(group.items, (low + mean).tolist(), (high + mean).tolist(), strict=True):
+        yield item, Interval(lower, upper, f"{method}, {WITHIN_GROUP}")
 
 
 def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Array | None, str | None]:
     """Return the limits of the scores' 95 % intervals, each float64 (n,), log-odds, and the method.
 
-    The method is percentiles of the participant bootstrap if there are enough replicates; else t(J - 1) on the
-    errors clustered by participant; else, where participants are unknown, the normal distribution on the errors from
-    the information. There is no interval where participants are known but their variation is not: a single
+    The method is expanded percentiles of the participant bootstrap if there are enough replicates and participants;
+    else t(J - 1) on the errors clustered by participant, but with few participants no narrower than the normal
+    distribution on the errors of the votes; else, where participants are unknown, the normal distribution on the errors
+    from the information. There is no interval where participants are known but their variation is not: a single
     participant, all voting alike, or no maximum.
     """
     if fit.scores is None or fit.covariance is None:
         return None, None, None
-    if bootstrap is not None and bootstrap.has_percentiles(LEVEL):
-        low, high = bootstrap.interval(LEVEL)
+    is_few = has_few_participants(fit)
+    n_people = fit.n_participants or 0
+    if bootstrap is not None and not is_few and bootstrap.has_percentiles(LEVEL, n_people):
+        low, high = bootstrap.interval(LEVEL, n_people)
         return low, high, "participant bootstrap"
-    n = len(fit.items)
+    naive = np.sqrt(np.diag(fit.covariance)[: len(fit.items)])
     if fit.n_participants is not None:
         if fit.participant_covariance is None:
             return None, None, None
-        half = student.ppf((1 + LEVEL) / 2, fit.n_participants - 1) * np.sqrt(np.diag(fit.participant_covariance)[:n])
-        return fit.scores - half, fit.scores + half, "t on participant errors"
-    half = norm.ppf((1 + LEVEL) / 2) * np.sqrt(np.diag(fit.covariance)[:n])
+        clustered = np.sqrt(np.diag(fit.participant_covariance)[: len(fit.items)])
+        half = half_width(clustered, naive, fit.n_participants, is_few=is_few)
+        return fit.scores - half, fit.scores + half, WIDER_INTERVAL if is_few else "t on participant errors"
+    half = critical_value(None) * naive
     return fit.scores - half, fit.scores + half, "normal on information"
 
 
@@ -105,24 +181,35 @@ def _win_probability(fit: Fit, index: int) -> float:
 
 def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     """Count wins, losses and ties of each item."""
-    n = len(votes.items)
-    winner = np.where(votes.choice == A, votes.item_a, votes.item_b)
-    loser = np.where(votes.choice == A, votes.item_b, votes.item_a)
-    decided = votes.choice <= B
-    tied = ~decided
-    wins = np.bincount(winner[decided], votes.count[decided], n)
-    losses = np.bincount(loser[decided], votes.count[decided], n)
-    ties = np.bincount(votes.item_a[tied], votes.count[tied], n) + np.bincount(votes.item_b[tied], votes.count[tied], n)
-    return wins.astype(int).tolist(), losses.astype(int).tolist(), ties.astype(int).tolist()
+    counts = count_pairs(votes)
+    won, lost, tied = (part.astype(np.int64) for part in (counts.wins, counts.losses, counts.ties))
+
+    def of_items(in_first: Counts, in_second: Counts) -> list[int]:
+        result = np.zeros(counts.n_items, np.int64)
+        np.add.at(result, counts.first, in_first)
+        np.add.at(result, counts.second, in_second)
+        return result.tolist()
+
+    return of_items(won, lost), of_items(lost, won), of_items(tied, tied)
 
 
-def contrast_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
-    """Return a row per pair of items with the difference of their scores."""
-    for contrast in contrasts(comparison.fit):
-        yield {"comparison": comparison.comparison, "dataset": comparison.dataset} | asdict(contrast)
+def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> Iterator[dict[str, Any]]:
+    """Return a row per pair of items with the difference of their scores, and the test of equivalence within a margin.
+
+    Parameters
+    ----------
+    margin_jod : JOD; None: no test of equivalence
+    """
+    rows = comparison.contrasts
+    preferences = preference_columns(
+        comparison.fit, "preference", [(row.difference, row.ci_low, row.ci_high) for row in rows]
+    )
+    where = {"comparison": comparison.comparison, "dataset": comparison.dataset}
+    for row, *scales in zip(rows, preferences, equivalence_columns(comparison, margin_jod), strict=True):
+        yield where | vars(row) | scales[0] | scales[1]
 
 
-def tie_model_rows(comparison: Comparison, settings: AnalysisSettings) -> Iterator[dict[str, Any]]:
+def tie_model_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
     """Return the log-likelihoods of all ways of treating ties; only Davidson's and Rao and Kupper's compare."""
     if comparison.comparison != ALL or not (comparison.votes.choice == NONE).any():
         return
@@ -130,7 +217,7 @@ def tie_model_rows(comparison: Comparison, settings: AnalysisSettings) -> Iterat
         fit = (
             comparison.fit
             if ties == comparison.fit.ties
-            else fit_scores(comparison.votes, ties=ties, order_effect=settings.order_effect)
+            else fit_pairs(comparison.votes, ties=ties, order_effect=comparison.fit.design.has_order)
         )
         yield {
             "dataset": comparison.dataset,
@@ -158,6 +245,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
     has_order = fit.design.has_order and fit.theta is not None
     return row | {
         "order_effect": fit.order_effect,
+        "order_left_out": comparison.order_left_out,
         "order_se": fit.error(order) if has_order else None,
         "order_se_participant": fit.error(order, by_participant=True) if has_order else None,
         "loglik": fit.loglik,
@@ -172,6 +260,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         "penalty": fit.penalty,
         "n_votes": comparison.votes.n_votes,
         "n_participants": fit.n_participants,
+        "few_participants": has_few_participants(fit),
         "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
         "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,
     }
@@ -179,12 +268,12 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
 
 def effect_row(effect: Effect) -> dict[str, Any]:
     """Return a level's effect with its 95 % interval."""
-    if effect.n_participants is None:
-        half = float(norm.ppf((1 + LEVEL) / 2)) * effect.se
-    elif effect.se_participant is not None:
-        half = float(student.ppf((1 + LEVEL) / 2, effect.n_participants - 1)) * effect.se_participant
-    else:
+    n = effect.n_participants
+    if n is not None and effect.se_participant is None:
         return asdict(effect) | {"ci_low": None, "ci_high": None}
+    naive = np.array(effect.se)
+    clustered = naive if effect.se_participant is None else np.array(effect.se_participant)
+    half = float(half_width(clustered, naive, n, is_few=n is not None and n < FEWEST_PARTICIPANTS))
     return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
 
 
@@ -211,9 +300,7 @@ def pair_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 def triads_row(row: Triads) -> dict[str, Any]:
     """Return the circular triads of a participant on a dataset."""
-    shown = asdict(row)
-    del shown["broken"]
-    return shown
+    return {name: value for name, value in vars(row).items() if name not in ("half_cycles", "chance")}
 
 
 def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
@@ -227,6 +314,7 @@ def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
             "n_datasets": len(by_dataset),
             "circular": sum(row.circular for row in by_dataset),
             "circular_expected_ties": sum(row.circular_expected_ties for row in by_dataset),
+            "circular_by_chance": sum(row.circular_by_chance for row in by_dataset),
             "p_value": pooled_p_value(by_dataset),
         }
         for participant, by_dataset in by_participant.items()

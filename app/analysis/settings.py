@@ -8,8 +8,10 @@ from typing import Any
 
 from app.analysis.penalised import PENALTIES
 from app.analysis.ties import TIE_MODELS
+from app.study.options import RANDOM_EFFECTS
 
 LEVEL = 0.95  # confidence level of every interval
+JOD_PRIORS = ("none", "pwcmp")
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,9 @@ class AnalysisSettings:
     better : objective measure -> `higher` or `lower`, where it is known
     groups : grouping -> participant -> group, whose scores are compared
     penalty : the estimate where no maximum exists: `firth` or `ridge`
+    equivalence_margin : JOD; pairs of items are tested for differing by less than this
+    jod_prior : `pwcmp` fits the JOD of Thurstone's Case V with the prior on distances of that package
+    random_effects : fit the scores also with `participants`, or with `participants,datasets`, as random effects
     by_dataset : also analyse every dataset alone
     exclude : participants left out by a recorded decision; the results with them are given too
     """
@@ -42,6 +47,9 @@ class AnalysisSettings:
     better: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     penalty: str = "firth"
+    equivalence_margin: float | None = None
+    jod_prior: str = "none"
+    random_effects: str = ""
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
 
@@ -50,11 +58,18 @@ class AnalysisSettings:
             raise ValueError(f"ties is {self.ties!r}, expected one of {', '.join(TIE_MODELS)}")
         if self.penalty not in PENALTIES:
             raise ValueError(f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}")
+        if self.jod_prior not in JOD_PRIORS:
+            raise ValueError(f"jod_prior is {self.jod_prior!r}, expected {' or '.join(JOD_PRIORS)}")
+        if self.random_effects not in RANDOM_EFFECTS:
+            expected = " or ".join(RANDOM_EFFECTS[1:])
+            raise ValueError(f"random_effects is {self.random_effects!r}, expected {expected}, or nothing")
         for measure, better in self.better.items():
             if better not in ("higher", "lower"):
                 raise ValueError(f"better of the measure {measure!r} is {better!r}, expected higher or lower")
         if self.bootstrap < 0:
             raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
+        if self.equivalence_margin is not None and not 0 < self.equivalence_margin < float("inf"):
+            raise ValueError(f"equivalence_margin is {self.equivalence_margin}, expected a number of JOD above 0")
         unknown = [factor for factor in self.analysed_factors or () if factor not in self.factors]
         if unknown:
             raise ValueError(f"the factor {unknown[0]!r} is not among {', '.join(self.factors) or 'none'}")

@@ -1,12 +1,17 @@
-"""Read tables of text from CSV, Parquet and JSON, and check columns row by row."""
+"""Read tables from text, JSON, Parquet and Excel, and check columns row by row."""
 
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import json
 import math
-from collections.abc import Callable
+import re
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,34 +19,57 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.votes_table import VotesError
+from app.files import FORMULA
 
-LONGEST_LINE = 80  # letters of a file that a message repeats
+NO_TEXT = frozenset(range(32)) - frozenset(b"\t\n\r\f")  # bytes of no text in any encoding of letters
+LONGEST_VALUE = 80  # letters of a file that a message repeats
+MOST_NAMED = 40  # columns that it names
+MOST_CELLS = 50_000_000  # of a packed table, which may hold far more than it has bytes; a million votes have 30 million
+MOST_COLUMNS = 20_000  # of a text; a column for each pair of 200 items
+MOST_UNPACKED = 512 * 1024 * 1024  # bytes, of an Excel or gzip file
+SAMPLE = 4096  # bytes that tell text from anything else
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
+DISARMED = (
+    f"^'(?=[{re.escape(''.join(FORMULA))}])"  # an apostrophe that keeps a spreadsheet from taking text for a formula
+)
+SIGNATURES = {
+    b"PK\x03\x04": "a zip or Excel file",
+    b"PAR1": "a Parquet file",
+    b"\x1f\x8b": "a gzip file",
+    b"\x89PNG": "a picture",
+    b"%PDF": "a PDF",
+    b"\xd0\xcf\x11\xe0": "an old Excel file",
+}
 
 
 def read_frame(path: Path) -> pd.DataFrame:
-    """Read a table; the ending of the file's name, .csv, .parquet or .json, tells the format.
+    """Read a table; the ending of the file's name tells the format, and its content the separator and encoding.
+
+    `attrs["understood"]` of the table says in words how the file was read.
 
     Raises
     ------
     VotesError
         Naming the file, and the row where there is one.
     """
-    try:
-        reader = READERS[path.suffix.lower()]
-    except KeyError as error:
-        raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}") from error
+    name = path.name.lower()
+    reader = next((reader for ending, reader in READERS.items() if name.endswith(ending)), None)
+    if reader is None:
+        raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}")
     return _read(path, reader)
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Read a CSV table whatever the file's name; spaces around cells are stripped.
+    """Read a table of text with commas, semicolons or tabs between cells, whatever the file's name; spaces around
+    cells are stripped.
 
     Raises
     ------
     VotesError
         Naming the file, and the row where there is one.
     """
-    return _read(path, _read_csv)
+    return _read(path, _read_text)
 
 
 def _read(path: Path, reader: Callable[[Path], pd.DataFrame]) -> pd.DataFrame:
@@ -80,13 +108,13 @@ def numbers(
 
     def number(value: str) -> float:
         try:
-            return float(value)
+            return float(value.replace(",", ".") if DECIMAL_COMMA.fullmatch(value) else value)
         except ValueError:
             return math.nan
 
     parsed = np.array([number(value) for value in values], np.float64)
     is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative)) | (whole & (parsed != np.floor(parsed)))
-    refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {values[row]!r}, expected {expected}")
+    refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {shown(values[row])}, expected {expected}")
     return parsed
 
 
@@ -109,42 +137,121 @@ def refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:
         raise VotesError(f"row {rows[0] + 1}: {why(int(rows[0]))}{more}")
 
 
-def _read_csv(path: Path) -> pd.DataFrame:
-    text = _decode(path.read_bytes())
+def shown(value: object) -> str:
+    """Return a value for a message: quoted, short, and without letters that a terminal cannot print."""
+    return repr(printable(value))
+
+
+def printable(value: object) -> str:
+    """Return a value for a message: short, and without letters that a terminal cannot print."""
+    text = "".join(letter if letter.isprintable() else "�" for letter in str(value))
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
+
+
+def named(names: Sequence[str]) -> str:
+    """Return the names of columns for a message: some of them, where there are very many."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(map(printable, names[:MOST_NAMED])) + more
+
+
+def _read_text(path: Path) -> pd.DataFrame:
+    return _table_of_text(path.read_bytes())
+
+
+def _read_gzip(path: Path) -> pd.DataFrame:
+    try:
+        with gzip.open(path) as file:
+            content = file.read(MOST_UNPACKED + 1)
+        _check_unpacked(len(content))
+        return _table_of_text(content)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise VotesError(f"is not readable as gzip: {error}") from error
+
+
+def _table_of_text(content: bytes) -> pd.DataFrame:
+    text, encoding = _decode(content)
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
     if "\0" in text:
         row = text[: text.index("\0")].count("\n")
         raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
-    header = [name.strip() for name in next(csv.reader(io.StringIO(text.lstrip())))]
-    if twice := [name for name in dict.fromkeys(header) if header.count(name) > 1]:
-        raise VotesError(f"has {header.count(twice[0])} columns named {twice[0]!r}, expected one")
+    separator = _separator(text.lstrip().splitlines()[0])
+    header = [name.strip() for name in _cells(io.StringIO(text.lstrip()), separator)]
+    if not header:
+        raise VotesError(f"is no table: its header holds a name of more than {csv.field_size_limit()} letters")
+    if len(header) > MOST_COLUMNS:
+        raise VotesError(f"has {len(header)} columns, expected {MOST_COLUMNS} at most")
+    if twice := [(name, n) for name, n in Counter(header).items() if n > 1]:
+        raise VotesError(f"has {twice[0][1]} columns named {shown(twice[0][0])}, expected one")
     try:
-        frame = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True)
+        frame = pd.read_csv(
+            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, skipinitialspace=separator != "\t"
+        )
     except pd.errors.ParserError as error:
         raise VotesError(f"is not a table of equally long rows: {str(error).strip()}") from error
     if not isinstance(frame.index, pd.RangeIndex):  # pandas takes surplus cells at the left for names of the rows
         raise VotesError(f"is not a table of equally long rows: row 1 has more cells than the header's {len(header)}")
     frame.columns = [str(column).strip() for column in frame.columns]
-    return pd.DataFrame({name: frame[name].str.strip() for name in frame.columns})
+    cells = {name: frame[name].str.strip().str.replace(DISARMED, "", regex=True) for name in frame.columns}
+    return _understood(pd.DataFrame(cells), f"text in {encoding}, {SEPARATORS[separator]} between cells")
 
 
-def _decode(content: bytes) -> str:
-    """Decode UTF-8, or UTF-16 if the file begins with its mark; else refuse, naming the first row that fails."""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return content.decode("utf-16")
+def _separator(header: str) -> str:
+    """Return what separates most cells of the header; a comma where nothing does."""
+    counts = {mark: len(_cells([header], mark)) for mark in SEPARATORS}
+    return max(counts, key=lambda mark: counts[mark])
+
+
+def _cells(lines: Iterable[str], separator: str) -> list[str]:
+    """Return the cells of the first line; none where one is longer than any name."""
     try:
-        return content.decode("utf-8-sig")
+        return next(csv.reader(lines, delimiter=separator))
+    except csv.Error:
+        return []
+
+
+def _understood(frame: pd.DataFrame, what: str) -> pd.DataFrame:
+    frame.attrs["understood"] = what
+    return frame
+
+
+def _decode(content: bytes) -> tuple[str, str]:
+    """Decode UTF-8, or UTF-16 if the file begins with its mark, and name the encoding; else refuse, naming the first
+    row that fails.
+    """
+    for signature, kind in SIGNATURES.items():
+        if content.startswith(signature):
+            raise VotesError(f"is {kind}, expected a table of text; give the file the ending of what it is")
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content.decode("utf-16"), "UTF-16"
+    try:
+        return content.decode("utf-8-sig"), "UTF-8 with a byte-order mark" if content[:1] == b"\xef" else "UTF-8"
     except UnicodeDecodeError as error:
+        if any(byte in NO_TEXT for byte in content[:SAMPLE]):
+            raise VotesError(
+                f"is no text (byte {error.start + 1} is 0x{content[error.start]:02x}); expected a table: CSV in UTF-8, "
+                "or a Parquet file whose name ends in .parquet"
+            ) from error
         start = content.rfind(b"\n", 0, error.start) + 1
-        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()[:LONGEST_LINE]
+        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()
         row = content[: error.start].count(b"\n")
-        raise VotesError(f"row {row}: {line!r} is not UTF-8 (it may be Latin-1); save the file as UTF-8") from error
+        raise VotesError(
+            f"row {row}: {shown(line)} is not UTF-8 (it may be Latin-1); save the file as UTF-8"
+        ) from error
 
 
 def _read_parquet(path: Path) -> pd.DataFrame:
+    from pyarrow import parquet
+
     try:
-        return pd.read_parquet(path)
+        with parquet.ParquetFile(path) as file:
+            _check_cells(file.metadata.num_rows * file.metadata.num_columns)
+            texts = [column.name for column in file.schema if column.physical_type == "BYTE_ARRAY"]
+        frame = pd.read_parquet(path, read_dictionary=texts)  # so that a text that stands in many rows is kept once
+        packed = frame.select_dtypes("category").columns
+        return _understood(frame.astype(dict.fromkeys(packed, object)), "Parquet")
+    except VotesError:
+        raise
     except (ValueError, OSError) as error:
         if isinstance(error, FileNotFoundError):
             raise
@@ -153,7 +260,7 @@ def _read_parquet(path: Path) -> pd.DataFrame:
 
 def _read_json(path: Path) -> pd.DataFrame:
     try:
-        content = json.loads(_decode(path.read_bytes()))
+        content = json.loads(_decode(path.read_bytes())[0])
     except json.JSONDecodeError as error:
         raise VotesError(f"is not readable as JSON: {error}") from error
     rows = content.get("votes") if isinstance(content, dict) else content
@@ -161,8 +268,71 @@ def _read_json(path: Path) -> pd.DataFrame:
         raise VotesError("holds no list of votes, expected [{…}, …] or {'votes': [{…}, …]}")
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, dict):
-            raise VotesError(f"row {number}: {row!r} is not an object with named values")
-    return pd.DataFrame(rows, dtype=object)
+            raise VotesError(f"row {number}: {shown(row)} is not an object with named values")
+    return _understood(pd.DataFrame(rows, dtype=object), "JSON")
 
 
-READERS: dict[str, Callable[[Path], pd.DataFrame]] = {".csv": _read_csv, ".parquet": _read_parquet, ".json": _read_json}
+def _read_lines(path: Path) -> pd.DataFrame:
+    rows = []
+    for number, line in enumerate(_decode(path.read_bytes())[0].splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError as error:
+            raise VotesError(f"line {number} is not readable as JSON: {error}") from error
+        if not isinstance(row, dict):
+            raise VotesError(f"line {number}: {shown(line)} is not an object with named values")
+        rows.append(row)
+    return _understood(pd.DataFrame(rows, dtype=object), "JSON, an object on each line")
+
+
+def _read_excel(path: Path) -> pd.DataFrame:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check_unpacked(sum(entry.file_size for entry in archive.infolist()))
+        with pd.ExcelFile(path, engine="openpyxl") as book:
+            _check_cells(_cells_up_to(book.book.worksheets[0].iter_rows(values_only=True)))
+            sheets = [str(name) for name in book.sheet_names]
+            frame = pd.read_excel(book, sheet_name=0, dtype=object)
+    except ImportError as error:
+        raise VotesError("is an Excel file, which needs the package openpyxl: pip install openpyxl") from error
+    except (FileNotFoundError, VotesError):
+        raise
+    except Exception as error:  # openpyxl raises whatever its parts raise
+        raise VotesError(f"is not readable as Excel: {shown(error)}") from error
+    frame.columns = [str(name).strip() for name in frame.columns]
+    rest = f", the first of {len(sheets)}" if len(sheets) > 1 else ""
+    frame = frame.map(lambda cell: cell.strip() if isinstance(cell, str) else cell).dropna(how="all")
+    return _understood(frame.reset_index(drop=True), f"Excel, sheet {sheets[0]}{rest}")
+
+
+def _cells_up_to(rows: Iterable[Sequence[object]]) -> int:
+    """Count cells, no further than needed to know that they are too many."""
+    n_cells = 0
+    for row in rows:
+        n_cells += len(row)
+        if n_cells > MOST_CELLS:
+            break
+    return n_cells
+
+
+def _check_cells(n_cells: int) -> None:
+    if n_cells > MOST_CELLS:
+        raise VotesError(f"holds more than {MOST_CELLS // 10**6} million cells, far more than votes; divide it")
+
+
+def _check_unpacked(n_bytes: int) -> None:
+    if n_bytes > MOST_UNPACKED:
+        raise VotesError(f"unpacks to more than {MOST_UNPACKED // 2**20} MB, far more than votes; divide it")
+
+
+# By the end of a file's name, the longer endings first.
+READERS: dict[str, Callable[[Path], pd.DataFrame]] = {
+    **dict.fromkeys((".csv.gz", ".tsv.gz"), _read_gzip),
+    **dict.fromkeys((".csv", ".tsv"), _read_text),
+    **dict.fromkeys((".jsonl", ".ndjson"), _read_lines),
+    ".json": _read_json,
+    ".parquet": _read_parquet,
+    ".xlsx": _read_excel,
+}

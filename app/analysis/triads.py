@@ -8,21 +8,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.stats import chi2
 
-from app.analysis.votes_table import NONE, A, VotesTable
+from app.analysis.triad_chance import half_cycles, pattern_of, random_half_cycles, samples_for, tail
+from app.analysis.votes_table import VotesTable, bounds_of, numbered, order_of
 
+SIGNS = np.array([1, -1, 0])  # of a vote for the first, the second or neither
 EXACT_UP_TO = 10  # items; the dynamic programme takes 0.2 s for ten and three times as long per further item
+MOST_ITEMS = 60  # 34 220 triples, whose chance is tried out for each participant
 MANY_ITEMS, SPARSE = 100, 0.05  # above this many and below this share of n^2 pairs, sparse matrices are faster
-MAX_BROKEN_TIES = 15  # 2^15 ways of breaking them: every pair of six items
+PARTS_KEPT = 2**15  # participants times datasets of some studies, about 1 kB each
+LARGEST_KEPT = 300  # votes of a part, 10 kB
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,11 @@ class Triads:
     circular_expected_ties : expected number of cycles if a coin broke every tie; equals `circular` without ties
     circular_max : largest possible number; None for an incomplete design
     zeta : coefficient of consistence 1 - circular_expected_ties / circular_max
-    p_value : probability that random votes have as few cycles or fewer, averaged over the ways of breaking the ties
-    broken : share of the ways of breaking the ties that give 0, 1, 2, … cycles; empty if the design is incomplete, or
-        has too many ties
+    p_value : probability that random votes on the same pairs, with the ties where they are, have as few expected cycles
+        or fewer; None if no triple of the pairs can tell, or with more than 60 items
+    circular_by_chance : expected number of cycles under random votes, a quarter of the triples with three votes
+    half_cycles : twice the expected number of cycles of the triples with at most one tie
+    chance : probabilities of 0, 1, 2, … of these half cycles under random votes; empty if no triple can tell
     """
 
     participant: str
@@ -51,7 +56,9 @@ class Triads:
     circular_max: int | None
     zeta: float | None
     p_value: float | None
-    broken: tuple[float, ...] = ()
+    circular_by_chance: float = 0.0
+    half_cycles: int = 0
+    chance: tuple[float, ...] = ()
 
 
 def triads(votes: VotesTable) -> list[Triads]:
@@ -59,72 +66,134 @@ def triads(votes: VotesTable) -> list[Triads]:
 
     Repeated votes on a pair count as their majority, and as a tie if there is none.
     """
-    if not votes.has_participants:
+    if not votes.has_participants or not len(votes):
         return []
     rows = []
     key = votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset
-    order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order])) + 1
-    for part in np.split(order, starts) if len(order) else ():
-        participant = votes.participants[votes.participant[part[0]]]
-        dataset = votes.datasets[votes.dataset[part[0]]]
-        n_items = len(np.unique(np.r_[votes.item_a[part], votes.item_b[part]]))
-        if n_items > MANY_ITEMS and len(part) < SPARSE * n_items**2:
-            rows.append(_triads_of_few(participant, dataset, votes.where(part)))
-        else:
-            rows.append(_triads_of(participant, dataset, preference_matrix(votes, part)))
+    order = order_of(key, len(votes.participants) * len(votes.datasets))
+    bounds = bounds_of(key[order])
+    columns = (votes.item_a, votes.item_b, votes.choice, votes.count)
+    table = np.stack([column[order].astype(np.int64) for column in columns], axis=1)  # (N, 4)
+    n_samples = samples_for((len(bounds) - 1) * comb(len(votes.items), 3))
+    for start, end in pairwise(bounds):
+        row = order[start]
+        who, dataset = votes.participants[votes.participant[row]], votes.datasets[votes.dataset[row]]
+        counted = _triads_of_part if end - start <= LARGEST_KEPT else _triads_of_part.__wrapped__
+        rows.append(replace(counted(table[start:end].tobytes(), n_samples), participant=who, dataset=dataset))
     return rows
 
 
-def preference_matrix(votes: VotesTable, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+@lru_cache(maxsize=PARTS_KEPT)
+def _triads_of_part(votes: bytes, n_samples: int) -> Triads:
+    """Count the triads of one participant's votes on one dataset, int64 (M, 4): both items, choice and count.
+
+    They are kept, because most are the same when an analysis is repeated after another vote.
+    """
+    item_a, item_b, choice, count = np.frombuffer(votes, np.int64).reshape(-1, 4).T
+    n_items = len(_compared(item_a, item_b)[0])
+    if n_items > MANY_ITEMS and len(choice) < SPARSE * n_items**2:
+        return _triads_of_few(item_a, item_b, choice, count)
+    return _triads_of(preference_matrix(item_a, item_b, choice, count), n_samples)
+
+
+def _compared(
+    item_a: NDArray[np.int64], item_b: NDArray[np.int64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return the items that the votes compare, and each vote's first and second among them, intp (M,)."""
+    items, place = numbered(both := np.concatenate([item_a, item_b]), int(both.max()) + 1)
+    return items, place[: len(item_a)], place[len(item_a) :]
+
+
+def preference_matrix(
+    item_a: NDArray[np.int64], item_b: NDArray[np.int64], choice: NDArray[np.int64], count: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Return which item is preferred to which, by majority.
 
     Parameters
     ----------
-    rows : int (M,), rows of the table, all of one participant and dataset
+    item_a, item_b, choice, count : int64 (M,), columns of a `VotesTable`, all of one participant and dataset
 
     Returns
     -------
     float64 (n, n), 1 where the row's item is preferred, 0.5 for a tie, 0 where the column's is, NaN without a vote
     """
-    items, index = np.unique(np.r_[votes.item_a[rows], votes.item_b[rows]], return_inverse=True)
-    first, second = index[: len(rows)], index[len(rows) :]
-    sign = np.where(votes.choice[rows] == A, 1, np.where(votes.choice[rows] == NONE, 0, -1)) * votes.count[rows]
-    balance = np.zeros((len(items), len(items)))
-    n_votes = np.zeros_like(balance)
-    np.add.at(balance, (first, second), sign)
-    np.add.at(n_votes, (first, second), votes.count[rows])
+    items, first, second = _compared(item_a, item_b)
+    sign = SIGNS[choice] * count
+    n, cell = len(items), first * len(items) + second
+    balance, n_votes = (np.bincount(cell, weight, n * n).reshape(n, n) for weight in (sign, count))
     balance, n_votes = balance - balance.T, n_votes + n_votes.T
     return np.where(n_votes > 0, (np.sign(balance) + 1) / 2, np.nan)
 
 
-def _triads_of(participant: str, dataset: str, preferred: NDArray[np.float64]) -> Triads:
+def _triads_of(preferred: NDArray[np.float64], n_samples: int) -> Triads:
     n = len(preferred)
     complete = int(np.isnan(preferred).sum()) == n
-    circular = count_circular(preferred)
     expected = expected_circular(preferred)
     maximum = max_circular(n) if complete else None
-    broken = broken_ties(preferred) if complete else None
+    observed, chance = chance_of(preferred, n_samples)
     return Triads(
-        participant,
-        dataset,
+        "",
+        "",
         n_items=n,
         complete=complete,
-        circular=circular,
+        circular=count_circular(preferred),
         circular_expected_ties=expected,
         circular_max=maximum,
         zeta=1 - expected / maximum if maximum else None,
-        p_value=None if broken is None else p_value(n, broken),
-        broken=() if broken is None else tuple(broken.tolist()),
+        p_value=tail([observed], [chance]) if len(chance) else None,
+        circular_by_chance=_undirected_triangles(~np.isnan(preferred)) / 4,
+        half_cycles=observed,
+        chance=tuple(chance.tolist()),
     )
 
 
-def _triads_of_few(participant: str, dataset: str, votes: VotesTable) -> Triads:
+def chance_of(preferred: NDArray[np.float64], n_samples: int) -> tuple[int, NDArray[np.float64]]:
+    """Return a participant's half cycles, and the probabilities of 0, 1, 2, … of them under random votes.
+
+    Exact for complete designs without ties of up to ten items, and for up to `EXACT_VOTES` votes without a tie; else
+    from random directions, among which the observed one counts.
+
+    Parameters
+    ----------
+    preferred : float64 (n, n), as from `preference_matrix`
+    n_samples : number of random directions
+
+    Returns
+    -------
+    half_cycles : int
+    chance : float64 (H,); empty if no triple of the pairs can tell, or with more than `MOST_ITEMS`
+    """
+    n = len(preferred)
+    if n > MOST_ITEMS:
+        return 0, np.zeros(0)
+    pattern = pattern_of(preferred)
+    if not len(pattern.triads) + len(pattern.chains):
+        return 0, np.zeros(0)
+    strict = np.triu(preferred == 1, 1)
+    first_wins = strict[np.triu((preferred == 1) | (preferred == 0), 1)]
+    observed = int(half_cycles(pattern, first_wins[:, None])[0])
+    if n <= EXACT_UP_TO and pattern.n_votes == comb(n, 2):
+        chance = np.zeros(2 * max_circular(n) + 1)
+        chance[::2] = circular_distribution(n)
+        return observed, chance
+    counts, is_exact = random_half_cycles(pattern, n_samples)
+    if not is_exact:
+        counts = np.pad(counts, (0, max(0, observed + 1 - len(counts))))
+        counts[observed] += 1
+    return observed, counts / counts.sum()
+
+
+def _undirected_triangles(judged: NDArray[np.bool_]) -> float:
+    """Return the number of triples with three votes, of bool (n, n) without a diagonal."""
+    return _directed_triangles(judged.astype(np.float64)) / 2
+
+
+def _triads_of_few(
+    item_a: NDArray[np.int64], item_b: NDArray[np.int64], choice: NDArray[np.int64], count: NDArray[np.int64]
+) -> Triads:
     """Count only cycles, by sparse matrices, for a participant who compared few of many pairs."""
-    items, index = np.unique(np.r_[votes.item_a, votes.item_b], return_inverse=True)
-    n = len(items)
-    first, second = index[: len(votes)], index[len(votes) :]
-    sign = np.where(votes.choice == A, 1, np.where(votes.choice == NONE, 0, -1)) * votes.count
+    items, first, second = _compared(item_a, item_b)
+    n, sign = len(items), SIGNS[choice] * count
     sign = np.where(first < second, sign, -sign)
     pairs, pair = np.unique(np.minimum(first, second) * n + np.maximum(first, second), return_inverse=True)
     share = (np.sign(np.bincount(pair, sign)) + 1) / 2
@@ -133,8 +202,8 @@ def _triads_of_few(participant: str, dataset: str, votes: VotesTable) -> Triads:
     strict = chance.copy()
     strict.data = (strict.data == 1).astype(float)
     return Triads(
-        participant,
-        dataset,
+        "",
+        "",
         n_items=n,
         complete=False,
         circular=round(_sparse_triangles(strict)),
@@ -142,6 +211,7 @@ def _triads_of_few(participant: str, dataset: str, votes: VotesTable) -> Triads:
         circular_max=None,
         zeta=None,
         p_value=None,
+        circular_by_chance=_sparse_triangles(chance + chance.T) / 8,  # each triple is found in both directions
     )
 
 
@@ -188,50 +258,6 @@ def max_circular(n: int) -> int:
     return (n**3 - (n if n % 2 else 4 * n)) // 24
 
 
-def p_value(n: int, broken: NDArray[np.float64]) -> float:
-    """Return P(T <= observed) under random votes, averaged over the ways of breaking ties.
-
-    Exact up to ten items, by the chi-square approximation beyond.
-
-    Parameters
-    ----------
-    broken : float64 (T + 1,), as from `broken_ties`
-    """
-    different = np.flatnonzero(broken)
-    return float(sum(broken[circular] * cumulative_probability(n, int(circular)) for circular in different))
-
-
-def broken_ties(preferred: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the share of the ways of breaking the ties of a complete design that give 0, 1, 2, … circular triads.
-
-    Parameters
-    ----------
-    preferred : float64 (n, n), as from `preference_matrix`
-
-    Returns
-    -------
-    float64 (Tmax + 1,), or None for fewer than three items, and with too many ties to break them in all ways
-    """
-    n = len(preferred)
-    ties = np.argwhere(np.triu(preferred == 0.5))
-    if n < 3 or len(ties) > MAX_BROKEN_TIES:
-        return None
-    counts = _broken_counts(preferred, ties)
-    return np.bincount(counts, minlength=max_circular(n) + 1) / len(counts)
-
-
-def _broken_counts(preferred: NDArray[np.float64], ties: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Return the number of circular triads for every way of breaking the ties, int64 (2^t,), from the win counts."""
-    n = len(preferred)
-    wins = np.nansum(preferred == 1, axis=1)
-    ways = np.arange(2 ** len(ties))[:, None] >> np.arange(len(ties)) & 1  # (2^t, t)
-    points = np.tile(wins, (len(ways), 1))
-    for column, (first, second) in enumerate(ties):
-        points[:, first] += ways[:, column]
-        points[:, second] += 1 - ways[:, column]
-    return circular_from_wins(points, n)
-
-
 def circular_from_wins(wins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
     """Return the numbers of circular triads, int64 (…), from numbers of wins: T = n(n-1)(2n-1)/12 - sum of squares /
     2.
@@ -247,24 +273,6 @@ def circular_from_wins(wins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
     """
     result: NDArray[np.int64] = (n * (n - 1) * (2 * n - 1) // 6 - np.sum(wins**2, axis=-1)) // 2
     return result
-
-
-def cumulative_probability(n: int, circular: int) -> float:
-    """Return P(T <= circular) for random votes on n items.
-
-    Source
-    ------
-    Kendall and Babington Smith (1940): exact by enumeration, else chi-square with a correction of one half.
-    """
-    if n <= EXACT_UP_TO:
-        return float(np.sum(circular_distribution(n)[: circular + 1]))
-    return approximate_probability(n, circular)
-
-
-def approximate_probability(n: int, circular: int) -> float:
-    """Return P(T <= circular) for random votes on n > 4 items by the chi-square approximation."""
-    df = n * (n - 1) * (n - 2) / (n - 4) ** 2
-    return float(chi2.sf(8 / (n - 4) * (comb(n, 3) / 4 - circular - 0.5) + df, df))
 
 
 def circular_distribution(n: int) -> NDArray[np.float64]:
@@ -307,24 +315,22 @@ def _grow(wins: tuple[int, ...], n_before: int) -> list[tuple[tuple[int, ...], i
 
 
 def smallest_p_value(rows: Sequence[Triads]) -> float:
-    """Return `pooled_p_value` without any contradiction; with few triads it is far above 0.
+    """Return `pooled_p_value` with the fewest possible contradictions; with few triads it is far above 0.
 
-    A dataset of 3 items gives 0.75, of 4 items 0.375, of 5 items 0.117, of 6 items 0.022; datasets multiply.
+    Without ties, a dataset of 3 items gives 0.75, of 4 items 0.375, of 5 items 0.117, of 6 items 0.022; datasets
+    multiply.
     """
-    return float(np.prod([circular_distribution(row.n_items)[0] for row in rows]))
+    return float(np.prod([next(filter(None, row.chance)) for row in rows if row.chance]))
 
 
 def pooled_p_value(rows: Sequence[Triads]) -> float | None:
-    """Return P(sum of T <= observed sum) of a participant over datasets, by convolving the exact distributions.
+    """Return the probability that random votes give a participant as few expected cycles over all datasets.
 
     Returns
     -------
-    float, or None if a row is incomplete, has too many ties to break, or has more than ten items
+    float, or None if no dataset has triples that can tell
     """
-    if not rows or any(not row.broken or row.n_items > EXACT_UP_TO for row in rows):
+    telling = [row for row in rows if row.chance]
+    if not telling:
         return None
-    random = observed = np.ones(1)
-    for row in rows:
-        random = np.convolve(random, circular_distribution(row.n_items))
-        observed = np.convolve(observed, np.array(row.broken))
-    return float(np.sum(observed * np.cumsum(random)))
+    return tail([row.half_cycles for row in telling], [np.array(row.chance) for row in telling])

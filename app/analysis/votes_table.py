@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -72,21 +73,99 @@ class VotesTable:
         return self.participants != ("",)
 
     @property
+    def n_voters(self) -> int:
+        """Number of participants with rows in the table."""
+        return len(numbered(self.participant, len(self.participants))[0])
+
+    @property
     def has_datasets(self) -> bool:
         """Are the votes divided into named datasets?"""
         return self.datasets != ("",)
 
-    def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]]) -> VotesTable:
-        """Return the table with only these rows, bool (N,) or int (M,); the lists of names stay."""
-        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in NAMES}
-        return replace(self, **columns)
+    def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]] | slice) -> VotesTable:
+        """Return the table with only these rows, bool (N,), int (M,) or a slice; the lists of names stay."""
+        if isinstance(rows, np.ndarray) and rows.dtype == bool:
+            rows = np.flatnonzero(rows)  # looked up once, not for each column
+        columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NAMES}
+        size = len(columns["choice"][rows])
+        kept: dict[str, Any] = {name: _rows_of(column, rows, size) for name, column in columns.items()}
+        return replace(self, **kept)
+
+    def by_participant(self) -> dict[int, VotesTable]:
+        """Return the rows of each participant, by index."""
+        is_sorted = bool((np.diff(self.participant) >= 0).all())
+        ordered = self if is_sorted else self.where(order_of(self.participant, len(self.participants)))
+        bounds = bounds_of(ordered.participant)
+        return {int(ordered.participant[start]): ordered.where(slice(start, end)) for start, end in pairwise(bounds)}
 
     def used(self) -> VotesTable:
         """Return the rows to score: not practice, not excluded, not attention checks."""
-        return self.where(~(self.practice | self.excluded) & (self.role == MAIN))
+        is_used = ~(self.practice | self.excluded) & (self.role == MAIN)
+        return self if is_used.all() else self.where(is_used)
 
 
+def _rows_of(column: NDArray[Any], rows: Any, size: int) -> NDArray[Any]:
+    """Return rows of a column; a single value that stands for all rows stays one, and takes no memory."""
+    return np.broadcast_to(column[:1], size) if len(column) and column.strides == (0,) else column[rows]
+
+
+def numbered(codes: NDArray[np.integer[Any]], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which codes are there, and each row's place among them: `numpy.unique` without sorting.
+
+    Parameters
+    ----------
+    codes : int (N,), from 0
+    size : more than the largest code
+
+    Returns
+    -------
+    codes, ascending, intp (M,), and places, intp (N,)
+    """
+    is_there = np.zeros(size, bool)
+    is_there[codes] = True
+    return np.flatnonzero(is_there), (np.cumsum(is_there) - 1)[codes]
+
+
+def order_of(codes: NDArray[np.integer[Any]], size: int) -> NDArray[np.intp]:
+    """Return the order that sorts codes below `size`, int (N,), stably, intp (N,); numpy is fast with 16 bits."""
+    return np.argsort(codes.astype(np.uint16) if size <= SIXTEEN_BITS else codes, kind="stable")
+
+
+def bounds_of(ordered: NDArray[np.integer[Any]]) -> list[int]:
+    """Return where each run of equal codes starts in sorted codes, int (N,), and N at the end."""
+    return [0, *(np.flatnonzero(np.diff(ordered)) + 1).tolist(), len(ordered)] if len(ordered) else [0]
+
+
+SIXTEEN_BITS = 2**16
 NAMES = ("participants", "datasets", "items")
+NAMES_OF = {"participant": "participants", "dataset": "datasets", "item_a": "items", "item_b": "items"}
+
+
+def joined(tables: Sequence[VotesTable]) -> VotesTable:
+    """Return several tables as one; the same name means the same participant, dataset or item.
+
+    Raises
+    ------
+    VotesError
+        If only some of the tables name participants, or datasets.
+    """
+    for what in ("participants", "datasets"):
+        are_named = [getattr(table, what) != ("",) for table in tables]
+        if any(are_named) and not all(are_named):
+            raise VotesError(f"some of the {len(tables)} files name {what} and others do not; name them in all or none")
+    names: dict[str, Any] = {
+        what: tuple(dict.fromkeys(n for table in tables for n in getattr(table, what))) for what in NAMES
+    }
+    places = {what: {name: place for place, name in enumerate(names[what])} for what in NAMES}
+    columns: dict[str, Any] = {}
+    for column in (f.name for f in fields(VotesTable) if f.name not in NAMES):
+        parts = [getattr(table, column) for table in tables]
+        if column in NAMES_OF:
+            what = NAMES_OF[column]
+            maps = [np.array([places[what][name] for name in getattr(table, what)], np.int32) for table in tables]
+            parts = [codes[part] for codes, part in zip(maps, parts, strict=True)]
+        columns[column] = np.concatenate(parts)
+    return VotesTable(**names, **columns)
 
 
 def votes_from_indices(
@@ -121,13 +200,25 @@ def votes_from_indices(
         item_a=item_a.astype(np.int32, copy=False),
         item_b=item_b.astype(np.int32, copy=False),
         choice=choice.astype(np.int8, copy=False),
-        first_shown=np.full(n, -1, np.int8) if first_shown is None else first_shown.astype(np.int8, copy=False),
-        both_seen=np.full(n, -1, np.int8),
-        count=np.broadcast_to(np.int64(1), n) if count is None else count.astype(np.int64, copy=False),
-        response_ms=np.full(n, np.nan),
-        press_to_picture_ms=np.full(n, np.nan),
-        practice=np.zeros(n, bool),
-        excluded=np.zeros(n, bool),
-        reason=np.full(n, "", object),
-        role=np.zeros(n, np.int8),
+        first_shown=constant(-1, np.int8, n) if first_shown is None else first_shown.astype(np.int8, copy=False),
+        both_seen=constant(-1, np.int8, n),
+        count=constant(1, np.int64, n) if count is None else count.astype(np.int64, copy=False),
+        response_ms=constant(np.nan, np.float64, n),
+        press_to_picture_ms=constant(np.nan, np.float64, n),
+        practice=constant(False, np.bool_, n),
+        excluded=constant(False, np.bool_, n),
+        reason=constant("", np.object_, n),
+        role=constant(0, np.int8, n),
     )
+
+
+def constant(value: object, kind: type[Any], n: int) -> NDArray[Any]:
+    """Return a column (N,) with the same value in all rows, read-only, that takes the memory of one.
+
+    Parameters
+    ----------
+    value : of all rows
+    kind : numpy type of the column
+    n : N
+    """
+    return np.broadcast_to(np.array(value, kind), n)

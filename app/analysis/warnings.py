@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from app.analysis.bradley_terry import RIDGE
 from app.analysis.comparison import Comparison
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
 from app.analysis.objective.prediction import ALL
@@ -16,6 +18,7 @@ from app.analysis.votes_table import MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name
+FIRST_LOOK = 100_000  # rows in which they are looked for first
 FEW_CONDITIONS = 10  # of a dataset, which then tells little about a measure: 0.63 is within chance
 
 
@@ -30,9 +33,36 @@ def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison])
     """
     warnings = [] if len(used) else ["No vote is left after practice and exclusions: there is nothing to analyse."]
     warnings += _repeats(votes)
+    has_order = any(comparison.fit.design.has_order for comparison in compared)
+    if has_order and not (used.first_shown >= 0).any():
+        warnings.append(
+            "no vote records which condition was shown first (first_shown): item_a counts as shown first, so the "
+            "order effect is that of being item_a"
+        )
+    warnings += _orders_left_out(compared)
     for comparison in compared:
         warnings += _fit_warnings(comparison)
     return warnings
+
+
+def _orders_left_out(compared: list[Comparison]) -> Iterator[str]:
+    """Yield why the order effect is left out, a sentence for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for comparison in compared:
+        if comparison.order_left_out:
+            reasons.setdefault(comparison.order_left_out, []).append(_where(comparison))
+    for why, where in reasons.items():
+        yield f"the order effect is left out ({'; '.join(where)}): {why}"
+
+
+PENALISED = {"firth": "Firth's (1993) estimate", f"ridge {RIDGE}": f"an estimate with a ridge of {RIDGE}"}
+
+
+def _where(comparison: Comparison) -> str:
+    what = "all conditions" if comparison.comparison == ALL else f"factor {comparison.comparison}"
+    if not comparison.votes.has_datasets:
+        return what
+    return f"{what}, {'all datasets' if comparison.dataset == ALL else f'dataset {comparison.dataset}'}"
 
 
 def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -65,22 +95,21 @@ def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _fit_warnings(comparison: Comparison) -> Iterator[str]:
-    fit, where = comparison.fit, f"comparison {comparison.comparison}, dataset {comparison.dataset}"
+    fit, where = comparison.fit, _where(comparison)
     if fit.status == "disconnected" and len(fit.groups) > 1:
         islands = "; ".join(", ".join(group) for group in fit.groups)
         yield f"{where}: disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
     if fit.status == "separated" and len(fit.groups) > 1:
         order = " > ".join("{" + ", ".join(group) + "}" for group in fit.groups)
         yield (
-            f"{where}: no finite maximum, the votes between these groups all go one way: {order}; "
-            f"scores are the {fit.penalty} estimate"
+            f"{where}: no finite maximum, no vote, or only ties, went against the order {order}; "
+            f"scores are {PENALISED.get(fit.penalty or '', fit.penalty)}"
         )
     if fit.status == "separated" and len(fit.groups) == 1:
         yield (
-            f"{where}: no finite maximum, the tie parameter grows without limit; scores are the {fit.penalty} estimate"
+            f"{where}: no finite maximum, the tie parameter grows without limit; scores are "
+            f"{PENALISED.get(fit.penalty or '', fit.penalty)}"
         )
-    if fit.status == "disconnected" and len(fit.groups) == 1:
-        yield f"{where}: the votes cannot tell the scores and the other effects apart, so there are none"
     if len(fit.counts.first) > MOST_PAIRS:
         yield f"{where}: {len(fit.counts.first)} pairs are analysed and not listed"
     if fit.theta is not None and fit.covariance is None:
@@ -90,7 +119,8 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
     if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum
-        what = "are left out" if comparison.bootstrap.has_percentiles(LEVEL) else "are too many for percentiles to hold"
+        has_percentiles = comparison.bootstrap.has_percentiles(LEVEL, fit.n_participants or 0)
+        what = "are left out" if has_percentiles else "are too many for percentiles to hold"
         yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and {what}"
 
 
@@ -102,16 +132,28 @@ def _repeats(votes: VotesTable) -> list[str]:
     n = np.int64(len(votes.items))
     key = (votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset) * n * n + low * n + high
     key = np.where(votes.practice | votes.excluded | (votes.role != MAIN), -1 - np.arange(len(key)), key)
-    _, first = np.unique(key, return_index=True)
-    rows = np.setdiff1d(np.arange(len(key)), first)
+    ordered = np.sort(key)
+    n_repeats = int((ordered[1:] == ordered[:-1]).sum())
+    rows = _first_repeats(key.astype(np.int64, copy=False), min(n_repeats, MANY_REPEATS))
     named = [
         f"row {row + 1} ({votes.participants[votes.participant[row]]}, "
         f"{votes.datasets[votes.dataset[row]] or 'no dataset'}, "
         f"{votes.items[votes.item_a[row]]} - {votes.items[votes.item_b[row]]})"
-        for row in rows[:MANY_REPEATS]
+        for row in rows
     ]
     if not named:
         return []
-    more = f" and {len(rows) - len(named)} more" if len(rows) > len(named) else ""
-    what = f"{len(rows)} votes repeat a pair that the same participant judged before; all are counted"
+    more = f" and {n_repeats - len(named)} more" if n_repeats > len(named) else ""
+    what = f"{n_repeats} votes repeat a pair that the same participant judged before; all are counted"
     return [f"{what}: {', '.join(named)}{more}"]
+
+
+def _first_repeats(key: NDArray[np.int64], wanted: int) -> NDArray[np.intp]:
+    """Return the first rows whose key an earlier row has; few rows of a long table show them."""
+    size, rows = FIRST_LOOK, np.zeros(0, np.intp)
+    while len(rows) < wanted:
+        is_first = np.zeros(len(key[:size]), bool)
+        is_first[np.unique(key[:size], return_index=True)[1]] = True
+        rows = np.flatnonzero(~is_first)
+        size *= 10
+    return rows[:wanted]

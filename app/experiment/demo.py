@@ -30,7 +30,7 @@ MEASURES = ("ssim_actor", "vmaf", "flicker")  # of the films, those that are com
 def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: float, progress: Progress) -> None:
     """Create the demo's study of all but the truth, with what was measured of its films, if it is not there."""
     if not list_studies(settings):
-        options = read_options(None, {"without": [TRUTH]}, QUICK).with_stage(PRACTICE)
+        options = read_options(None, {"without": [TRUTH], "fallback": ""}, QUICK).with_stage(PRACTICE)
         create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
         attach_results(settings, [report], only=MEASURES)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +13,21 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.correlation import spearman
-from app.experiment.sections import Results, experiment_sections, order_text, screened_out
+from app.analysis.drawing import svg_pdf
+from app.experiment.parts import Figure, wrapped_picture
+from app.experiment.results import Results, order_text, screened_out
+from app.experiment.sections import experiment_sections
 from app.experiment.study import OBJECTIVE_FILE, StudyPart
-from app.files import packaged, read_json, write_json, write_text
+from app.files import packaged, read_json, write_bytes, write_json, write_text
 
 PUBLISHED = "experiment/paper.toml"
 QUESTIONS = {
     "all": "Approaches, best first",
     "depth": "Depth methods, best first",
     "fusion": "View fusions, best first",
+    "colour": "Sources of colours, best first",
 }
+AGREES, OPEN, DIFFERS = "agrees", "not told apart", "differs"  # grades of a conclusion
 AGREEMENT = 0.8  # least rank correlation of what was put in and what came out that counts as agreement
 
 
@@ -54,6 +61,8 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    for figure in (figure for part in parts for figure in part.figures if figure.name):
+        _write_figure(results.out / "figures" / figure.name, figure)
     write_text(results.out / "report.html", environment.get_template("experiment.html").render(content))
     report = {
         "schema_version": 1,
@@ -72,41 +81,83 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
     return report
 
 
+def _write_figure(stem: Path, figure: Figure) -> None:
+    """Write a figure as SVG and PDF."""
+    stem.parent.mkdir(exist_ok=True)
+    svg = figure.svg or wrapped_picture(figure.pictures[0])
+    write_text(stem.with_suffix(".svg"), svg)
+    write_bytes(stem.with_suffix(".pdf"), svg_pdf(svg))
+
+
 def conclusions(results: Results) -> list[dict[str, Any]]:
     """Compare what the experiment concludes with what was put into it."""
-    names = sorted(results.answers["abilities"])
-    scores = {dataset: results.scores("all", dataset) for dataset in {name.split("/")[0] for name in names}}
-    put_in = np.array([results.answers["abilities"][name] for name in names])
-    measured = np.array([scores[name.split("/")[0]][name.split("/")[1]] for name in names])
-    rank = spearman(put_in, measured)
+    abilities = results.answers["abilities"]
+    scores = {
+        f"{dataset}/{item}": score
+        for dataset in sorted({name.split("/")[0] for name in abilities})
+        for item, score in results.scores("all", dataset).items()
+    }
+    names = list(scores)
+    rank = spearman(np.array([abilities[name] for name in names]), np.array([scores[name] for name in names]))
     question = f"Rank correlation of the {len(names)} videos' scores with the quality put in"
-    checks = [_check(question, "1", f"{rank:.3f}", agrees=rank >= AGREEMENT)]
+    checks = [_check(question, "1", f"{rank:.3f}", AGREES if rank >= AGREEMENT else DIFFERS)]
     best, preferred = (next(iter(ranked("all", "all"))) for ranked in (results.truth, results.scores))
-    agrees = preferred == best or {best, preferred} in results.alike("all", "all")
-    checks.append(_check("The preferred approach", best, preferred, agrees=agrees))
+    checks.append(_check("The preferred approach", best, preferred, _grade_of_best(results, best)))
     for comparison, question in QUESTIONS.items():
+        if comparison not in ("all", *results.factors):
+            continue
         truth = results.truth(comparison, "all")
         came_out = order_text(results.scores(comparison, "all"), results.alike(comparison, "all"))
-        agrees = not _contradictions(results, comparison, truth)
-        checks.append(_check(question, order_text(truth), came_out, agrees=agrees))
+        checks.append(_check(question, order_text(truth), came_out, _grade_of_order(results, comparison, truth)))
+    checks += _ratings_check(results, scores)
     failed = [test for _, test in screened_out(results)]
     came_out = f"{len(failed)}: {', '.join(sorted(set(failed))) or 'nobody'}"
     question = "People whom the screening stops"
-    checks.append(_check(question, "1, who lacks a cone", came_out, agrees=failed == ["colour"]))
+    checks.append(_check(question, "1, who lacks a cone", came_out, AGREES if failed == ["colour"] else DIFFERS))
     return checks
 
 
-def _check(question: str, put_in: str, came_out: str, *, agrees: bool) -> dict[str, Any]:
-    return {"question": question, "put_in": put_in, "came_out": came_out, "agrees": agrees}
+def _ratings_check(results: Results, scores: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Compare the videos' mean ratings with their scores, where there are ratings."""
+    rated = results.mean_ratings()
+    if not rated:
+        return []
+    names = [name for name in scores if name in rated]
+    rank = spearman(np.array([scores[name] for name in names]), np.array([rated[name] for name in names]))
+    question = f"Rank correlation of the {len(names)} videos' ratings with their scores"
+    return [_check(question, "1", f"{rank:.3f}", AGREES if rank >= AGREEMENT else DIFFERS)]
 
 
-def _contradictions(results: Results, comparison: str, truth: Mapping[str, float]) -> list[str]:
-    """List the pairs whose scores clearly contradict the truth."""
-    return [
-        f"{row['item_a']}, {row['item_b']}"
+def _check(question: str, put_in: str, came_out: str, grade: str) -> dict[str, Any]:
+    return {
+        "question": question, "put_in": put_in, "came_out": came_out, "grade": grade, "agrees": grade == AGREES,
+    }  # fmt: skip
+
+
+def _grade_of_order(results: Results, comparison: str, truth: Mapping[str, float]) -> str:
+    """Grade an order: the votes agree only where they tell all neighbours in the true order apart."""
+    clear = _clear_differences(results, comparison)
+    if any(truth[better] < truth[worse] for better, worse in clear):
+        return DIFFERS
+    return AGREES if set(pairwise(truth)) <= clear else OPEN
+
+
+def _grade_of_best(results: Results, best: str) -> str:
+    """Grade the preferred approach: the votes agree only where they tell it from every other one."""
+    clear = _clear_differences(results, "all")
+    others = set(results.truth("all", "all")) - {best}
+    if any((other, best) in clear for other in others):
+        return DIFFERS
+    return AGREES if {(best, other) for other in others} <= clear else OPEN
+
+
+def _clear_differences(results: Results, comparison: str) -> set[tuple[str, str]]:
+    """Return the pairs (better, worse) that the votes tell apart."""
+    return {
+        (row["item_a"], row["item_b"]) if row["difference"] > 0 else (row["item_b"], row["item_a"])
         for row in results.contrasts(comparison, "all")
-        if row["p_holm"] < SIGNIFICANT and row["difference"] * (truth[row["item_a"]] - truth[row["item_b"]]) < 0
-    ]
+        if row["p_holm"] < SIGNIFICANT
+    }
 
 
 def _lead(results: Results, name: str) -> str:
@@ -114,7 +165,7 @@ def _lead(results: Results, name: str) -> str:
     width, height = scale["video_size"]
     return (
         f"Scale “{name}”: {len(results.objective['scenes'])} synthetic scenes of {scale['n_frames']} frames, three "
-        f"stereo sensors, six approaches, {width} × {height} videos of {scale['seconds']:g} s at "
+        f"stereo sensors, {len(results.levels)} approaches, {width} × {height} videos of {scale['seconds']:g} s at "
         f"{scale['video_fps']:g} frames a second; {scale['n_spheres']} placed spheres; "
         f"{results.answers['votes']} votes. The recordings are synthetic and the people artificial: they prefer what "
         "was measured to look more like the scene. Numbers of the paper stand beside ours to compare their kind and "

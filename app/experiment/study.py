@@ -21,14 +21,16 @@ from app.intake.reports import Measure, read_report
 from app.intake.stimuli import MANIFEST
 from app.main import running_server
 from app.operations.create import create_study, read_options
-from app.operations.manage import add_own_token, attach_results, list_studies
+from app.operations.manage import attach_results, list_studies, own_token
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate_study
+from app.simulation.rating import LOG_ODDS_OF_SCALE
+from app.study.adaptive import FEWEST_CONDITIONS
 from app.study.options import StudyOptions
-from app.study.presets import PAPER
+from app.study.presets import PAPER, QUICK
 
-NAME = "The paper's study"
+NAME, RATINGS_NAME = "The paper's study", "Ratings of the same videos"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"
 TABLES = ("analysis", "screening", "questionnaire", "participants")
 QUALITY = "novel view SSIM"  # what the artificial people see of a model: its likeness to photographs
@@ -46,7 +48,9 @@ MEASURES = (  # those of all in the reports that are compared with the scores
     "flicker",
 )
 TRUTH = "truth"  # filmed to be measured against, not to be voted on
-LOG_ODDS_PER_OCTAVE = 5.0  # a model half as unlike the photographs as another one wins 148 : 1
+# A model that is less unlike the photographs by a tenth of an octave wins 4.5 : 1. The paper's people made no circular
+# triad: they saw the differences clearly.
+LOG_ODDS_PER_OCTAVE = 15.0
 SENSITIVITY_SPREAD = 0.3  # between people: standard deviation of the logarithm of how much quality moves them
 TASTE_SPREAD = 0.3  # between people: standard deviation of their liking for an approach apart from quality, log-odds
 TIE_RATE = 0.15
@@ -60,6 +64,16 @@ TIMEOUT_S = 300.0
 # Besides the preset of the paper's study: who fails goes no further, so that nobody has to exclude votes. Slips alone
 # never miss more than 2 of 5 plates.
 SCREENING = {"on_failure": "stop", "colour_misses": 2}
+# Of each scene, where there are enough approaches to choose from: as many comparisons as the paper's.
+ADAPTIVE_PAIRS = 15
+RATINGS = {  # absolute ratings of every video, by people whom a recruiting platform sends
+    "protocol": "ACR",
+    "outside": {
+        "id": "PROLIFIC_PID",
+        "random_codes": True,
+        "complete_url": "https://app.prolific.com/submissions/complete?cc={code}",
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -69,9 +83,11 @@ class StudyPart:
     Parameters
     ----------
     out : the experiment's folder, with the stimulus set and what was measured
+    has_ratings : whether as many other people rate every video, too
     """
 
     out: Path
+    has_ratings: bool = False
 
     def settings(self) -> Settings:
         """Settings whose folder contains the inputs' digest, so another experiment never overwrites votes."""
@@ -83,7 +99,12 @@ class StudyPart:
         shown = [(entry["dataset"], entry["approach"], entry["sha256"]) for entry in manifest["stimuli"]]
         measured = [(*measure.place, measure.value) for measure in self.measures()]
         model = [LOG_ODDS_PER_OCTAVE, SENSITIVITY_SPREAD, TASTE_SPREAD, TIE_RATE, N_PEOPLE, LACKING, SEED]
-        return hashlib.sha256(json.dumps([shown, measured, model, study_options().as_json()]).encode()).hexdigest()
+        studies = [study_options(self.n_approaches()).as_json(), *([RATINGS] if self.has_ratings else [])]
+        return hashlib.sha256(json.dumps([shown, measured, model, *studies]).encode()).hexdigest()
+
+    def n_approaches(self) -> int:
+        """Count the approaches that people compare."""
+        return len(read_json(self.out / OBJECTIVE_FILE)["levels"])
 
     def reports(self) -> list[Path]:
         """List the validation reports that compare the approaches."""
@@ -103,24 +124,39 @@ class StudyPart:
             return
         for file in settings.data_dir.glob("study.sqlite*"):  # of a start that was interrupted; films stay
             file.unlink()
-        create_study(settings, self.out / "stimuli", NAME, seed=SEED, options=study_options(), progress=progress)
-        (study,) = list_studies(settings)
-        abilities = true_abilities(self.measures())
+        planned = {NAME: study_options(self.n_approaches())}
+        if self.has_ratings:
+            planned[RATINGS_NAME] = read_options(None, {**RATINGS, "without": [TRUTH]}, QUICK)
+        for name, options in planned.items():
+            create_study(settings, self.out / "stimuli", name, seed=SEED, options=options, progress=progress)
+        studies = {study["name"]: study for study in list_studies(settings)}
+        slug, abilities = studies[NAME]["slug"], true_abilities(self.measures())
         with running_server(settings) as url:
             crowd = people(abilities)
-            result = simulate_study(settings, url, study["slug"], crowd, abilities, TIE_RATE, SEED, progress=progress)
-            attach_results(settings, self.reports(), study["slug"], only=MEASURES)
-            tables = fetched(settings, url, study["slug"], TABLES)
-        write_json(answers, {"abilities": abilities, "study": study, "votes": result["votes"], **tables})
+            result = simulate_study(settings, url, slug, crowd, abilities, TIE_RATE, SEED, progress=progress)
+            attach_results(settings, self.reports(), slug, only=MEASURES)
+            content = {"abilities": abilities, "study": studies[NAME], "votes": result["votes"]}
+            content |= fetched(settings, url, slug, TABLES)
+            if self.has_ratings:
+                slug = studies[RATINGS_NAME]["slug"]
+                simulate_study(settings, url, slug, raters(crowd), abilities, TIE_RATE, SEED + 1, progress=progress)
+                content["ratings"] = fetched(settings, url, slug, ("analysis",))["analysis"]
+        write_json(answers, content)
 
     def answers(self) -> dict[str, Any]:
         """Read what the people answered, and the truth that was put in."""
         return read_json(self.settings().data_dir / ANSWERS_FILE)
 
 
-def study_options() -> StudyOptions:
-    """Return the options of the paper's study, without the truth, and with a screening that stops those who fail."""
-    return read_options(None, {"screening": SCREENING, "without": [TRUTH]}, PAPER)
+def study_options(n_approaches: int) -> StudyOptions:
+    """Return the options of the paper's study, without the truth, and with a screening that stops those who fail.
+
+    Of many approaches, each participant compares the most informative pairs, as many as the paper's.
+    """
+    changes: dict[str, Any] = {"screening": SCREENING, "without": [TRUTH]}
+    if n_approaches >= FEWEST_CONDITIONS:
+        changes["adaptive_pairs"] = ADAPTIVE_PAIRS
+    return read_options(None, changes, PAPER)
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:
@@ -166,8 +202,18 @@ def people(abilities: Mapping[str, float]) -> list[Person]:
     return crowd
 
 
+def raters(crowd: Sequence[Person]) -> list[Person]:
+    """Return those who see all colours, with preferences that span the scale from bad to excellent."""
+    preferences = [person.abilities for person in crowd if person.abilities]
+    span = max(max(abilities.values()) - min(abilities.values()) for abilities in preferences)
+    scale = LOG_ODDS_OF_SCALE / span
+    return [Person({name: scale * ability for name, ability in abilities.items()}) for abilities in preferences]
+
+
 def fetched(settings: Settings, url: str, slug: str, tables: Sequence[str]) -> dict[str, Any]:
     """Fetch tables of a study over REST, as an analyst does."""
-    headers = {"Authorization": f"Bearer {add_own_token(settings, 'results')}"}
-    with httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT_S) as client:
+    with (
+        own_token(settings, "results") as token,
+        httpx.Client(base_url=url, headers={"Authorization": f"Bearer {token}"}, timeout=TIMEOUT_S) as client,
+    ):
         return {name: client.get(f"/api/v1/studies/{slug}/{name}").raise_for_status().json() for name in tables}

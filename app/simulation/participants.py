@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 
 from app.ffmpeg import Progress, no_progress
-from app.operations.manage import add_own_token, export_study, list_studies
+from app.operations.manage import export_study, list_studies, own_token
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
@@ -223,20 +223,20 @@ def simulate_study(
     invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
     if slug not in invitations:
         raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
-    token = add_own_token(settings, "simulate")
     outside_id = parse_study_file(export_study(settings, slug)).options.outside.id
-    return simulate(
-        base_url,
-        slug,
-        invitations[slug][0],
-        token,
-        participants,
-        abilities,
-        tie_rate,
-        seed,
-        outside_id=outside_id,
-        progress=progress,
-    )
+    with own_token(settings, "simulate") as token:
+        return simulate(
+            base_url,
+            slug,
+            invitations[slug][0],
+            token,
+            participants,
+            abilities,
+            tie_rate,
+            seed,
+            outside_id=outside_id,
+            progress=progress,
+        )
 
 
 def begin(

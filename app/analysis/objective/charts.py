@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import altair as alt
 import numpy as np
 
-from app.analysis.charts import FAINT, INK, PALETTE
+from app.analysis.drawing import (
+    FULL,
+    GAP,
+    INK,
+    LINE,
+    MARGIN,
+    PALETTE,
+    colours_of,
+    labels_of,
+    legend_of,
+    shapes_of,
+    text_width,
+    wrapped,
+)
+from app.analysis.objective.against_scores import compared_scores, score_unit
+from app.analysis.objective.labels import LABEL_SIZE, Frame, place_names
 from app.analysis.objective.logistic import Logistic
 from app.analysis.objective.prediction import ALL, directed, measures_by_rank
 
 Row = Mapping[str, Any]
 
-WIDTH, HEIGHT = 420, 300  # pixels
-MARGIN = 0.08  # of the range, around the points
-SHAPES = ["circle", "square", "triangle-up", "diamond", "cross", "triangle-down"]
+HEIGHT = 300  # pixels
+AXIS = 60  # pixels of the vertical axis with its title
+AROUND = 0.08  # of the range, around the points
 CURVE_STEPS = 80
-LETTER_WIDTH, LETTER_HEIGHT = 5.6, 11.0  # pixels of a label's letters
-GAP = 7.0  # pixels between a point and its label
+INDENT = 16  # pixels, of a name's further lines
 ROW_HEIGHT = 17  # pixels of a measure in the ranking
 RANKED = (  # column, title, what a measure without information gets
     ("pearson_logistic", "PLCC, logistic fit", 0.0),
@@ -28,24 +42,16 @@ RANKED = (  # column, title, what a measure without information gets
 )
 
 
-class Box(NamedTuple):
-    """A rectangle in pixels."""
-
-    left: float
-    top: float
-    right: float
-    bottom: float
-
-    def meets(self, other: Box) -> bool:
-        """Do the two overlap?"""
-        return (
-            self.left < other.right and other.left < self.right and self.top < other.bottom and other.top < self.bottom
-        )
-
-
-def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
+def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) -> Any:
     """Draw the scores with their intervals against a measure, with the logistic curve; colour and shape tell datasets
-    apart. With several datasets, both are relative to the dataset's mean, as they are analysed.
+    apart. With several datasets, both are relative to the dataset's mean, as they are analysed. The items' names stand
+    at the points, or, where there is no room for them all, numbers, with a list of the names below.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    measure : its name
+    width : of the figure, in pixels
 
     Returns
     -------
@@ -61,11 +67,14 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
     x = alt.X(
         "x:Q", title=f"{measure}{relative}", scale=alt.Scale(domain=x_domain, nice=False), axis=alt.Axis(tickCount=6)
     )
-    y_title, y_scale = f"score (log-odds){relative}", alt.Scale(domain=y_domain, nice=False)
-    colors, legend = alt.Scale(domain=names, range=[*PALETTE] * len(names)), alt.Legend(symbolOpacity=1)
+    y_title, y_scale = f"score ({score_unit(analysis)}){relative}", alt.Scale(domain=y_domain, nice=False)
+    colors = alt.Scale(domain=names, range=colours_of(len(names)))
+    legend = legend_of(names, width) if len(names) > 1 else None
     y_axis = alt.Axis(titlePadding=10)
     color = alt.Color("dataset:N", sort=names, scale=colors, legend=legend)
-    shape = alt.Shape("dataset:N", sort=names, scale=alt.Scale(domain=names, range=SHAPES * len(names)))
+    shape = alt.Shape(
+        "dataset:N", sort=names, scale=alt.Scale(domain=names, range=shapes_of(len(names))), legend=legend
+    )
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
     bars = base.mark_rule(opacity=0.45).encode(
         y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2="high:Q", color=color
@@ -73,9 +82,14 @@ def measure_chart(analysis: Mapping[str, Any], measure: str) -> Any:
     points = base.mark_point(size=60, filled=True, opacity=1).encode(
         y=alt.Y("y:Q", title=y_title, scale=y_scale, axis=y_axis), color=color, shape=shape
     )
-    layers = [*_curve(overall, rows, x_domain), bars, points, *_labels(rows, x_domain, y_domain)]
+    across = width - AXIS - MARGIN
+    labels, numbered = place_names(rows, Frame(x_domain, y_domain, across, HEIGHT))
+    layers = [*_curve(overall, rows, x_domain), bars, points, *_label_layers(labels)]
     title = alt.TitleParams(f"Score against {measure}", subtitle=_subtitle(overall))
-    return alt.layer(*layers).properties(width=WIDTH, height=HEIGHT, title=title)
+    drawn = alt.layer(*layers).properties(width=across, height=HEIGHT, title=title)
+    if not numbered:
+        return drawn
+    return alt.vconcat(drawn, _key(numbered, across)).resolve_scale(color="independent", shape="independent")
 
 
 def _points(analysis: Mapping[str, Any], measure: str) -> list[dict[str, Any]]:
@@ -87,10 +101,9 @@ def _points(analysis: Mapping[str, Any], measure: str) -> list[dict[str, Any]]:
     for name in single:
         rows = [
             row
-            for row in analysis["scores"]
-            if row["comparison"] == ALL and row["dataset"] == name and row["score"] is not None
-            and row["item"] in values.get(name, {})
-        ]  # fmt: skip
+            for row in compared_scores(analysis)
+            if row["dataset"] == name and row["score"] is not None and row["item"] in values.get(name, {})
+        ]
         means = [0.0, 0.0]
         if len(single) > 1 and rows:
             means = [
@@ -107,7 +120,7 @@ def _points(analysis: Mapping[str, Any], measure: str) -> list[dict[str, Any]]:
 
 def _domain(values: Sequence[float]) -> list[float]:
     low, high = min(values), max(values)
-    margin = (high - low) * MARGIN or abs(high) * MARGIN or 1.0
+    margin = (high - low) * AROUND or abs(high) * AROUND or 1.0
     return [low - margin, high + margin]
 
 
@@ -122,53 +135,43 @@ def _curve(row: Row, points: Sequence[Row], domain: Sequence[float]) -> list[Any
     means = [float(np.mean([point[side] for point in points])) for side in ("x", "y")]
     y = fit(x - means[0]) + means[1]
     values = [{"x": float(a), "y": float(b)} for a, b in zip(x, y, strict=True)]
-    return [alt.Chart(alt.Data(values=values)).mark_line(color="#777777", strokeWidth=1.4).encode(x="x:Q", y="y:Q")]
-
-
-def _labels(points: Sequence[Row], x_domain: Sequence[float], y_domain: Sequence[float]) -> list[Any]:
-    """Return a layer for each side of the points with the names that have room there; names without room are left
-    out.
-    """
-    across, down = WIDTH / (x_domain[1] - x_domain[0]), HEIGHT / (y_domain[1] - y_domain[0])
-    centres = [((point["x"] - x_domain[0]) * across, (y_domain[1] - point["y"]) * down) for point in points]
-    taken = [Box(x - GAP / 2, y - GAP / 2, x + GAP / 2, y + GAP / 2) for x, y in centres]
-    taken += [  # the intervals
-        Box(x - 1, (y_domain[1] - point["high"]) * down, x + 1, (y_domain[1] - point["low"]) * down)
-        for point, (x, _) in zip(points, centres, strict=True)
-    ]
-    sides: dict[str, list[Row]] = {}
-    for point, (x, y) in zip(points, centres, strict=True):
-        for side, box in _places(x, y, len(point["item"]) * LETTER_WIDTH).items():
-            is_inside = box.left >= 0 and box.right <= WIDTH and box.top >= 0 and box.bottom <= HEIGHT
-            if is_inside and not any(box.meets(other) for other in taken):
-                taken.append(box)
-                sides.setdefault(side, []).append(point)
-                break
     return [
-        alt.Chart(alt.Data(values=there))
-        .mark_text(fontSize=10, color=INK, limit=0, **PLACED[side])
-        .encode(x="x:Q", y="y:Q", text="item:N")
-        for side, there in sides.items()
+        alt.Chart(alt.Data(values=values))
+        .mark_line(color="#777777", strokeWidth=1.4, clip=True)
+        .encode(x="x:Q", y="y:Q")
     ]
 
 
-PLACED: dict[str, dict[str, Any]] = {
-    "right": {"align": "left", "baseline": "middle", "dx": GAP},
-    "left": {"align": "right", "baseline": "middle", "dx": -GAP},
-    "above": {"align": "center", "baseline": "bottom", "dy": -GAP},
-    "below": {"align": "center", "baseline": "top", "dy": GAP},
-}
+def _label_layers(labels: Sequence[Row]) -> list[Any]:
+    """Return the layers of placed labels, and of lines to those that stand farther off."""
+    texts = alt.Chart(alt.Data(values=labels)).mark_text(fontSize=LABEL_SIZE, color=INK, limit=0, baseline="middle")
+    far = [label for label in labels if label["is_far"]]
+    lines = alt.Chart(alt.Data(values=far)).mark_rule(color="#999999", strokeWidth=0.7)
+    return [
+        *([lines.encode(x="x:Q", y="y:Q", x2="near_x:Q", y2="near_y:Q")] if far else []),
+        *([texts.encode(x="label_x:Q", y="label_y:Q", text="text:N")] if labels else []),
+    ]
 
 
-def _places(x: float, y: float, width: float) -> dict[str, Box]:
-    """Return where a label of this width may stand beside a point."""
-    half, middle = LETTER_HEIGHT / 2, width / 2
-    return {
-        "right": Box(x + GAP, y - half, x + GAP + width, y + half),
-        "left": Box(x - GAP - width, y - half, x - GAP, y + half),
-        "above": Box(x - middle, y - GAP - LETTER_HEIGHT, x + middle, y - GAP),
-        "below": Box(x - middle, y + GAP, x + middle, y + GAP + LETTER_HEIGHT),
-    }
+def _key(items: Sequence[str], width: float) -> Any:
+    """Return the list of items with their numbers, in columns below a figure of a width in pixels."""
+    entries = [f"{number}. {item}" for number, item in enumerate(items, start=1)]
+    longest = max(text_width(entry, LABEL_SIZE) for entry in entries) + GAP
+    n_columns = max(1, int(width // longest))
+    lines = [  # several of a name only where there is a single column
+        (line, INDENT * bool(number)) for entry in entries for number, line in enumerate(wrapped(entry, width - INDENT))
+    ]
+    n_rows = -(-len(lines) // n_columns)
+    values = [
+        {"line": line, "x": place // n_rows * width / n_columns + indent, "y": place % n_rows * LINE}
+        for place, (line, indent) in enumerate(lines)
+    ]
+    chart = alt.Chart(alt.Data(values=values), view=alt.ViewBackground(stroke=None), width=width, height=n_rows * LINE)
+    return chart.mark_text(fontSize=LABEL_SIZE, color=INK, limit=0, align="left", baseline="top").encode(
+        x=alt.X("x:Q", axis=None, scale=alt.Scale(domain=[0, width], nice=False)),
+        y=alt.Y("y:Q", axis=None, scale=alt.Scale(domain=[n_rows * LINE, 0], nice=False)),
+        text="line:N",
+    )
 
 
 def _subtitle(row: Row) -> list[str]:
@@ -186,11 +189,16 @@ def _signed(value: float) -> str:
     return f"{value:.2f}".replace("-", "−")
 
 
-def ranking_chart(analysis: Mapping[str, Any]) -> Any:
+def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw how well each measure predicts the scores over all datasets, with 95 % intervals, the best first.
 
     Correlations are positive where a measure predicts in the direction that it states. Points are filled where the
     interval excludes what a measure without information gets.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    width : of the figure, in pixels
 
     Returns
     -------
@@ -202,16 +210,18 @@ def ranking_chart(analysis: Mapping[str, Any]) -> Any:
         return None
     labels = [name if last[name]["better"] else f"{name} *" for name in names]
     panels: list[Any] = []
-    for column, title, neutral in RANKED:
-        if all(last[name][column] is None for name in names):
-            continue
+    shown = [ranked for ranked in RANKED if any(last[name][ranked[0]] is not None for name in names)]
+    axes = labels_of(labels, width)
+    panel_width = (width - axes.extent - MARGIN - GAP * (len(shown) - 1)) / len(shown)
+    for column, title, neutral in shown:
         rows = [_ranked(last[name], column) | {"measure": label} for name, label in zip(names, labels, strict=True)]
-        panels.append(_ranking_panel(rows, labels, title, neutral, has_names=not panels))
-    subtitle = ["line: 95 % interval; filled: it excludes what a measure without information gets (dashed)"]
+        panel = _ranking_panel(rows, axes.axis(is_shown=not panels), labels, title, neutral)
+        panels.append(panel.properties(width=panel_width, height=alt.Step(axes.step(ROW_HEIGHT))))
+    subtitle = ["line: 95 % interval; filled: it excludes what a measure", "without information gets (dashed)"]
     if any(not last[name]["better"] for name in names):
         subtitle.append("* no stated direction: taken from the votes, which flatters the measure")
     heading = alt.TitleParams("How well each measure predicts the scores", subtitle=subtitle)
-    return alt.hconcat(*panels, spacing=14).properties(title=heading)
+    return alt.hconcat(*panels, spacing=GAP).properties(title=heading)
 
 
 def _ranked(row: Row, column: str) -> dict[str, Any]:
@@ -224,14 +234,9 @@ def _ranked(row: Row, column: str) -> dict[str, Any]:
     return {"value": value, "low": low, "high": high, "chance": "excluded" if is_clear else "possible"}
 
 
-def _ranking_panel(rows: Sequence[Row], names: Sequence[str], title: str, neutral: float, *, has_names: bool) -> Any:
+def _ranking_panel(rows: Sequence[Row], axis: alt.Axis, names: Sequence[str], title: str, neutral: float) -> Any:
     there = [row for row in rows if row["value"] is not None]
-    # A browser's letters may be wider than those that the space was measured with.
-    extent = 1.2 * LETTER_WIDTH * max(len(name) for name in names) if has_names else 0
-    axis = alt.Axis(
-        grid=True, gridColor=FAINT, labels=has_names, ticks=has_names, labelLimit=0, minExtent=extent, maxExtent=extent
-    )
-    y = alt.Y("measure:N", sort=list(names), scale=alt.Scale(domain=list(names)), title=None, axis=axis)
+    y = alt.Y("measure:N", sort=None, scale=alt.Scale(domain=list(names)), title=None, axis=axis)
     scale = alt.Scale(domain=[0, 1] if neutral else [-1, 1], nice=False)
     base = alt.Chart(alt.Data(values=there))
     bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(
@@ -246,4 +251,4 @@ def _ranking_panel(rows: Sequence[Row], names: Sequence[str], title: str, neutra
     zero = (
         alt.Chart(alt.Data(values=[{"zero": neutral}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
     )
-    return alt.layer(zero, bars, points).properties(width=190, height=alt.Step(ROW_HEIGHT))
+    return alt.layer(zero, bars, points)

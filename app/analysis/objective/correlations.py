@@ -28,7 +28,7 @@ def spearmans(values: Array, scores: Array, orders: Indices) -> Array:
     Parameters
     ----------
     values : float64 (N,), of the measure
-    scores : float64 (N,), log-odds
+    scores : float64 (N,), in their unit
     orders : intp (P, N), for each order and point the one whose score it gets
 
     Returns
@@ -44,7 +44,7 @@ def kendalls(values: Array, scores: Array, orders: Indices) -> Array:
     Parameters
     ----------
     values : float64 (N,), of the measure
-    scores : float64 (N,), log-odds
+    scores : float64 (N,), in their unit
     orders : intp (P, N), for each order and point the one whose score it gets
 
     Returns
@@ -69,7 +69,7 @@ def monotones(values: Array, scores: Array, signs: Array) -> Array:
     Parameters
     ----------
     values : float64 (N,), of the measure
-    scores : float64 (P, N), log-odds
+    scores : float64 (P, N), in their unit
     signs : float64 (P,), 1 for a rising function, -1 for a falling one
 
     Returns

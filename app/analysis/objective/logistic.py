@@ -23,7 +23,7 @@ class Logistic:
 
     Parameters
     ----------
-    bottom, top : log-odds; the curve falls where top < bottom
+    bottom, top : in the scores' unit; the curve falls where top < bottom
     middle, width : in the measure's unit, width > 0
     correlation : of curve and scores, with the sign of the curve's direction
     status : `ok`; `step` or `line` where the scores are met best by a curve as steep, or as straight, as any allowed
@@ -37,7 +37,7 @@ class Logistic:
     status: str
 
     def __call__(self, values: Array) -> Array:
-        """Return the predicted scores, log-odds, of float64 (n,) values."""
+        """Return the predicted scores, in their unit, of float64 (n,) values."""
         return np.asarray(self.bottom + (self.top - self.bottom) * expit((values - self.middle) / self.width))
 
 
@@ -52,7 +52,7 @@ def fit_logistic(values: Array, scores: Array) -> Logistic:
     Parameters
     ----------
     values : float64 (n,), of the measure, not all equal
-    scores : float64 (n,), log-odds, not all equal
+    scores : float64 (n,), in their unit, not all equal
 
     Source
     ------
@@ -85,7 +85,7 @@ def grid_correlations(values: Array, scores: Array) -> Array:
     Parameters
     ----------
     values : float64 (n,), of the measure
-    scores : float64 (P, n), log-odds
+    scores : float64 (P, n), in their unit
 
     Returns
     -------

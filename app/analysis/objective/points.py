@@ -22,8 +22,8 @@ class ScoreSet:
     Parameters
     ----------
     items : names
-    scores : float64 (n,), log-odds
-    half_widths : float64 (n,), log-odds, of the scores' 95 % intervals; NaN where there are none
+    scores : float64 (n,), log-odds of pair comparisons, or grades of ratings
+    half_widths : float64 (n,), in the same unit, of the scores' 95 % intervals; NaN where there are none
     different : pairs of indices of items that differ significantly, the better first
     similar : the other pairs that were tested
     """
@@ -42,8 +42,8 @@ class Points:
     Parameters
     ----------
     values : float64 (N,), of the measure
-    scores : float64 (N,), log-odds
-    half_widths : float64 (N,), log-odds, of the scores' 95 % intervals; NaN where there are none
+    scores : float64 (N,), in the unit of their sets
+    half_widths : float64 (N,), in the same unit, of the scores' 95 % intervals; NaN where there are none
     dataset, condition : intp (N,), which of each a point belongs to
     different : intp (M, 2), points of one dataset that differ significantly, the better first
     similar : intp (S, 2), points of one dataset that were tested and do not
@@ -91,7 +91,7 @@ class Points:
 
     @cached_property
     def relative_scores(self) -> Array:
-        """Scores relative to their dataset's mean, float64 (N,), log-odds: datasets have no common zero."""
+        """Scores relative to their dataset's mean, float64 (N,), in their unit: datasets have no common zero."""
         return _relative(self.scores, self.dataset)
 
 

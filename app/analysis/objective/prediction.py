@@ -153,7 +153,7 @@ def _correlations(points: Points, orders: Indices, ranks: Array) -> tuple[dict[s
 
 
 def _errors(residuals: Array, half_widths: Array) -> dict[str, float | None]:
-    """Return the errors after the fit, log-odds, and the share of points outside their score's interval.
+    """Return the errors after the fit, in the scores' unit, and the share of points outside their score's interval.
 
     Source
     ------

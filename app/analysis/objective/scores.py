@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.analysis.comparison import ALL, Comparison
-from app.analysis.contrasts import SIGNIFICANT, contrasts
+from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.objective.points import ScoreSet
 from app.analysis.result_rows import intervals
+from app.analysis.separation import NEVER_COMPARED
 
 
 def score_sets(compared: Sequence[Comparison]) -> dict[str, ScoreSet]:
@@ -31,7 +32,9 @@ def score_set(comparison: Comparison) -> ScoreSet:
     place = {item: index for index, item in enumerate(fit.items)}
     different: list[tuple[int, int]] = []
     similar: list[tuple[int, int]] = []
-    for contrast in contrasts(fit):
+    for contrast in comparison.contrasts:
+        if contrast.method == NEVER_COMPARED:
+            continue
         a, b = place[contrast.item_a], place[contrast.item_b]
         better_first = (a, b) if contrast.difference > 0 else (b, a)
         (different if contrast.p_holm < SIGNIFICANT else similar).append(better_first)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 
+from app.analysis.contrasts import Contrast, letters
+from app.analysis.ratings.contrasts import rating_contrasts
 from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
 from app.analysis.ratings.outliers import (
     LOWEST_CORRELATION,
@@ -35,14 +38,16 @@ def analyse_ratings(table: RatingTable) -> dict[str, list[dict[str, Any]]]:
 
     Returns
     -------
-    dict, the rows of each table by its name: `rating_items`, `rating_conditions`, `raters`, `rating_model` (a single
-    row) and `rating_warnings`; only lists, dictionaries, text, numbers and None
+    dict, the rows of each table by its name: `rating_items`, `rating_conditions`, `rating_contrasts`, `raters`,
+    `rating_model` (a single row) and `rating_warnings`; only lists, dictionaries, text, numbers and None
     """
     model = fit_subject_model(table)
     raters = list(_rater_rows(table, model))
+    contrasts = rating_contrasts(table)
     return {
         "rating_items": list(_items_with_quality(table, model)),
-        "rating_conditions": list(_conditions_with_quality(table, model)),
+        "rating_conditions": list(_with_letters(_conditions_with_quality(table, model), contrasts)),
+        "rating_contrasts": [asdict(contrast) for contrast in contrasts],
         "raters": raters,
         "rating_model": [_model_row(table, model)],
         "rating_warnings": [{"warning": text} for text in _warnings(table, model, raters)],
@@ -57,6 +62,16 @@ def _items_with_quality(table: RatingTable, model: SubjectModel) -> Iterator[dic
 def _conditions_with_quality(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, Any]]:
     for row, columns in zip(condition_rows(table), columns_by_condition(table).values(), strict=True):
         yield row | _quality(model, columns)
+
+
+def _with_letters(rows: Iterator[dict[str, Any]], contrasts: Sequence[Contrast]) -> Iterator[dict[str, Any]]:
+    """Add the letters that conditions share if they do not differ; None where a pair was not compared."""
+    kept = list(rows)
+    best_first = [row["condition"] for row in sorted(kept, key=lambda row: -(row["mos"] or 0.0))]
+    n_pairs = len(kept) * (len(kept) - 1) // 2
+    shown = letters(best_first, contrasts) if len(contrasts) == n_pairs else {}
+    for row in kept:
+        yield row | {"letters": shown.get(row["condition"])}
 
 
 def _quality(model: SubjectModel, columns: list[int]) -> dict[str, Any]:

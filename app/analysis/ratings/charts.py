@@ -8,26 +8,31 @@ from typing import Any
 import altair as alt
 import numpy as np
 
-from app.analysis.charts import FAINT, INK, MOST_PARTICIPANTS_IN_A_CHART, PALETTE, arranged
-from app.analysis.comparison import ALL
+from app.analysis.charts import MOST_PARTICIPANTS_IN_A_CHART
+from app.analysis.comparison import ALL, natural_order
+from app.analysis.drawing import FULL, INK, PALETTE, Labels, arranged, labels_of, panel_layout
 
 Row = Mapping[str, Any]
 
 MARGIN = 0.08  # of the range, beside the intervals
-WIDTH = 230  # pixels of a panel
+EVERY = "all datasets"
 ESTIMATES = ("mean", "subject model")
 
 
-def rating_charts(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+def rating_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:
     """Yield name, caption and chart of every figure of ratings; the chart is None where there is nothing to draw."""
-    yield "opinion_scores", "Mean opinion scores with 95 % intervals.", opinion_chart(analysis)
-    yield "differential_scores", "Differential scores to the reference, 95 % intervals.", differential_chart(analysis)
-    yield "raters", "Bias and inconsistency of each participant, 95 % intervals.", raters_chart(analysis)
-    yield "alignment", "Qualities from ratings and votes together, 95 % intervals.", alignment_chart(analysis)
-    yield "comparison_scores", "Scores from comparison ratings, 95 % intervals.", comparison_chart(analysis)
+    yield "opinion_scores", "Mean opinion scores with 95 % intervals.", opinion_chart(analysis, width)
+    yield (
+        "differential_scores",
+        "Differential scores to the reference, 95 % intervals.",
+        differential_chart(analysis, width),
+    )
+    yield "raters", "Bias and inconsistency of each participant, 95 % intervals.", raters_chart(analysis, width)
+    yield "alignment", "Qualities from ratings and votes together, 95 % intervals.", alignment_chart(analysis, width)
+    yield "comparison_scores", "Scores from comparison ratings, 95 % intervals.", comparison_chart(analysis, width)
 
 
-def opinion_chart(analysis: Mapping[str, Any]) -> Any:
+def opinion_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw the mean opinion score of every item beside its quality by the subject model, a panel per dataset.
 
     Returns
@@ -41,10 +46,10 @@ def opinion_chart(analysis: Mapping[str, Any]) -> Any:
         for estimate, (value, ends) in zip(ESTIMATES, (("mos", "ci"), ("quality", "quality")), strict=True)
         if row[value] is not None
     ]
-    return _panels(values, "rating", estimates=[name for name in ESTIMATES if _has(values, name)])
+    return _panels(values, "rating", width, estimates=[name for name in ESTIMATES if _has(values, name)])
 
 
-def differential_chart(analysis: Mapping[str, Any]) -> Any:
+def differential_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw the differential scores to the hidden reference, a panel per dataset.
 
     Returns
@@ -55,10 +60,10 @@ def differential_chart(analysis: Mapping[str, Any]) -> Any:
     if not model or model[0]["protocol"] == "dcr":
         return None
     rows = [row for row in analysis["rating_items"] if row["dmos"] is not None]
-    return _panels([_point(row, "dmos", "dmos") for row in rows], "differential score", line=model[0]["high"])
+    return _panels([_point(row, "dmos", "dmos") for row in rows], "differential score", width, line=model[0]["high"])
 
 
-def alignment_chart(analysis: Mapping[str, Any]) -> Any:
+def alignment_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw the qualities from ratings and votes together, a panel per dataset.
 
     Returns
@@ -66,10 +71,10 @@ def alignment_chart(analysis: Mapping[str, Any]) -> Any:
     altair chart, or None without them
     """
     rows = analysis.get("alignment_items", [])
-    return _panels([_point(row, "quality", "quality") for row in rows], "quality (rating scale)")
+    return _panels([_point(row, "quality", "quality") for row in rows], "quality (rating scale)", width)
 
 
-def comparison_chart(analysis: Mapping[str, Any]) -> Any:
+def comparison_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw the scores from comparison ratings, a panel per dataset.
 
     Returns
@@ -77,7 +82,7 @@ def comparison_chart(analysis: Mapping[str, Any]) -> Any:
     altair chart, or None without them
     """
     rows = analysis.get("comparison_items", [])
-    return _panels([_point(row, "score", "ci") for row in rows], "score (units of the scale)", line=0.0)
+    return _panels([_point(row, "score", "ci") for row in rows], "score (units of the scale)", width, line=0.0)
 
 
 def _has(values: Sequence[Row], estimate: str) -> bool:
@@ -89,7 +94,7 @@ def _point(row: Row, value: str, ends: str) -> dict[str, Any]:
     low, high = (row[value] if row[f"{ends}_{end}"] is None else row[f"{ends}_{end}"] for end in ("low", "high"))
     name = f"{row['condition']} (ref.)" if row.get("is_reference") else row["condition"]
     return {
-        "dataset": "all datasets" if row["dataset"] in ("", ALL) else row["dataset"],
+        "dataset": EVERY if row["dataset"] in ("", ALL) else row["dataset"],
         "condition": name,
         "value": row[value],
         "low": low,
@@ -98,7 +103,9 @@ def _point(row: Row, value: str, ends: str) -> dict[str, Any]:
     }
 
 
-def _panels(values: Sequence[Row], title: str, *, line: float | None = None, estimates: Sequence[str] = ()) -> Any:
+def _panels(
+    values: Sequence[Row], title: str, width: int, *, line: float | None = None, estimates: Sequence[str] = ()
+) -> Any:
     """Return a panel per dataset with the conditions ordered by their mean value; None without values."""
     if not values:
         return None
@@ -110,29 +117,42 @@ def _panels(values: Sequence[Row], title: str, *, line: float | None = None, est
     margin = MARGIN * (max(ends) - min(ends)) or 0.5
     scale = alt.Scale(domain=[min(ends) - margin, max(ends) + margin], zero=False, nice=False)
     several = list(estimates) if len(estimates) > 1 else []
+    names = natural_order({row["dataset"] for row in values} - {EVERY}) + [EVERY] * any(
+        row["dataset"] == EVERY for row in values
+    )
+    labels = labels_of(order, width)
+    n_columns, panel_width = panel_layout(len(names), labels, width)
     panels = [
-        _panel([row for row in values if row["dataset"] == name], name, order, scale, title, line, several)
-        for name in dict.fromkeys(row["dataset"] for row in values)
+        _panel(
+            [row for row in values if row["dataset"] == name],
+            alt.Y(
+                "condition:N",
+                scale=alt.Scale(domain=order),
+                sort=None,
+                title=None,
+                axis=labels.axis(is_shown=number % n_columns == 0),
+            ),
+            {"title": title, "scale": scale, "axis": alt.Axis(tickCount=4)},
+            line,
+            several,
+        ).properties(width=panel_width, height=_height(labels, len(several)), title=name)
+        for number, name in enumerate(names)
     ]
-    return arranged(panels)
+    return arranged(panels, n_columns)
+
+
+def _height(labels: Labels, n_estimates: int) -> alt.Step:
+    return alt.Step(max(labels.step(18) / n_estimates, 13)) if n_estimates else alt.Step(labels.step(18))
 
 
 def _panel(
-    values: Sequence[Row],
-    dataset: str,
-    order: Sequence[str],
-    scale: alt.Scale,
-    title: str,
-    line: float | None,
-    several: Sequence[str],
+    values: Sequence[Row], y: alt.Y, horizontal: Mapping[str, Any], line: float | None, several: Sequence[str]
 ) -> Any:
-    base = alt.Chart(alt.Data(values=list(values))).encode(
-        y=alt.Y("condition:N", sort=list(order), title=None, axis=alt.Axis(grid=True, gridColor=FAINT))
-    )
+    base = alt.Chart(alt.Data(values=list(values))).encode(y=y)
     if several:
         base = base.encode(yOffset=alt.YOffset("estimate:N", sort=list(several)))
-    x = alt.X("value:Q", title=title, scale=scale)
-    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=alt.X("low:Q", title=title, scale=scale), x2="high:Q")
+    low, x = (alt.X(f"{end}:Q", **horizontal) for end in ("low", "value"))
+    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2="high:Q")
     points = base.mark_point(size=46, opacity=1, filled=True, color=PALETTE[1]).encode(x=x)
     if several:
         names = alt.Scale(domain=list(several), range=[PALETTE[1], PALETTE[2]])
@@ -141,8 +161,7 @@ def _panel(
             color=alt.Color("estimate:N", title=None, scale=names, legend=alt.Legend(orient="bottom")),
             shape=alt.Shape("estimate:N", title=None, scale=shapes, legend=alt.Legend(orient="bottom")),
         )
-    layers = [bars, points] if line is None else [_line(line), bars, points]
-    return alt.layer(*layers).properties(width=WIDTH, height=alt.Step(13 if several else 22), title=dataset)
+    return alt.layer(*([bars, points] if line is None else [_line(line), bars, points]))
 
 
 def _line(value: float) -> Any:
@@ -150,7 +169,7 @@ def _line(value: float) -> Any:
     return rule.encode(x="line:Q")
 
 
-def raters_chart(analysis: Mapping[str, Any]) -> Any:
+def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw bias and inconsistency of each participant, ordered by inconsistency; whom a rule names is filled.
 
     Returns
@@ -161,6 +180,8 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
     if not rows or len(rows) > MOST_PARTICIPANTS_IN_A_CHART:
         return None
     order = [row["participant"] for row in sorted(rows, key=lambda row: row["inconsistency"])]
+    labels = labels_of(order, width)
+    _, panel_width = panel_layout(2, labels, width)
     panels: list[Any] = []
     for name, line in (("bias", 0.0), ("inconsistency", None)):
         values = [
@@ -173,7 +194,7 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
             }
             for row in rows
         ]
-        axis = alt.Axis(grid=True, gridColor=FAINT, labels=not panels, ticks=not panels)
+        axis = labels.axis(is_shown=not panels)
         base = alt.Chart(alt.Data(values=values)).encode(
             y=alt.Y("participant:N", sort=order, title=None, axis=axis),
         )
@@ -185,7 +206,7 @@ def raters_chart(analysis: Mapping[str, Any]) -> Any:
         )
         points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(x=x, fill=fill)
         layers = [bars, points] if line is None else [_line(line), bars, points]
-        panels.append(alt.layer(*layers).properties(width=WIDTH, height=alt.Step(15)))
+        panels.append(alt.layer(*layers).properties(width=panel_width, height=alt.Step(15)))
     title = alt.TitleParams(
         "Participants", subtitle="line: 95 % interval; filled: to look at, by the rules of the text"
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.analysis.ratings.layouts import is_of_ratings, one_rating_a_row
 from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
 from app.analysis.tabular import numbers, read_frame, refuse
 from app.analysis.votes_table import VotesError
@@ -23,30 +24,40 @@ FLAGS = {"": False, "0": False, "false": False, "no": False, "1": True, "true": 
 
 
 def holds_ratings(path: Path) -> bool:
-    """Does a table have ratings in a column `rating`? A study's table of choices has that column, too, and it is empty.
+    """Does a table hold ratings?
 
     Raises
     ------
     VotesError
         If the file cannot be read.
     """
-    frame = read_frame(path)
-    return "rating" in frame.columns and bool(_text(frame["rating"].to_list()).any())
+    return is_of_ratings(read_frame(path))
 
 
 def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
-    """Read ratings from CSV, Parquet or JSON, a row for each.
+    """Read ratings from a file as `understand_ratings` does, and return the table alone."""
+    return understand_ratings(path, scale)[0]
+
+
+def understand_ratings(
+    path: Path, scale: tuple[float, float] | None = None
+) -> tuple[RatingTable | ComparisonTable, list[str]]:
+    """Read ratings from a table of any format that votes have, and say how it was understood.
 
     With the columns `participant, dataset, condition, rating` they are of single stimuli; `protocol` (`acr` by default)
-    and `reference` (is the item its dataset's reference?) are optional. With `participant, dataset, item_a, item_b,
-    rating` they compare two; `first_shown` is the name of the item shown first, `item_a` by default. A study's table of
-    votes is read as it was exported: practice, exclusions and checks are left out, and what ACR, ACR-HR and DCR rate is
-    `item_b`.
+    and `reference` (is the item its dataset's reference?) are optional. Usual other names of these columns are known,
+    and wide tables (`one_rating_a_row`). With `participant, dataset, item_a, item_b, rating` they compare two;
+    `first_shown` is the name of the item shown first, `item_a` by default. A study's table of votes is read as it was
+    exported: practice, exclusions and checks are left out, and what ACR, ACR-HR and DCR rate is `item_b`.
 
     Parameters
     ----------
-    path : a file whose name ends in .csv, .parquet or .json
+    path : a file whose name ends as one of votes may
     scale : its ends; from 1 to 5 by default, for comparisons from -3 to 3
+
+    Returns
+    -------
+    the table, and the sentences
 
     Raises
     ------
@@ -54,14 +65,21 @@ def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> Rating
         Naming the file, the row and the value.
     """
     frame = read_frame(path)
-    columns = {str(name): _text(frame[name].to_list()) for name in frame.columns}
     try:
+        long, note = one_rating_a_row(frame, scale or SCALE)
+        columns = {str(name): _text(long[name].to_list()) for name in long.columns}
         counted = _exported(columns)
-        return _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
+        table = _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
     except ValueError as error:  # of the table itself
         raise VotesError(f"{path}: {error}") from error
+    parts = [
+        frame.attrs.get("understood", ""),
+        f"{len(table)} ratings by {len(table.participants)} participants of {len(table.items)} items",
+        note,
+    ]
+    return table, [f"{path.name}: {'; '.join(filter(None, parts))}"]
 
 
 def _exported(columns: Columns) -> Columns:
@@ -88,6 +106,8 @@ def _text(values: list[Any]) -> NDArray[np.object_]:
 
 
 def _ratings(columns: Columns, scale: tuple[float, float] | None) -> RatingTable:
+    if "dataset" not in columns and len(columns.get("rating", ())):
+        columns = {**columns, "dataset": np.full(len(columns["rating"]), "", object)}
     _check(columns, REQUIRED)
     low, high = scale or SCALE
     rating = _scaled(columns, low, high)

@@ -2,57 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.table import ComparisonTable, RatingTable
+from app.analysis.votes_table import MAIN, VotesTable
 
-Row = Mapping[str, Any]
-
-
-def counted_ratings(rows: Iterable[Row]) -> list[Row]:
-    """Return the votes that count: no practice, no exclusion, no check of the participant."""
-    return [row for row in rows if row["role"] == "main" and not (row["practice"] or row["excluded"])]
+Float = NDArray[np.float64]
+Names = tuple[tuple[str, str], ...]
 
 
-def rating_table(rows: Iterable[Row], protocol: str, scale: tuple[float, float]) -> RatingTable:
+def counted_ratings(votes: VotesTable, rating: Float) -> tuple[VotesTable, Float]:
+    """Return the votes that count, with their ratings: no practice, no exclusion, no check of the participant.
+
+    Parameters
+    ----------
+    votes : all of a study
+    rating : float64 (N,), one for each vote
+    """
+    counts = ~(votes.practice | votes.excluded) & (votes.role == MAIN)
+    return votes.where(counts), rating[counts]
+
+
+def rating_table(
+    votes: VotesTable, rating: Float, protocol: str, scale: tuple[float, float], reference: str
+) -> RatingTable:
     """Return the ratings of single stimuli; each is of `item_b`.
 
     Parameters
     ----------
-    rows : counted votes, as a study's table of votes has them
+    votes : those that count
+    rating : float64 (N,), one for each vote
     protocol : ACR, ACR-HR or DCR
     scale : its ends, worst and best
+    reference : the condition that is the reference among the rated ones; empty: none
     """
-    rows = list(rows)
-    participants, person = _numbered(row["participant"] for row in rows)
-    items, item = _numbered((row["dataset"], row["item_b"]) for row in rows)
-    is_reference = np.zeros(len(items), bool)
-    is_reference[item] = [row["reference"] for row in rows]
-    rating = np.array([row["rating"] for row in rows], np.float64)
+    participants, person = _participants(votes)
+    items, item = _stimuli(votes, votes.item_b)
+    is_reference = np.array([bool(reference) and condition == reference for _, condition in items], bool)
     return RatingTable(participants, items, person, item, rating, is_reference, protocol.lower(), *scale)
 
 
-def comparison_table(rows: Iterable[Row]) -> ComparisonTable:
+def comparison_table(votes: VotesTable, rating: Float) -> ComparisonTable:
     """Return the comparisons of two stimuli (CCR).
 
     Parameters
     ----------
-    rows : counted votes, as a study's table of votes has them
+    votes : those that count
+    rating : float64 (N,), one for each vote
     """
-    rows = list(rows)
-    participants, person = _numbered(row["participant"] for row in rows)
-    items, both = _numbered((row["dataset"], row[name]) for row in rows for name in ("item_a", "item_b"))
-    rating = np.array([row["rating"] for row in rows], np.float64)
-    a_first = np.array([row["first_shown"] == row["item_a"] for row in rows], bool)
-    return ComparisonTable(participants, items, person, both[::2], both[1::2], rating, a_first)
+    participants, person = _participants(votes)
+    items, both = _stimuli(votes, np.stack([votes.item_a, votes.item_b], axis=1).ravel())
+    return ComparisonTable(participants, items, person, both[::2], both[1::2], rating, votes.first_shown == 0)
 
 
-def _numbered(values: Iterable[Any]) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
-    """Return the different values in order of appearance, and each value's index (N,)."""
-    known: dict[Any, int] = {}
-    index = np.array([known.setdefault(value, len(known)) for value in values], np.intp)
-    return tuple(known), index
+def _participants(votes: VotesTable) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    present, index = _numbered(votes.participant)
+    return tuple(votes.participants[key] for key in present), index
+
+
+def _stimuli(votes: VotesTable, item: NDArray[np.int32]) -> tuple[Names, NDArray[np.intp]]:
+    """Return dataset and condition of each stimulus, and the stimulus of each entry of `item`, int32 (N,) or (2 N,)."""
+    dataset = np.repeat(votes.dataset, len(item) // max(len(votes), 1))
+    present, index = _numbered(dataset.astype(np.int64) * len(votes.items) + item)
+    places = (divmod(int(key), len(votes.items)) for key in present)
+    return tuple((votes.datasets[place], votes.items[condition]) for place, condition in places), index
+
+
+def _numbered(codes: NDArray[np.integer]) -> tuple[list[int], NDArray[np.intp]]:
+    """Return the different codes in order of appearance, and each code's index (N,)."""
+    present, first, index = np.unique(codes, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty(len(order), np.intp)
+    place[order] = np.arange(len(order))
+    return present[order].tolist(), place[index]

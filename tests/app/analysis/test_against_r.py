@@ -1,34 +1,62 @@
-"""The scores beside R's, where R is installed."""
+"""The page on R: its code gives our numbers, and prints what the page shows; where R is installed."""
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
-from app.analysis.bradley_terry import fit_scores
-from app.analysis.counts import count_pairs
-from app.analysis.power import StudyPlan, simulate_votes
+from app.analysis import AnalysisSettings, analyse, read_votes
 
-SCRIPT = Path(__file__).parent / "davidson.R"
+DOCS = Path(__file__).parents[3] / "docs"
+TABLES = ("bradley_terry", "davidson", "contrasts", "jod")
+MARK = "the tables in all digits"
 
 
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed (package r-base-core)")
-def test_davidsons_model_has_the_digits_of_r() -> None:
-    votes = simulate_votes(StudyPlan(6, 2, 22), np.linspace(-1, 1, 6), np.random.default_rng(7))
-    fit, counts = fit_scores(votes), count_pairs(votes)
-    columns = counts.first, counts.second, counts.wins, counts.losses, counts.ties
-    lines = [",".join([votes.items[a], votes.items[b], *map(str, row)]) for a, b, *row in zip(*columns, strict=True)]
-    table = "\n".join(["item_a,item_b,wins,losses,ties", *lines]) + "\n"
-    said = subprocess.run(["Rscript", str(SCRIPT)], input=table, capture_output=True, text=True, check=True).stdout
-    by_r = {row["name"]: (float(row["estimate"]), float(row["se"])) for row in csv.DictReader(io.StringIO(said))}
-    assert fit.scores is not None
-    ours = {item: (float(fit.scores[index]), fit.error(index)) for index, item in enumerate(fit.items)}
-    ours["log_nu"] = (fit.tie_parameter or 0.0, fit.error(-1))
-    for name, values in ours.items():
-        assert values == pytest.approx(by_r[name], abs=1e-8)
+def blocks(language: str) -> list[str]:
+    page = (DOCS / "r.md").read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def said() -> list[str]:
+    """What the page's code prints from its file on, and then each table as CSV."""
+    if shutil.which("Rscript") is None:
+        pytest.skip("R is not installed (package r-base-core)")
+    written = "".join(f'cat("{MARK}\\n"); write.csv({name}, row.names = FALSE)\n' for name in TABLES)
+    code = "".join([*blocks("r")[1:], "options(digits = 15)\n", written])
+    done = subprocess.run(["Rscript", "-"], input=code, capture_output=True, text=True, cwd=DOCS, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split(f"{MARK}\n")
+
+
+def test_the_page_shows_what_r_prints(said: list[str]) -> None:
+    assert said[0] == "".join(blocks("text"))
+
+
+def test_r_gives_our_digits(said: list[str]) -> None:
+    votes = read_votes(DOCS / "r_votes.csv")
+    dropped, davidson = (analyse(votes, AnalysisSettings(ties=ties)) for ties in ("drop", "davidson"))
+    ours = dropped["scores"], davidson["scores"], davidson["contrasts"], davidson["scores"]
+    for text, rows in zip(said[1:], ours, strict=True):
+        by_r = [{name: number(value) for name, value in row.items()} for row in csv.DictReader(io.StringIO(text))]
+        assert len(by_r) == len(rows)
+        names = [name for name in by_r[0] if name.startswith("item")]
+        by_name = {tuple(row[name] for name in names): row for row in rows}
+        for row in by_r:
+            assert {name: by_name[tuple(row[name] for name in names)][name] for name in row} == pytest.approx(
+                row, abs=1e-8
+            )
+
+
+def number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -291,6 +291,8 @@ def test_a_file_becomes_a_folder_of_results(tmp_path: Path) -> None:
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "Davidson" in report
     assert "pm_fb" in report
+    assert report.count("<thead>") == report.count("<table>") > 0  # a header is repeated on every page of paper
+    assert "95\u00a0% interval" in report  # a number and its sign stay on one line
     assert not list(out.rglob("*.part*"))
 
 
@@ -328,7 +330,9 @@ def test_a_bootstrap_that_loses_its_extremes_gives_way_to_participant_errors() -
     (model,) = only(analysis["models"], dataset="all")
     assert model["bootstrap_without_maximum"] > 40
     assert analysis["scores"] == plain["scores"]
-    assert {row["ci_method"] for row in analysis["scores"]} == {"t on participant errors"}
+    assert {row["ci_method"] for row in analysis["scores"]} == {
+        "wider of t on participant errors and normal on information"
+    }
     assert any("too many for percentiles to hold" in warning for warning in analysis["warnings"])
 
 

@@ -119,7 +119,7 @@ def test_two_items_share_a_letter_if_and_only_if_they_do_not_differ(differ: list
     n = round((1 + np.sqrt(1 + 8 * len(differ))) / 2)
     names = [f"i{k}" for k in range(n)]
     found = [
-        Contrast(a, b, 0.0, 1.0, 0.0, 0.01 if significant else 0.5)
+        Contrast(a, b, 0.0, 1.0, 0.0, 0.01 if significant else 0.5, -2.0, 2.0)
         for (a, b), significant in zip(combinations(names, 2), differ, strict=True)
     ]
     shown = letters(names, found)

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import friedmanchisquare
+from scipy.stats import friedmanchisquare, ttest_ind
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
-from app.analysis.agreement import concordance, dataset_agreement_rows
+from app.analysis.agreement import concordance, concordance_p_value, dataset_agreement_rows
 from app.analysis.attributes import read_participants
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesTable, votes_from_indices
 from tests.app.analysis.votes_data_frame import frame_from_votes
 
 ABILITIES = np.array([-0.6, -0.2, 0.2, 0.6])
@@ -42,6 +42,19 @@ def test_alike_groups_differ_by_chance_only_as_often_as_they_should() -> None:
     as_if_votes_were_people = np.mean([test.p_value < 0.05 for test in tests])
     assert rejected < 0.10  # 0.05 and three standard errors
     assert as_if_votes_were_people > 0.15  # which is why the correction is there
+
+
+def test_two_small_groups_are_compared_as_by_a_t_test() -> None:
+    won = np.array([480, 530, 510, 560, 450, 500, 470, 520])  # of 1000 votes of each person; four in each group
+    who, choice = np.repeat(np.arange(8), 2), np.tile([0, 1], 8)
+    count = np.stack([won, 1000 - won], axis=1).ravel()
+    names = tuple(map(str, range(8))), ("",), ("a", "b")
+    first, second = np.zeros(16, int), np.ones(16, int)
+    votes = votes_from_indices(who, first, first, second, choice, names=names, count=count)
+    parts = [votes.where((votes.participant < 4) == is_first) for is_first in (True, False)]
+    tested = parts_differ("group", "items", "all", fit_scores(votes), [Part(part, fit_scores(part)) for part in parts])
+    assert tested is not None
+    assert tested.p_participant == pytest.approx(ttest_ind(won[:4], won[4:]).pvalue, rel=0.01)
 
 
 def test_where_every_vote_is_another_person_the_two_tests_agree() -> None:
@@ -115,12 +128,24 @@ def test_an_empty_cell_puts_a_participant_into_no_group(tmp_path: Path) -> None:
     assert read_participants(path) == {"age": {"p1": "old"}}
 
 
-def test_concordance_is_friedmans_test_with_datasets_as_blocks() -> None:
+def test_concordance_is_friedmans_statistic_with_datasets_as_blocks() -> None:
     values = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 3.0, 2.0, 4.0], [2.0, 2.0, 3.0, 1.0]])
-    found = concordance({f"d{k}": dict(zip("wxyz", row, strict=True)) for k, row in enumerate(values.tolist())})
-    statistic, p_value = friedmanchisquare(*values.T)
+    votes = simulate_votes(StudyPlan(4, 3, 5), np.zeros(4), np.random.default_rng(1))
+    found = concordance({str(k): dict(zip("wxyz", row, strict=True)) for k, row in enumerate(values.tolist())}, votes)
     assert found is not None
-    assert (found["chi2"], found["p_value"]) == pytest.approx((statistic, p_value))
+    assert found["chi2"] == pytest.approx(friedmanchisquare(*values.T)[0])
+
+
+def test_people_with_opinions_of_their_own_make_no_concordance() -> None:
+    """The same 12 people judge all five datasets and share no preference: their own make all datasets alike."""
+    rng, datasets = np.random.default_rng(3), list("01234")
+    plan = StudyPlan(6, 5, 12, tie_rate=0.0, spread=1.5)
+    p_values = [concordance_p_value(simulate_votes(plan, np.zeros(6), rng), datasets) for _ in range(20)]
+    assert sum(p is not None and p <= 0.05 for p in p_values) <= 4  # 3 in 1000 at 5 %; chi-square rejects in half
+    shared = simulate_votes(plan, np.linspace(-2, 2, 6), rng)
+    assert (concordance_p_value(shared, datasets) or 1) < 0.01
+    alone = shared.where(shared.participant == 0)
+    assert concordance_p_value(alone, datasets) is None
 
 
 def test_datasets_with_one_order_agree_and_with_the_reverse_disagree() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.analysis import analyse
+from app.analysis import analyse, observers
 from app.analysis.agreement import agreement, agreement_rows, transitivity
 from app.analysis.bradley_terry import only_compared
 from app.analysis.counts import count_pairs
@@ -43,6 +43,19 @@ def test_honest_participants_are_rarely_flagged() -> None:
 def test_somebody_who_always_takes_the_same_side_is_flagged() -> None:
     found = flags(panel(choice=0))
     assert "prefers one side" in found[str(HONEST)]
+
+
+@pytest.mark.parametrize("ties", ["davidson", "rao-kupper", "half", "drop"])
+def test_leaving_out_everybody_at_once_is_leaving_out_one_after_the_other(
+    ties: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    votes = panel(choice=0)
+    together = observer_rows(votes, [], ties=ties)
+    monkeypatch.setattr(observers, "_left_out_together", lambda *_: None)
+    alone = observer_rows(votes, [], ties=ties)
+    name = "loglik_per_vote_left_out"
+    assert [row.pop(name) for row in together] == pytest.approx([row.pop(name) for row in alone], rel=1e-9)
+    assert together == alone
 
 
 def test_votes_with_one_side_unseen_are_flagged_where_it_is_known() -> None:

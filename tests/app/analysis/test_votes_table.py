@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.votes_table import VotesError
+from app.analysis.votes_table import VotesError, bounds_of, numbered, order_of
 from tests.app.analysis.votes_data_frame import frame_from_votes
 
 HEADER = "participant,dataset,item_a,item_b,choice"
@@ -111,6 +113,7 @@ def test_a_bad_value_is_refused_with_its_row_and_itself(changes: dict[str, objec
         (HEADER + "\np,d,x,y,a\np,d,x\n", "row 2: item_b is empty"),
         (HEADER.encode() + b"\np,d,x,y,a\np\0r,d,x,y,a\n", "row 2 holds a NUL character"),
         (HEADER.encode() + b"\np,d,x,y,a\np\xe4r,d,x,y,a\n", "row 2: 'pär,d,x,y,a' is not UTF-8"),
+        (b"\x1d\x93\x00\xffPK\x07,\n", "is no text .byte 2 is 0x93.; expected a table: CSV in UTF-8"),
     ],
 )
 def test_a_file_that_is_no_table_is_refused(tmp_path: Path, content: str | bytes, message: str) -> None:
@@ -166,3 +169,16 @@ def test_columns_are_small_integers() -> None:
     votes = votes_from_rows([row()] * 10)
     assert votes.item_a.dtype == np.int32
     assert votes.choice.dtype == np.int8
+
+
+@given(st.lists(st.integers(0, 9), min_size=1), st.sampled_from((10, 100_000)))
+def test_codes_are_numbered_and_ordered_as_by_sorting(codes: list[int], size: int) -> None:
+    column = np.array(codes, np.int32)
+    present, place = numbered(column, size)
+    expected = np.unique(column, return_inverse=True)
+    assert (present.tolist(), place.tolist()) == tuple(part.tolist() for part in expected)
+    order = order_of(column, size)
+    assert order.tolist() == sorted(range(len(codes)), key=codes.__getitem__)
+    bounds = bounds_of(column[order])
+    assert [int(column[order][start]) for start in bounds[:-1]] == present.tolist()
+    assert bounds[-1] == len(codes)

@@ -16,9 +16,10 @@ import recon.experiment
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
 from app.experiment.report import conclusions
-from app.experiment.sections import Results
-from app.experiment.study import people, true_abilities
+from app.experiment.results import Results
+from app.experiment.study import people, raters, true_abilities
 from app.intake.reports import Measure
+from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from tests.command_line import Command
 
@@ -98,6 +99,14 @@ def test_the_people_are_those_of_table_3_and_one_who_lacks_a_cone() -> None:
     assert len({tuple((one.abilities or {}).values()) for one in seeing}) == 22
 
 
+def test_raters_use_the_whole_scale_and_all_prefer_as_before() -> None:
+    crowd = people(true_abilities(ssim("ball", SSIM)))
+    rating = [person.abilities or {} for person in raters(crowd)]
+    assert max(max(one.values()) - min(one.values()) for one in rating) == pytest.approx(LOG_ODDS_OF_SCALE)
+    before = [person.abilities for person in crowd if person.abilities]
+    assert [sorted(one, key=one.__getitem__) for one in rating] == [sorted(one, key=one.__getitem__) for one in before]
+
+
 def results(
     scored: dict[str, float], verdicts: tuple[str, ...] = ("passed", "failed"), p_holm: float = 0.001
 ) -> Results:
@@ -125,7 +134,8 @@ def results(
         "analysis": {"scores": rows, "contrasts": clear},
         "screening": [{"participant": "P1", "test": "colour", "verdict": verdict} for verdict in verdicts],
     }
-    return Results(Path(), answers, {}, [], {})
+    levels = {name: {"depth": name[:2], "fusion": name[3:]} for name in SSIM}
+    return Results(Path(), answers, {"levels": levels}, [], {})
 
 
 def test_conclusions_agree_where_the_scores_are_the_truth() -> None:
@@ -141,13 +151,24 @@ def test_conclusions_differ_where_the_scores_are_the_truth_upside_down() -> None
     assert [check["agrees"] for check in conclusions(results(upside_down, ("passed",)))] == [False] * 6
 
 
-def test_an_order_that_the_votes_leave_open_contradicts_nothing() -> None:
-    truth = true_abilities(ssim("ball", SSIM))
-    upside_down = {name.split("/")[1]: -ability for name, ability in truth.items()}
-    rank, *orders, _ = conclusions(results(upside_down, p_holm=0.6))
-    assert not rank["agrees"]
-    assert [check["agrees"] for check in orders] == [True] * 4
+def test_an_order_that_the_votes_leave_open_is_not_told_apart() -> None:
+    truth = {name.split("/")[1]: ability for name, ability in true_abilities(ssim("ball", SSIM)).items()}
+    for scored in (truth, {name: -ability for name, ability in truth.items()}):
+        rank, *orders, _ = conclusions(results(scored, p_holm=0.6))
+        assert rank["agrees"] is (scored is truth)
+        assert [check["grade"] for check in orders] == ["not told apart"] * 4
+        assert not any(check["agrees"] for check in orders)
     assert orders[2]["came_out"] == "id ≈ dr ≈ pm"
+
+
+def test_one_pair_of_neighbours_that_is_left_open_leaves_the_order_open() -> None:
+    truth = {name.split("/")[1]: ability for name, ability in true_abilities(ssim("ball", SSIM)).items()}
+    nearly = results(truth)
+    for row in nearly.analysis["contrasts"]:
+        if {row["item_a"], row["item_b"]} == {"id", "dr"}:
+            row["p_holm"] = 0.3
+    grades = [check["grade"] for check in conclusions(nearly)]
+    assert grades == ["agrees"] * 3 + ["not told apart"] + ["agrees"] * 2
 
 
 def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_path: Path) -> None:
@@ -156,6 +177,28 @@ def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_
     assert "--yes" in told.err
     assert "hours on two idle cores, and nobody can be asked here" in told.err
     assert not (tmp_path / "full").exists()
+
+
+def test_models_of_no_scene_of_the_experiment_are_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "0.ply").touch()
+    scene = {"schema_version": 1, "dataset": "dancer", "fps": 25, "units": "m", "up": "y", "path": {"orbit": {}}}
+    (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
+    told = command("experiment", "paper", "-o", tmp_path / "out", "--models", tmp_path)
+    assert told.code == 1
+    assert "is of dataset dancer, expected ball or box or people or standing or face" in told.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_effect_of_a_method_that_has_one_fusion_only_is_told_without_that_fusions() -> None:
+    abilities = {"ball/id_fa": -1.0, "ball/id_fb": 1.0, "ball/dr_fa": 0.0, "ball/dr_fb": 2.0, "ball/sgm_fb": 1.5}
+    parts = {name: name.removeprefix("ball/").split("_") for name in abilities}
+    levels = {"_".join(part): {"depth": part[0], "fusion": part[1]} for part in parts.values()} | {"scanned": {}}
+    truth = Results(Path(), {"abilities": abilities | {"ball/scanned": 9.0}}, {"levels": levels}, [], {}).truth
+    depth = truth("depth", "ball")
+    assert list(depth) == ["dr", "sgm", "id"]
+    assert depth["sgm"] - depth["id"] == pytest.approx(0.5)
+    assert next(iter(truth("all", "ball"))) == "scanned"
 
 
 def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None:
@@ -179,24 +222,30 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("tiny")
 def test_a_small_experiment_ends_in_a_report_and_is_not_done_twice(command: Command, tmp_path: Path) -> None:
     out = tmp_path / "paper"
-    told = command("experiment", "paper", "-o", out, "--json")
+    asked = ("experiment", "paper", "-o", out, "--approach", "sgm_fb", "--ratings", "--json")
+    told = command(*asked)
     assert told.code == 0, told.err
     report = json.loads(told.out)
     wanted = {f"table_{n}" for n in range(1, 5)} | {f"figure_{n}" for n in range(6, 9)} | {"measures", "cuboid"}
     assert wanted <= report["tables"].keys()
     assert {row["measure"] for row in report["tables"]["models"]} == set(app.experiment.study.MEASURES)
     assert {row["measure"] for row in report["measures"]} == set(app.experiment.study.MEASURES)
-    assert {name.split("/")[1] for name in report["abilities"]} == set(APPROACHES)
-    assert {score["item"] for score in report["scores"] if score["comparison"] == "all"} == set(APPROACHES)
+    compared = {*APPROACHES, "sgm_fb"}
+    assert {name.split("/")[1] for name in report["abilities"]} == compared
+    assert {score["item"] for score in report["scores"] if score["comparison"] == "all"} == compared
+    assert {row["approach"] for row in report["tables"]["ratings"]} == compared
     stimuli = json.loads((out / "stimuli" / "manifest.json").read_text(encoding="utf-8"))["stimuli"]
-    assert {stimulus["approach"] for stimulus in stimuli} == {*APPROACHES, "truth"}
+    assert {stimulus["approach"] for stimulus in stimuli} == {*compared, "truth"}
     checks = {check["question"].split(" ")[0]: check for check in report["checks"]}
     assert checks["People"]["agrees"]
     assert float(checks["Rank"]["came_out"]) > 0.4  # of six people
     page = (out / "report.html").read_text(encoding="utf-8")
     assert 'src="http' not in page
     assert page.count("<svg") >= 5
+    for number in (5, 6, 7, 8):
+        assert (out / f"figures/figure_{number}.pdf").read_bytes().startswith(b"%PDF")
+        assert f"Figure {number}. " in page
     votes = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.suffix in (".mp4", ".ply", ".sqlite")}
-    again = command("experiment", "paper", "-o", out, "--json")
+    again = command(*asked)
     assert json.loads(again.out)["checks"] == report["checks"]
     assert {path: path.stat().st_mtime_ns for path in votes} == votes

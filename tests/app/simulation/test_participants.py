@@ -158,7 +158,13 @@ def test_a_stage_is_not_completed_without_what_it_asks_for(
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"), [("consent = ", "options.toml"), ("stages = []", "'stages' is not known"), (None, "No such")]
+    ("text", "complaint"),
+    [
+        ("consent = ", "options.toml"),
+        ("stages = []", "'stages' is not known"),
+        ("[options]", "study import"),
+        (None, "no such file"),
+    ],
 )
 def test_an_options_file_that_is_not_right_is_named(tmp_path: Path, text: str | None, complaint: str) -> None:
     path = tmp_path / "options.toml"

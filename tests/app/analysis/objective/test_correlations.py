@@ -11,6 +11,7 @@ from app.analysis import correlation
 from app.analysis.objective.correlations import kendalls, monotones, pearsons, spearmans
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, 4), min_size=4, max_size=9).filter(lambda v: len(set(v)) > 1), st.integers(0, 1000))
 def test_every_order_has_the_correlation_of_its_own(values: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse
-from app.analysis.charts import chart_svg
-from app.analysis.objective.charts import LETTER_WIDTH, Box, _labels, _places, measure_chart, ranking_chart
+from app.analysis.drawing import chart_svg, labels_of, text_width
+from app.analysis.objective.charts import measure_chart, ranking_chart
+from app.analysis.objective.labels import LABEL_SIZE, LETTER_HEIGHT, Box, Frame, place_names
 from app.analysis.power import StudyPlan, simulate_votes
 
 LONG = "a_measure_with_a_name_that_is_long_enough_to_be_cut_by_a_chart"
@@ -34,8 +35,10 @@ def analysis() -> dict[str, Any]:
 
 def test_the_ranking_names_every_measure_whole_the_best_first(analysis: dict[str, Any]) -> None:
     svg = chart_svg(ranking_chart(analysis))
-    assert svg.count(f">{LONG}<") == 1
-    assert svg.index(f">{LONG}<") < svg.index(">poor<")
+    lines = labels_of([LONG]).lines[LONG]
+    assert "".join(lines) == LONG
+    assert all(svg.count(f">{line}<") == 1 for line in lines)
+    assert svg.index(f">{lines[0]}<") < svg.index(">poor<")
     assert ">unknown *<" in svg
     assert "no stated direction" in svg
     assert "…" not in svg
@@ -67,23 +70,51 @@ def test_a_figure_of_an_unknown_measure_is_none(analysis: dict[str, Any]) -> Non
     assert ranking_chart(analysis | {"measures": []}) is None
 
 
-def test_labels_stand_apart_from_each_other_and_inside_the_figure() -> None:
+@pytest.mark.parametrize("name", ["m{}", "a method with a long name, number {}"])
+def test_labels_stand_apart_inside_the_figure_and_are_numbers_where_names_have_no_room(name: str) -> None:
     rng = np.random.default_rng(1)
     points = [
-        {"item": f"method_{k}", "x": float(x), "y": float(y), "low": float(y), "high": float(y)}
-        for k, (x, y) in enumerate(rng.uniform(0, 1, (40, 2)))
+        {"item": name.format(k), "x": float(x), "y": float(y), "low": float(y), "high": float(y)}
+        for k, (x, y) in enumerate(rng.uniform(0, 1, (30, 2)))
     ]
+    frame = Frame([0.0, 1.0], [0.0, 1.0], 420, 300)
+    labels, numbered = place_names(points, frame)
+    assert len(labels) == 30
+    best_first = [point["item"] for point in sorted(points, key=lambda point: -point["y"])]
+    assert numbered == ([] if name == "m{}" else best_first)
     boxes = []
-    for layer in _labels(points, [0.0, 1.0], [0.0, 1.0]):
-        side = "right" if layer.mark.align == "left" else "left" if layer.mark.align == "right" else layer.mark.baseline
-        place = {"bottom": "above", "top": "below"}.get(side, side)
-        boxes += [
-            _places(point["x"] * 420, (1 - point["y"]) * 300, len(point["item"]) * LETTER_WIDTH)[place]
-            for point in layer.data.values
-        ]
-    assert 5 < len(boxes) < 40
-    assert not any(a.meets(b) for a, b in combinations(boxes, 2))
-    assert all(box.left >= 0 and box.right <= 420 and box.top >= 0 and box.bottom <= 300 for box in boxes)
+    for label, point in zip(labels, points, strict=True):
+        assert label["text"] == (str(numbered.index(point["item"]) + 1) if numbered else point["item"])
+        half, (x, y) = text_width(label["text"], LABEL_SIZE) / 2, frame.pixel(label["label_x"], label["label_y"])
+        boxes.append(Box(x - half, y - LETTER_HEIGHT / 2, x + half, y + LETTER_HEIGHT / 2))
+    tolerance = 1e-9
+    assert not any(a.meets(b._replace(left=b.left + tolerance)) and b.meets(a) for a, b in combinations(boxes, 2))
+    assert all(
+        box.left >= -tolerance
+        and box.right <= 420 + tolerance
+        and box.top >= -tolerance
+        and box.bottom <= 300 + tolerance
+        for box in boxes
+    )
+
+
+def test_a_measures_figure_lists_the_names_that_have_no_room_at_their_points(analysis: dict[str, Any]) -> None:
+    items = {str(k): f"a reconstruction whose name takes half of a figure, the one with number {k}" for k in range(6)}
+    renamed = analysis | {
+        "scores": [row | {"item": items[row["item"]]} for row in analysis["scores"]],
+        "settings": analysis["settings"]
+        | {
+            "measures": {
+                LONG: {
+                    dataset: {items[item]: value for item, value in values.items()}
+                    for dataset, values in analysis["settings"]["measures"][LONG].items()
+                }
+            }
+        },
+    }
+    svg = chart_svg(measure_chart(renamed, LONG, 420))
+    assert all(svg.count(f">{place}. a reconstruction") == 1 for place in range(1, 7))
+    assert all(f"number {item}<" in svg for item in items)
 
 
 def test_boxes_meet_where_they_overlap() -> None:

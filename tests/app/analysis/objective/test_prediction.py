@@ -124,6 +124,7 @@ def long_table(path: Path, *rows: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_long_table_of_validate_is_taken_with_its_directions(votes: Path, tmp_path: Path) -> None:
     rows = [f"{d},{item},error,{5 - item + 0.1 * d},lower" for d in range(2) for item in range(6)]
     rows += [f"all,{item},size,{item % 3},higher" for item in range(6)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.analysis.charts import chart_svg
+from app.analysis.drawing import chart_svg
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.charts import differential_chart, opinion_chart, raters_chart, rating_charts
 from tests.app.analysis.ratings.rated_tables import known_table, rating_table, simulated
@@ -14,9 +14,9 @@ from tests.app.analysis.ratings.rated_tables import known_table, rating_table, s
 def test_every_item_is_drawn_with_both_estimates_and_intervals() -> None:
     table, _ = simulated(np.random.default_rng(2), 30, 6, n_datasets=2)
     tables = analyse_ratings(table)
-    panels = opinion_chart(tables).hconcat
-    assert [panel.title for panel in panels] == ["d0", "d1"]
-    drawn = [value for panel in panels for value in panel.data.values]
+    panels = opinion_chart(tables)["hconcat"]
+    assert [panel["title"] for panel in panels] == ["d0", "d1"]
+    drawn = [value for panel in panels for value in panel["data"]["values"]]
     expected = [(row["dataset"], row["ci_low"], row["ci_high"]) for row in tables["rating_items"]]
     assert [(v["dataset"], v["low"], v["high"]) for v in drawn if v["estimate"] == "mean"] == expected
     assert sum(value["estimate"] == "subject model" for value in drawn) == 6

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse_file, analyse_ratings_file
-from app.analysis.ratings.reading import read_ratings
+from app.analysis.ratings.reading import holds_ratings, read_ratings, understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
+from app.analysis.reading import read_votes
 from app.analysis.votes_table import VotesError
 
 HEADER = "participant,dataset,condition,rating"
@@ -103,11 +104,61 @@ def test_another_scale_is_accepted_when_it_is_named(write: Write) -> None:
     assert (table.rating.tolist(), table.high) == ([87.5], 100.0)
 
 
+@pytest.mark.parametrize(
+    ("table", "note"),
+    [
+        (
+            "Observer;PVS;Opinion score\nann;x;4\nann;y;2,5\nbob;x;3",
+            "participant is the column 'Observer'; condition is the column 'PVS'; rating is the column 'Opinion score'",
+        ),
+        ("subject\tx\ty\nann\t4\t2.5\nbob\t3\t", "a row for each participant, a column for each of 2 conditions"),
+        ("HRC,ann,bob\nx,4,3\ny,2.5,", "a row for each condition, a column for each of 2 participants"),
+    ],
+)
+def test_tables_in_other_words_and_shapes_are_the_same_ratings(tmp_path: Path, table: str, note: str) -> None:
+    path = tmp_path / "ratings.tsv"
+    path.write_text(table, encoding="utf-8-sig")
+    ratings, understood = understand_ratings(path)
+    assert isinstance(ratings, RatingTable)
+    people, items = np.array(ratings.participants)[ratings.person], [ratings.items[item] for item in ratings.item]
+    assert {*zip(people.tolist(), items, ratings.rating.tolist(), strict=True)} == {
+        ("ann", ("", "x"), 4.0),
+        ("ann", ("", "y"), 2.5),
+        ("bob", ("", "x"), 3.0),
+    }
+    assert "3 ratings by 2 participants of 2 items" in understood[0]
+    assert note in understood[0]
+
+
+def test_a_wide_table_has_datasets_and_names_the_cell_that_is_no_rating(write: Write) -> None:
+    table = read_ratings(write("ann,ball,4,3", "ann,box,2,1", header="participant,scene,x,y"))
+    assert table.items == (("ball", "x"), ("box", "x"), ("ball", "y"), ("box", "y"))
+    with pytest.raises(VotesError, match="row 2: the column 'age' is 31, expected 1 to 5"):
+        read_ratings(write("ann,4,5", "bob,3,31", header="participant,x,age"))
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "model,x,y\nx,,3\ny,1,",
+        "participant,left,right,winner,score\nann,x,y,left,3",
+        "participant,item_a,item_b,choice,rating\nann,x,y,a,",
+        "winner,loser,participant\nx,y,1",
+        "participant,x vs y,x vs z\nann,x,z",
+    ],
+)
+def test_tables_of_votes_are_not_taken_for_ratings(tmp_path: Path, table: str) -> None:
+    path = tmp_path / "votes.csv"
+    path.write_text(table, encoding="utf-8")
+    assert not holds_ratings(path)
+    assert read_votes(path).n_votes > 0
+
+
 def test_the_folder_holds_tables_figures_and_a_report(write: Write, tmp_path: Path) -> None:
     out = tmp_path / "out"
     analysis = analyse_ratings_file(write(*panel()), out)
     assert json.loads((out / "analysis.json").read_text(encoding="utf-8")) == analysis
-    tables = {"rating_items.csv", "rating_conditions.csv", "rating_model.csv", "raters.csv"}
+    tables = {"rating_items.csv", "rating_conditions.csv", "rating_contrasts.csv", "rating_model.csv", "raters.csv"}
     assert {path.name for path in out.glob("*.csv")} == tables
     assert {path.name for path in (out / "figures").glob("*.svg")} == {"opinion_scores.svg", "raters.svg"}
     page = (out / "report.html").read_text(encoding="utf-8")
@@ -135,6 +186,7 @@ def test_who_is_excluded_does_not_count(write: Write, tmp_path: Path) -> None:
     assert not (tmp_path / "other").exists()
 
 
+@pytest.mark.slow
 def test_all_numbers_scale_with_the_scale(write: Write, tmp_path: Path) -> None:
     small = analyse_ratings_file(write(*panel()), tmp_path / "small")
     large = analyse_ratings_file(write(*panel(20.0)), tmp_path / "large", (20.0, 100.0))
@@ -145,6 +197,7 @@ def test_all_numbers_scale_with_the_scale(write: Write, tmp_path: Path) -> None:
         assert other["correlation"] == pytest.approx(row["correlation"])
 
 
+@pytest.mark.slow
 def test_votes_and_ratings_of_the_same_items_share_a_scale(write: Write, tmp_path: Path) -> None:
     ratings = write(*panel())
     votes = tmp_path / "votes.csv"

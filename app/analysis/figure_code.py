@@ -1,0 +1,103 @@
+"""Give the code, in Python and in R, that draws a figure anew from analysis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a figure draws: a table of analysis.json, the rows of it, and their columns.
+
+    Parameters
+    ----------
+    table : its name
+    rows : column -> value of the rows that are drawn
+    y : column of the names
+    x : column of the values
+    ends : columns of the limits of the intervals, if it draws any
+    panels : column that gives each panel its name, empty for a single panel
+    """
+
+    table: str
+    rows: Mapping[str, str]
+    y: str
+    x: str
+    ends: tuple[str, str] | None = None
+    panels: str = ""
+
+
+def figure_code(name: str, analysis: Mapping[str, Any]) -> dict[str, str]:
+    """Return the code of a figure by its language; empty for one that no single table draws.
+
+    The file analysis.json lies beside the report, and a server gives it at `/api/v1/studies/STUDY/analysis`.
+
+    Parameters
+    ----------
+    name : of the figure
+    analysis : the content of analysis.json
+    """
+    drawn = _drawn(name, analysis)
+    return {} if drawn is None else {"Python": _python(drawn), "R": _r(drawn)}
+
+
+def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
+    ends = ("ci_low", "ci_high")
+    kind, _, which = name.partition("_")
+    if kind in ("scores", "levels"):
+        called = [row["comparison"] for row in analysis["scores"] if _file_name(row["comparison"]) == which]
+        return Drawn("scores", {"comparison": called[0] if called else "all"}, "item", "score", ends, "dataset")
+    if kind == "group":
+        called = [row["grouping"] for row in analysis["groups"] if _file_name(row["grouping"]) == which]
+        return Drawn("groups", {"grouping": called[0], "dataset": "all"}, "item", "score", ends, "group")
+    return FIGURES.get(name)
+
+
+FIGURES = {
+    "preferences": Drawn("pairs", {"comparison": "all", "dataset": "all"}, "item_a", "a", panels="item_b"),
+    "triads": Drawn("triads_pooled", {}, "participant", "circular"),
+    "response_times": Drawn("observers", {}, "participant", "median_response_ms"),
+    "opinion_scores": Drawn("rating_items", {}, "condition", "mos", ("ci_low", "ci_high"), "dataset"),
+    "differential_scores": Drawn("rating_items", {}, "condition", "dmos", ("dmos_low", "dmos_high"), "dataset"),
+    "raters": Drawn("raters", {}, "participant", "bias", ("bias_low", "bias_high")),
+    "alignment": Drawn("alignment_items", {}, "condition", "quality", ("quality_low", "quality_high"), "dataset"),
+    "comparison_scores": Drawn("comparison_items", {}, "condition", "score", ("ci_low", "ci_high"), "dataset"),
+}
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in text)
+
+
+def _python(drawn: Drawn) -> str:
+    rows = "".join(f"rows = rows[rows[{column!r}] == {value!r}]\n" for column, value in drawn.rows.items())
+    interval = ""
+    if drawn.ends:
+        interval = f' + points.mark_rule().encode(x="{drawn.ends[0]}:Q", x2="{drawn.ends[1]}:Q")'
+    panels = f'.facet("{drawn.panels}:N", columns=3)' if drawn.panels else ""
+    return (
+        "import json\nfrom pathlib import Path\n\nimport altair as alt\nimport pandas as pd\n\n"
+        'analysis = json.loads(Path("analysis.json").read_text(encoding="utf-8"))\n'
+        f'rows = pd.DataFrame(analysis["{drawn.table}"])\n{rows}'
+        f'points = alt.Chart(rows).mark_point().encode(x="{drawn.x}:Q", y=alt.Y("{drawn.y}:N", sort="-x"))\n'
+        f'chart = (points{interval}){panels}\nchart.save("figure.svg")\n'
+    )
+
+
+def _r(drawn: Drawn) -> str:
+    rows = "".join(f"rows <- rows[rows${column} == {_quoted(value)}, ]\n" for column, value in drawn.rows.items())
+    ends = f", xmin = {drawn.ends[0]}, xmax = {drawn.ends[1]}" if drawn.ends else ""
+    mark = "geom_pointrange" if drawn.ends else "geom_point"
+    panels = f" + facet_wrap(~{drawn.panels})" if drawn.panels else ""
+    return (
+        "library(ggplot2)\nlibrary(jsonlite)\n\n"
+        f'rows <- fromJSON("analysis.json")${drawn.table}\n{rows}'
+        f"ggplot(rows, aes({drawn.x}, reorder({drawn.y}, {drawn.x}){ends})) +\n  {mark}(){panels}\n"
+        'ggsave("figure.svg", width = 183, height = 120, units = "mm")\n'
+    )
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,0 +1,108 @@
+"""Draw every figure of an analysis, with the caption that says what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from app.analysis.charts import (
+    groups_chart,
+    levels_chart,
+    preference_chart,
+    residual_chart,
+    response_chart,
+    scores_chart,
+    triads_chart,
+)
+from app.analysis.drawing import FULL, chart_svg, drawn_width, letters_without_font
+from app.analysis.figure_code import figure_code
+from app.analysis.objective.charts import measure_chart, ranking_chart
+from app.analysis.objective.prediction import measures_by_rank
+from app.analysis.ratings.charts import rating_charts
+
+Row = Mapping[str, Any]
+
+WIDE = 0.8  # of two columns
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure that was drawn: its file's name, its caption, its SVG, and by language the code that draws it anew."""
+
+    name: str
+    caption: str
+    svg: str
+    code: Mapping[str, str]
+
+    @property
+    def is_wide(self) -> bool:
+        """Does the figure fill most of two columns?"""
+        return drawn_width(self.svg) > WIDE * FULL
+
+
+def drawn_figures(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[Figure]:
+    """Draw every figure that there is something in, so many pixels wide."""
+    for name, caption, chart in named_charts(analysis, width):
+        if chart is not None:
+            yield Figure(name, caption, chart_svg(chart), figure_code(name, analysis))
+
+
+def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:
+    """Yield every figure's name, caption and chart; the chart is None where there is nothing to draw.
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    width : of the figures, in pixels
+    """
+    for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
+        rows = [row for row in analysis["scores"] if row["comparison"] == comparison]
+        if comparison == "all":
+            yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
+            continue
+        file_name, what = _file_name(comparison), f"Scores by {comparison}"
+        yield f"levels_{file_name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
+        yield f"scores_{file_name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
+    preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
+    yield "preferences", preferences, preference_chart(analysis, width=width)
+    yield "residuals", "Where the model and the votes differ.", residual_chart(analysis, width=width)
+    yield "measures", "How well each measure predicts the scores.", ranking_chart(analysis, width)
+    for measure in measures_by_rank(analysis["measures"]):
+        yield f"measure_{_file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure, width)
+    for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
+        rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
+        caption = f"Scores by {grouping}, all datasets, {_intervals(rows)}."
+        yield f"group_{_file_name(grouping)}", caption, groups_chart(analysis, grouping, width)
+    yield "response_times", "Response times of each participant.", response_chart(analysis, width)
+    yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
+    yield from rating_charts(analysis, width)
+
+
+def _ends(rows: Sequence[Row]) -> str:
+    """End a caption: are there intervals, are there penalised estimates, and how are datasets ordered?"""
+    penalised = " Hollow points are penalised estimates." if any(row["penalty"] for row in rows) else ""
+    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {"all"}) > 1 else ""
+    return f"{_intervals(rows)}.{penalised}{several}"
+
+
+def _intervals(rows: Sequence[Row]) -> str:
+    n_with = sum(row["ci_low"] is not None for row in rows)
+    if not n_with:
+        return "without intervals (there are none)"
+    return "with 95 % intervals" if n_with == len(rows) else "with 95 % intervals where there are any"
+
+
+def font_warnings(analysis: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a warning if no font of this machine draws some letters of the names."""
+    votes = analysis["votes"] or {"items": [], "datasets": []}
+    rated = [name for row in analysis.get("rating_items", ()) for name in (row["condition"], row["dataset"])]
+    if missing := letters_without_font([*votes["items"], *votes["datasets"], *rated]):
+        yield (
+            f"figures: no font of this machine has the letters {missing[:20]}; they are boxes in PNG and PDF until a "
+            "font that has them is installed, such as Noto Sans CJK"
+        )
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in text)

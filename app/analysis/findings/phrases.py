@@ -1,0 +1,69 @@
+"""Format names, numbers and p-values for sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+MOST_NAMED = 5  # names in a sentence
+SIGNIFICANT = 0.05
+LOWEST_P = 0.001  # below, the exact value depends on tails that nobody has checked
+
+
+def finding(about: str, text: str) -> dict[str, str]:
+    """Return a sentence with the word for what it is about."""
+    return {"about": about, "text": text}
+
+
+def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
+    """Return names as in a sentence: "a, b and c"; of many, the first and the number of others."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def counted(n: int, noun: str) -> str:
+    """Return a number with its noun: "1 vote", "2 votes"."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def p_phrase(p: float) -> str:
+    """Return "p = 0.012", or "p < 0.001"."""
+    return f"p < {LOWEST_P}" if p < LOWEST_P else f"p = {p:.3f}" if p < 0.1 else f"p = {p:.2f}"
+
+
+def signed(value: float) -> str:
+    """Return a number with sign and two decimals."""
+    return f"{value:+.2f}".replace("-", "−")
+
+
+def unsigned(value: float) -> str:
+    """Return a number with two decimals, of which only a negative one has a sign."""
+    return f"{value:.2f}".replace("-", "−")
+
+
+def number_with_interval(
+    row: Mapping[str, Any], value: str, ends: str = "ci", *, show: Callable[[float], str] = unsigned
+) -> str:
+    """Return "0.50 (95 % interval 0.20 to 0.80)" of a row; it says so where there is no interval.
+
+    Parameters
+    ----------
+    row : with the value, and its limits under `ends` + `_low`, `_high`
+    value : name of the value
+    ends : beginning of the limits' names
+    show : how to format a number
+    """
+    low, high = row.get(f"{ends}_low"), row.get(f"{ends}_high")
+    if low is None or high is None:
+        return f"{show(row[value])} (no interval)"
+    return f"{show(row[value])} (95 % interval {show(low)} to {show(high)})"
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage; one that is not certain never as 0 or 100 %."""
+    if 0 < share < 0.005:
+        return "less than 1 %"
+    if 0.995 < share < 1:
+        return "more than 99 %"
+    return f"{100 * share:.0f} %"

@@ -1,0 +1,56 @@
+"""Say what scores with participants, and datasets, as random effects show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from app.analysis.findings.phrases import (
+    SIGNIFICANT,
+    counted,
+    finding,
+    listed,
+    number_with_interval,
+    p_phrase,
+    percent,
+    signed,
+)
+
+
+def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Yield for whom, and for which datasets, intervals over all datasets hold, and what those at large would say."""
+    spreads, contrasts = analysis["random_effects"], analysis["random_effects_contrasts"]
+    levels = [row["level"] for row in spreads]
+    n_datasets = len(analysis["votes"]["datasets"])
+    if n_datasets > 1 and "datasets" not in levels:
+        yield finding(
+            "random effects",
+            f"Intervals over all datasets hold for these {n_datasets} datasets. What holds for others like them is "
+            "less certain; random effects of participants and datasets would say it.",
+        )
+    if not spreads:
+        return
+    ordered = sorted(analysis["random_effects_scores"], key=lambda row: -row["score"])
+    best, worst = ordered[0], ordered[-1]
+    where = " and other datasets like these" if "datasets" in levels else ""
+    values = [number_with_interval(row, "score", show=signed) for row in (best, worst)]
+    text = (
+        f"With {listed([level for level in levels if level != 'ties'])} as random effects, that is for other people"
+        f"{where}: {best['item']} has the highest score, {values[0]}, {worst['item']} the lowest, {values[1]}."
+    )
+    pair = next((row for row in contrasts if {row["item_a"], row["item_b"]} == {best["item"], worst["item"]}), None)
+    if pair is not None:
+        people = pair["people_preferring"] if pair["item_a"] == best["item"] else 1 - pair["people_preferring"]
+        n_differ = sum(row["p_holm"] < SIGNIFICANT for row in contrasts)
+        doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
+        text += (
+            f" {percent(people).capitalize()} of people prefer {best['item']} to {worst['item']}, "
+            f"{p_phrase(pair['p_holm'])} (Holm){doubt}; {n_differ} of {counted(len(contrasts), 'pair')} differ."
+        )
+    yield finding("random effects", text)
+    apart = [
+        f"between {row['level']} by {number_with_interval(row, 'sd', 'sd')}"
+        for row in spreads
+        if row["level"] != "ties"
+    ]
+    yield finding("random effects", f"Scores of a condition vary {listed(apart)}: standard deviations in log-odds.")

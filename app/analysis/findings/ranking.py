@@ -1,0 +1,259 @@
+"""Say which condition is best and worst, and which conditions the votes tell apart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from app.analysis.contrasts import MOST_ITEMS
+from app.analysis.findings.phrases import (
+    SIGNIFICANT,
+    finding,
+    listed,
+    number_with_interval,
+    p_phrase,
+    percent,
+    signed,
+)
+
+Row = Mapping[str, Any]
+
+MOST_IN_GROUPS = 12  # conditions whose groups a sentence can name; the table has the letters of more
+EQUAL = 1e-9  # log-odds; scores that differ by less are the same
+LETTER = re.compile(r"\(\d+\)|.")
+
+
+class Condition(NamedTuple):
+    """A condition with its value and interval in words, and its letters."""
+
+    name: str
+    value: str
+    letters: str | None
+
+
+def overall(rows: Sequence[Row], comparison: str = "all") -> list[Row]:
+    """Return the rows of a comparison on all datasets together."""
+    return [row for row in rows if row["comparison"] == comparison and row["dataset"] == "all"]
+
+
+def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Yield what the scores over all datasets say about the conditions."""
+    scored = sorted(
+        (row for row in overall(analysis["scores"]) if row["score"] is not None), key=lambda row: -row["score"]
+    )
+    model = overall(analysis["models"])[0]
+    if not scored:
+        yield finding("ranking", _why_no_scores(model))
+    elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
+        yield finding("ranking", f"All {len(scored)} conditions have the same score: the votes prefer none of them.")
+    else:
+        yield from _best_and_worst(analysis, scored, model)
+    yield from _never_judged(analysis)
+
+
+def _why_no_scores(model: Row) -> str:
+    groups = model["groups"]
+    named = "; ".join("{" + listed(group) + "}" for group in groups[:5])
+    more = f" and {len(groups) - 5} more groups" if len(groups) > 5 else ""
+    return (
+        f"No vote links these groups of conditions: {named}{more}. So there is no ranking of all conditions; "
+        "compare them only within a group."
+    )
+
+
+def _best_and_worst(analysis: Mapping[str, Any], scored: Sequence[Row], model: Row) -> Iterator[dict[str, str]]:
+    contrasts = overall(analysis["contrasts"])
+    conditions = [
+        Condition(row["item"], number_with_interval(row, "score", show=signed), row["letters"]) for row in scored
+    ]
+    if not contrasts:
+        yield untested_ranking(conditions, "score", _why_not_tested(analysis, scored))
+        return
+    if model["status"] == "separated":
+        yield finding("ranking", _separated(analysis, model))
+    yield from tested_ranking(
+        conditions, contrasts, "score", _difference(scored[0]["item"], scored[-1]["item"], contrasts, model)
+    )
+    margin = analysis["settings"]["equivalence_margin"]
+    if margin is not None:
+        yield finding("equivalent", _equivalent(contrasts, margin))
+
+
+def _equivalent(contrasts: Sequence[Row], margin: float) -> str:
+    """Say which pairs are shown to differ by less than the margin."""
+    alike = [
+        row for row in contrasts if row["p_equivalent_holm"] is not None and row["p_equivalent_holm"] < SIGNIFICANT
+    ]
+    method = f"difference below {margin:g} JOD, two one-sided tests, 5 % level, Holm"
+    if not alike:
+        return f"No pair of conditions is shown to be equivalent ({method})."
+    pairs = [f"{row['item_a']} with {row['item_b']}" for row in alike]
+    return f"Equivalent: {listed(pairs)} ({method})."
+
+
+def _separated(analysis: Mapping[str, Any], model: Row) -> str:
+    """Say what the votes leave open, and what the tests rest on instead."""
+    units = "votes" if analysis["votes"]["participants"] is None else "participants"
+    return (
+        f"Some differences have no finite estimate: {_one_way(model)}. The scores shown are penalised ones; where all "
+        f"votes of a pair go one way, it has an exact sign test over {units} and a one-sided limit. The others are "
+        "compared by the scores of their group."
+    )
+
+
+def _one_way(model: Row) -> str:
+    if len(model["groups"]) > 1:
+        order = " over ".join("{" + listed(group) + "}" for group in model["groups"][:5])
+        return f"no vote, or only votes without preference, went against the order {order}"
+    return "the share of votes without preference has no finite estimate"
+
+
+def untested_ranking(conditions: Sequence[Condition], score: str, why: str) -> dict[str, str]:
+    """Return the sentence on highest and lowest where differences have no test.
+
+    Parameters
+    ----------
+    conditions : the best first
+    score : what the values are called
+    why : there is no test
+    """
+    best, worst = conditions[0], conditions[-1]
+    return finding(
+        "ranking",
+        f"{best.name} has the highest {score}, {best.value}, and {worst.name} the lowest, {worst.value}. Whether "
+        f"conditions differ was not tested: {why}.",
+    )
+
+
+def tested_ranking(
+    conditions: Sequence[Condition], contrasts: Sequence[Row], score: str, difference: str
+) -> Iterator[dict[str, str]]:
+    """Yield the best, the worst, the difference between them, and which conditions are told apart.
+
+    Parameters
+    ----------
+    conditions : the best first
+    contrasts : of all pairs, with `item_a`, `item_b` and `p_holm`
+    score : what the values are called
+    difference : a sentence on the best and the worst, used if any pair differs
+    """
+    differing = [row for row in contrasts if row["p_holm"] < SIGNIFICANT]
+    if differing:
+        yield finding("best", _placed(conditions[0], contrasts, "best", f"highest {score}"))
+        yield finding("worst", _placed(conditions[-1], contrasts, "worst", f"lowest {score}"))
+        yield finding("difference", difference)
+    yield finding("told apart", _told_apart(conditions, contrasts, differing, score))
+
+
+def _why_not_tested(analysis: Mapping[str, Any], scored: Sequence[Row]) -> str:
+    if analysis["votes"]["participants"] == 1:
+        return "a single participant voted, which says nothing about other people"
+    if len(scored) > MOST_ITEMS:
+        return f"{len(scored)} conditions have too many pairs"
+    return "the participants differ in too little to know how much other people would differ"
+
+
+def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: str) -> str:
+    """Say that a condition is best or worst, or from which others it is not told apart."""
+    against = [pair for pair in contrasts if condition.name in (pair["item_a"], pair["item_b"])]
+    alike = [_other(pair, condition.name) for pair in against if pair["p_holm"] >= SIGNIFICANT]
+    if alike:
+        return f"{condition.name} has the {score}, {condition.value}, but is not told apart from {listed(alike)}."
+    others = "the other condition" if len(against) == 1 else "every other condition"
+    return f"{condition.name} is {place}: it has the {score}, {condition.value}, and differs from {others}."
+
+
+def _other(pair: Row, item: str) -> str:
+    return str(pair["item_b"] if pair["item_a"] == item else pair["item_a"])
+
+
+def _difference(best: str, worst: str, contrasts: Sequence[Row], model: Row) -> str:
+    """Say how much the best condition is preferred to the worst."""
+    (pair,) = (row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
+    sign = 1 if pair["item_a"] == best else -1
+    log_theta = model.get("log_theta") or 0.0
+    if pair["ci_low"] is None or pair["ci_high"] is None:
+        return _open_difference(best, worst, pair, log_theta)
+    ends = sorted(sign * pair[name] for name in ("ci_low", "ci_high"))
+    share, low, high = (preferred_share(value, log_theta) for value in (sign * pair["difference"], *ends))
+    between = f"{percent(share)} of decided votes (95 % interval {percent(low)} to {percent(high)})"
+    doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
+    return f"Of {best} and {worst}, {best} is preferred in {between}, {p_phrase(pair['p_holm'])} (Holm){doubt}."
+
+
+def _open_difference(best: str, worst: str, pair: Row, log_theta: float) -> str:
+    """Say how much the best condition is preferred at least, where all votes go one way."""
+    limit = pair["ci_low"] if pair["item_a"] == best else None if pair["ci_high"] is None else -pair["ci_high"]
+    if limit is None:
+        return f"How much {best} is preferred to {worst} has no estimate and no limit ({pair['method']})."
+    share = percent(preferred_share(limit, log_theta))
+    doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
+    return (
+        f"Of {best} and {worst}, every decided vote prefers {best}: its share is at least {share} (one-sided 95 % "
+        f"limit), {p_phrase(pair['p_holm'])} ({pair['method']}, Holm){doubt}."
+    )
+
+
+def preferred_share(difference: float, log_theta: float = 0.0) -> float:
+    """Return the share of decided votes for the first of two conditions.
+
+    Parameters
+    ----------
+    difference : log-odds, first score less second
+    log_theta : tie parameter of Rao and Kupper's model, 0 in the others
+    """
+    win, loss = (1 / (1 + np.exp(log_theta - side)) for side in (difference, -difference))
+    return float(win / (win + loss))
+
+
+def _told_apart(conditions: Sequence[Condition], contrasts: Sequence[Row], differing: Sequence[Row], score: str) -> str:
+    n, n_pairs = len(conditions), len(contrasts)
+    method = "5 % level, all pairs, Holm"
+    if not differing:
+        best, worst = conditions[0], conditions[-1]
+        what = "the two conditions" if n == 2 else f"any of the {n_pairs} pairs of {n} conditions"
+        return (
+            f"The answers do not tell {what} apart ({method}). {best.name} has the highest {score}, {best.value}, "
+            f"{worst.name} the lowest, {worst.value}; that does not mean that they are equal."
+        )
+    if len(differing) == n_pairs:
+        return f"{'The two' if n == 2 else f'All {n}'} conditions differ from each other ({method})."
+    return (
+        f"{len(differing)} of {n_pairs} pairs of conditions differ ({method}). {_groups(conditions)}"
+        "Not told apart does not mean equal."
+    )
+
+
+def _groups(conditions: Sequence[Condition]) -> str:
+    if len(conditions) > MOST_IN_GROUPS:
+        return "In the table, conditions that share a letter are not told apart. "
+    groups: dict[str, list[str]] = {}
+    for condition in conditions:
+        for letter in LETTER.findall(condition.letters or ""):
+            groups.setdefault(letter, []).append(condition.name)
+    several = [f"{listed(names, len(names))} ({letter})" for letter, names in groups.items() if len(names) > 1]
+    return f"Not told apart: {'; '.join(several)}. "
+
+
+def _never_judged(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Name the conditions that no counted vote is about."""
+    judged = {row["item"] for row in overall(analysis["scores"])}
+    known = [
+        *analysis["votes"]["items"],
+        *(item for levels in analysis["settings"]["factors"].values() for item in levels),
+    ]
+    missing = [item for item in dict.fromkeys(known) if item not in judged]
+    if missing:
+        verb, them = ("has", "it") if len(missing) == 1 else ("have", "them")
+        text = f"{listed(missing)} {verb} no vote that counts: nothing can be said about {them}."
+        yield finding("missing", text)
+
+
+def level_text(row: Row) -> str:
+    """Return a level of a factor with its effect and interval."""
+    low, high = row["ci_low"], row["ci_high"]
+    interval = "" if low is None else f", {signed(low)} to {signed(high)}"
+    return f"{row['level']} ({signed(row['effect'])}{interval})"

@@ -1,0 +1,122 @@
+"""What the experiment's report is made from: scores, the truth that was put in, measures; and orders in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from app.analysis.contrasts import SIGNIFICANT
+from app.files import read_json
+from app.intake.reports import Measure
+
+SPHERE = "validation/sphere"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What the report is made from.
+
+    Parameters
+    ----------
+    out : the experiment's folder
+    answers : what the people answered, with the truth that was put in
+    objective : how it was measured, with which parameters
+    measures : what was measured of the approaches
+    seconds : that each step took
+    """
+
+    out: Path
+    answers: Mapping[str, Any]
+    objective: Mapping[str, Any]
+    measures: Sequence[Measure]
+    seconds: Mapping[str, float]
+
+    @property
+    def analysis(self) -> Mapping[str, Any]:
+        analysis: Mapping[str, Any] = self.answers["analysis"]
+        return analysis
+
+    @property
+    def levels(self) -> Mapping[str, Mapping[str, str]]:
+        """The level of each factor, by approach; models by other programs may have none."""
+        levels: Mapping[str, Mapping[str, str]] = self.objective["levels"]
+        return levels
+
+    @property
+    def factors(self) -> list[str]:
+        """The factors that the approaches differ in."""
+        return list(dict.fromkeys(factor for levels in self.levels.values() for factor in levels))
+
+    def sphere(self) -> dict[str, Any]:
+        """Read the report on the sphere."""
+        return read_json(self.out / SPHERE / "report.json")
+
+    def scores(self, comparison: str, dataset: str) -> dict[str, float]:
+        """Return the scores by item, best first; nothing for an item whose votes set its score no limit."""
+        rows = [r for r in self.analysis["scores"] if (r["comparison"], r["dataset"]) == (comparison, dataset)]
+        scored = ((r["item"], r["score"]) for r in rows if r["score"] is not None)
+        return dict(sorted(scored, key=lambda pair: -pair[1]))
+
+    def contrasts(self, comparison: str, dataset: str) -> list[Mapping[str, Any]]:
+        """Return the differences of scores with their p-values."""
+        rows = self.analysis["contrasts"]
+        return [row for row in rows if (row["comparison"], row["dataset"]) == (comparison, dataset)]
+
+    def alike(self, comparison: str, dataset: str) -> list[set[str]]:
+        """Return the pairs that the votes do not tell apart."""
+        rows = self.contrasts(comparison, dataset)
+        return [{row["item_a"], row["item_b"]} for row in rows if row["p_holm"] >= SIGNIFICANT]
+
+    def mean_ratings(self) -> dict[str, float]:
+        """Return the mean rating by "dataset/approach", relative to its dataset's mean; none where nobody rated."""
+        rows = self.answers.get("ratings", {}).get("rating_items", [])
+        values: dict[str, list[float]] = {}
+        for row in rows:
+            values.setdefault(row["dataset"], []).append(row["mos"])
+        return {f"{row['dataset']}/{row['condition']}": row["mos"] - fmean(values[row["dataset"]]) for row in rows}
+
+    def truth(self, comparison: str, dataset: str) -> dict[str, float]:
+        """Return what was put in: the mean ability by approach, or a factor's effects by level, best first."""
+        values: dict[str, list[float]] = {}
+        for name, ability in self.answers["abilities"].items():
+            scene, approach = name.split("/")
+            if dataset in ("all", scene):
+                values.setdefault(approach, []).append(ability)
+        means = {approach: fmean(abilities) for approach, abilities in values.items()}
+        items = means if comparison == "all" else _effects(comparison, means, self.levels)
+        return dict(sorted(items.items(), key=lambda pair: -pair[1]))
+
+
+def _effects(factor: str, abilities: Mapping[str, float], levels: Mapping[str, Mapping[str, str]]) -> dict[str, float]:
+    """Return the effect of each level of a factor, the others apart: least squares, as not all levels may be combined.
+
+    Parameters
+    ----------
+    factor : such as "depth"
+    abilities, levels : by approach
+    """
+    names = [name for name in abilities if levels[name]]
+    columns = list(dict.fromkeys(pair for name in names for pair in levels[name].items()))
+    design = np.array([[levels[name].get(known) == level for known, level in columns] for name in names], np.float64)
+    effects = np.linalg.lstsq(design, np.array([abilities[name] for name in names]))[0].tolist()
+    return {level: effect for (known, level), effect in zip(columns, effects, strict=True) if known == factor}
+
+
+def screened_out(results: Results) -> list[tuple[str, str]]:
+    """Return participant and test of every failed screening."""
+    return [(row["participant"], row["test"]) for row in results.answers["screening"] if row["verdict"] == "failed"]
+
+
+def order_text(items: Sequence[str] | Mapping[str, float], alike: Sequence[set[str]] = ()) -> str:
+    """Write items as "pm ≈ dr > id"; ≈ stands between neighbours that the votes do not tell apart."""
+    names = list(items)
+    text = names[0] if names else "–"
+    for before, name in pairwise(names):
+        text += f" {'≈' if {before, name} in alike else '>'} {name}"
+    return text

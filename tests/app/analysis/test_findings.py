@@ -1,0 +1,325 @@
+"""The sentences of an analysis follow its numbers, and never say more than the votes hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
+
+DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
+FACTORS = {
+    "depth": {f"{depth}_{fusion}": depth for depth in DEPTHS for fusion in FUSIONS},
+    "fusion": {f"{depth}_{fusion}": fusion for depth in DEPTHS for fusion in FUSIONS},
+}
+Votes = list[dict[str, Any]]
+
+
+def votes_by(abilities: Mapping[str, float], n_participants: int, *, ties: float = 0.1, seed: int = 1) -> Votes:
+    """Every participant judges every pair once, as the Bradley-Terry model says."""
+    rng = np.random.default_rng(seed)
+    votes = []
+    for participant in range(n_participants):
+        for a, b in combinations(abilities, 2):
+            wins = rng.random() < 1 / (1 + np.exp(abilities[b] - abilities[a]))
+            choice = "none" if rng.random() < ties else "a" if wins else "b"
+            first = a if rng.random() < 0.5 else b
+            vote = {"participant": f"p{participant}", "dataset": "ball", "item_a": a, "item_b": b}
+            votes.append(vote | {"choice": choice, "first_shown": first})
+    return votes
+
+
+def sentences(votes: Votes, **settings: Any) -> dict[str, str]:
+    """The sentences by what they are about, those about the same thing joined."""
+    by_subject: dict[str, str] = {}
+    for row in analyse(votes_from_rows(votes), AnalysisSettings(by_dataset=False, **settings))["findings"]:
+        by_subject[row["about"]] = f"{by_subject.get(row['about'], '')} {row['text']}".strip()
+    return by_subject
+
+
+def renamed(votes: Votes, names: Mapping[str, str]) -> Votes:
+    places = ("item_a", "item_b", "first_shown")
+    return [vote | {place: names.get(vote[place], vote[place]) for place in places} for vote in votes]
+
+
+CLEAR = {"good": 2.0, "fair": 0.0, "bad": -2.0}
+
+
+def test_best_and_worst_are_those_that_the_votes_say() -> None:
+    text = sentences(votes_by(CLEAR, 20))
+    assert text["best"].startswith("good is best: it has the highest score, +")
+    assert text["worst"].startswith("bad is worst")
+    assert "good is preferred in 9" in text["difference"]
+    assert text["told apart"] == "All 3 conditions differ from each other (5 % level, all pairs, Holm)."
+    assert "limits" not in text
+
+
+def test_where_winners_are_swapped_the_sentences_are() -> None:
+    votes, names = votes_by(CLEAR, 20), {"good": "bad", "bad": "good"}
+    before, after = sentences(votes), sentences(renamed(votes, names))
+    swapped = {about: re.sub("good|bad", lambda name: names[name[0]], text) for about, text in before.items()}
+    assert after == swapped
+    assert after["best"].startswith("bad is best")
+
+
+def test_without_a_difference_nobody_is_best() -> None:
+    text = sentences(votes_by(dict.fromkeys(CLEAR, 0.0), 20))
+    assert not {"best", "worst", "difference"} & set(text)
+    assert text["told apart"].startswith("The answers do not tell any of the 3 pairs of 3 conditions apart")
+    assert "that does not mean that they are equal" in text["told apart"]
+
+
+def test_conditions_that_are_alike_are_named_beside_the_best() -> None:
+    text = sentences(votes_by({"good": 1.5, "as good": 1.5, "bad": -1.5}, 20))
+    assert re.match(r"(as )?good has the highest score, .* but is not told apart from (as )?good\.", text["best"])
+    assert "2 of 3 pairs" in text["told apart"]
+    assert "(a). Not told apart does not mean equal." in text["told apart"]
+
+
+@pytest.mark.parametrize(
+    ("of_depth", "matters"),
+    [({"id": -1.0, "dr": 0.0, "pm": 1.0}, True), (dict.fromkeys(DEPTHS, 0.0), False)],
+)
+def test_a_factor_matters_only_while_it_has_an_effect(of_depth: dict[str, float], matters: bool) -> None:
+    abilities = {f"{d}_{f}": of_depth[d] + (0.6 if f == "fb" else -0.6) for d in DEPTHS for f in FUSIONS}
+    text = sentences(votes_by(abilities, 20), factors=FACTORS)["factors"]
+    assert ("depth matters (p < 0.001): all else equal, pm is preferred to id in" in text) == matters
+    assert ("No effect of depth is shown" in text) != matters
+    assert "fusion matters (p < 0.001): all else equal, fb is preferred to fa" in text
+    assert text.startswith(f"The levels of {'depth' if matters else 'fusion'} (")
+
+
+def test_the_order_of_showing_is_told_with_its_direction() -> None:
+    votes = votes_by(dict.fromkeys("abcd", 0.0), 30)
+    helped = [
+        vote | {"choice": "a" if vote["first_shown"] == vote["item_a"] else "b"} if number % 2 else vote
+        for number, vote in enumerate(votes)
+    ]
+    harmed = [
+        vote | {"first_shown": vote["item_b" if vote["first_shown"] == vote["item_a"] else "item_a"]} for vote in helped
+    ]
+    assert sentences(helped, order_effect=True)["order"].startswith("Being shown first helps")
+    assert sentences(harmed, order_effect=True)["order"].startswith("Being shown first harms")
+    assert "No effect of being shown first is shown" in sentences(votes, order_effect=True)["order"]
+    assert "order" not in sentences(helped)
+
+
+def with_a_winner(votes: Votes, winner: str) -> Votes:
+    """The same votes, but that the winner wins all of its own."""
+    return [
+        vote | {"choice": "a" if vote["item_a"] == winner else "b"}
+        if winner in (vote["item_a"], vote["item_b"])
+        else vote
+        for vote in votes
+    ]
+
+
+def test_a_condition_that_wins_everything_leaves_the_others_their_inference() -> None:
+    votes = votes_by({"good": 1.0, "fair": 0.0, "bad": -1.0, "best": 0.0}, 22)
+    won = with_a_winner(votes, "best")
+    analysis = analyse(votes_from_rows(won), AnalysisSettings(by_dataset=False))
+    others = analyse(
+        votes_from_rows([vote for vote in won if "best" not in (vote["item_a"], vote["item_b"])]),
+        AnalysisSettings(by_dataset=False),
+    )
+    pairs = {(row["item_a"], row["item_b"]): row for row in analysis["contrasts"]}
+    for row in others["contrasts"]:
+        same = pairs[row["item_a"], row["item_b"]]
+        assert [same[name] for name in ("difference", "se", "p_value", "ci_low", "ci_high")] == [
+            row[name] for name in ("difference", "se", "p_value", "ci_low", "ci_high")
+        ]
+    against_best = [row for pair, row in pairs.items() if "best" in pair]
+    for row in against_best:  # 22 of 22 participants
+        assert row["p_value"] == pytest.approx(2 * 0.5**22)
+        (limit,) = (abs(row[name]) for name in ("ci_low", "ci_high") if row[name] is not None)
+        assert limit == pytest.approx(np.log(0.05 ** (1 / 22) / (1 - 0.05 ** (1 / 22))))
+        assert limit < abs(row["difference"])
+    by_item = {row["item"]: row for row in analysis["scores"]}
+    for row in others["scores"]:
+        ours = by_item[row["item"]]
+        assert ours["ci_high"] - ours["ci_low"] == pytest.approx(row["ci_high"] - row["ci_low"])
+    assert by_item["best"]["ci_low"] is None
+    assert {row["item"]: row["letters"] for row in analysis["scores"]}["best"] == "a"
+    text = sentences(won)
+    assert text["best"].startswith("best is best: it has the highest score, +")
+    assert "exact sign test over participants and a one-sided limit" in text["ranking"]
+    assert "Of best and bad, every decided vote prefers best: its share is at least 87 %" in text["difference"]
+
+
+def test_separation_is_no_less_evidence_than_its_neighbour() -> None:
+    def p_value(*choices: str) -> float:
+        votes = [
+            {"participant": f"p{who}", "dataset": "", "item_a": "x", "item_b": "y", "choice": choice}
+            for who, choice in enumerate(choices)
+        ]
+        return float(analyse(votes_from_rows(votes))["contrasts"][0]["p_value"])
+
+    assert p_value(*["a"] * 66) < p_value(*["a"] * 65, "b") < 0.001
+    assert p_value(*["a"] * 3) == pytest.approx(0.25)
+    assert p_value(*["a"] * 20, *["none"] * 8) == pytest.approx(2 * 0.5**20)
+
+
+def test_a_participant_who_votes_often_counts_once_in_a_sign_test() -> None:
+    votes = [
+        {"participant": f"p{number % 5}", "dataset": "", "item_a": "x", "item_b": "y", "choice": "a"}
+        for number in range(100)
+    ]
+    (row,) = analyse(votes_from_rows(votes))["contrasts"]
+    assert (row["p_value"], row["method"]) == (pytest.approx(2 * 0.5**5), "sign test over participants")
+    (row,) = analyse(votes_from_rows([vote | {"participant": ""} for vote in votes]))["contrasts"]
+    assert (row["p_value"], row["method"]) == (pytest.approx(2 * 0.5**100), "sign test over votes")
+
+
+def test_separated_conditions_that_were_never_compared_have_no_test() -> None:
+    votes = [
+        {"participant": f"p{who}", "dataset": "", "item_a": a, "item_b": b, "choice": "a"}
+        for who in range(12)
+        for a, b in (("x", "y"), ("y", "z"))
+    ]
+    rows = {row["item_a"] + row["item_b"]: row for row in analyse(votes_from_rows(votes))["contrasts"]}
+    assert rows["xz"]["method"] == "never compared"
+    assert (rows["xz"]["p_value"], rows["xz"]["p_holm"], rows["xz"]["ci_low"]) == (1.0, 1.0, None)
+    assert rows["xy"]["p_holm"] == pytest.approx(2 * rows["xy"]["p_value"])  # of two tests, not three
+
+
+def test_all_ties_prefer_nothing() -> None:
+    text = sentences([vote | {"choice": "none"} for vote in votes_by(CLEAR, 5)])
+    assert text["ranking"] == "All 3 conditions have the same score: the votes prefer none of them."
+    assert text["ties"] == "All 15 votes are without preference."
+    assert "limits" not in text  # there are no intervals and no tests that could be uncertain
+
+
+def test_a_single_participant_says_nothing_about_other_people() -> None:
+    text = sentences(votes_by(dict.fromkeys(CLEAR, 0.0), 1, seed=3) * 4 + votes_by(CLEAR, 1, seed=8))
+    assert "nothing can be concluded about other people" in text["limits"]
+    assert not {"best", "worst", "told apart"} & set(text)
+
+
+def test_a_single_participant_on_several_datasets_gets_a_report(tmp_path: Path) -> None:
+    votes = [vote | {"dataset": name} for name in ("x", "y", "z") for vote in votes_by(CLEAR, 1, seed=ord(name))]
+    write_analysis(analyse(votes_from_rows(votes)), tmp_path)
+    assert "Agreement between datasets" in (tmp_path / "report.md").read_text(encoding="utf-8")
+
+
+def test_groups_that_no_vote_links_are_not_ranked() -> None:
+    votes = [*votes_by({"a": 0.0, "b": 1.0}, 12), *votes_by({"c": 0.0, "d": 1.0}, 12)]
+    assert sentences(votes)["ranking"].startswith("No vote links these groups of conditions: {a and b}; {c and d}.")
+
+
+def test_a_condition_without_a_vote_that_counts_is_named() -> None:
+    votes = votes_by(CLEAR, 12)
+    practice = votes[0] | {"item_a": "new", "first_shown": "new", "practice": True}
+    assert sentences([*votes, practice])["missing"].startswith("new has no vote that counts")
+    assert "missing" not in sentences([*votes, practice | {"practice": False}])
+
+
+@pytest.mark.parametrize("n_conditions", [2, 200])
+def test_two_and_two_hundred_conditions_are_ranked(n_conditions: int) -> None:
+    names = [f"c{number}" for number in range(n_conditions)]
+    neighbours = [dict(zip(pair, (0.5, 0.0), strict=True)) for pair in pairwise(names)]
+    votes = [vote for seed, pair in enumerate(neighbours, 1) for vote in votes_by(pair, 12, ties=0.0, seed=seed)]
+    text = sentences(votes)
+    if n_conditions == 2:
+        assert text["told apart"].startswith("The answers do not tell the two conditions apart")
+    else:
+        assert "200 conditions have too many pairs" in text["ranking"]
+        assert "no more than the numbers that are estimated" in text["limits"]
+
+
+def test_nothing_left_is_said() -> None:
+    assert sentences([vote | {"practice": True} for vote in votes_by(CLEAR, 2)]) == {
+        "ranking": "No vote counts, so nothing can be concluded."
+    }
+
+
+def partial(n_participants: int, n_conditions: int, seed: int) -> Votes:
+    """Each participant judges a share of the pairs of many conditions."""
+    votes = votes_by({f"c{n}": 0.05 * n for n in range(n_conditions)}, n_participants, ties=0.0, seed=seed)
+    return [vote for number, vote in enumerate(votes) if number % 3 == 0]
+
+
+def test_few_participants_never_make_errors_smaller_than_those_of_the_votes() -> None:
+    analysis = analyse(votes_from_rows(partial(4, 10, seed=3)), AnalysisSettings(by_dataset=False))
+    scores, contrasts = analysis["scores"], analysis["contrasts"]
+    assert any(row["se_participant"] < row["se"] for row in scores)  # which would be certain without reason
+    t_of_3, normal = 3.182, 1.96
+    for row in scores:
+        wider = max(t_of_3 * row["se_participant"], normal * row["se"])
+        assert (row["ci_high"] - row["ci_low"]) / 2 == pytest.approx(wider, rel=1e-3)
+    for row in contrasts:
+        assert row["ci_high"] - row["ci_low"] >= 2 * 0.999 * normal * row["se"]
+        assert (row["p_value"] < 0.05) == (row["ci_low"] > 0 or row["ci_high"] < 0)
+    (limits,) = (row["text"] for row in analysis["findings"] if row["about"] == "limits")
+    assert limits.startswith("4 participants are few (fewer than 12)")
+
+
+def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
+    votes = votes_by(CLEAR, 20, ties=0.0) * 4
+    turned = [
+        vote | {"choice": {"a": "b", "b": "a"}[vote["choice"]]} if vote["participant"] == "p7" else vote
+        for vote in votes
+    ]
+    assert sentences(turned)["participants"].startswith("Participant p7 (")
+    assert sentences(votes_by(dict.fromkeys("abc", 0.0), 6))["participants"].startswith("Nobody of 6 stands out.")
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        ((), ""),
+        (("a",), "a"),
+        (("a", "b"), "a and b"),
+        (("a", "b", "c"), "a, b and c"),
+        (tuple("abcdefg"), "a, b, c, d, e and 2 more"),
+    ],
+)
+def test_names_are_listed_as_in_a_sentence(names: Sequence[str], text: str) -> None:
+    from app.analysis.findings.phrases import listed
+
+    assert listed(names) == text
+
+
+def always_first(votes: Votes) -> Votes:
+    """The same votes, each pair shown in one order only."""
+    return [vote | {"first_shown": min(vote["item_a"], vote["item_b"])} for vote in votes]
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "why"),
+    [
+        (lambda votes: [votes[0] | {"first_shown": ""}, *votes[1:]], "1 of 120 votes do not record"),
+        (always_first, "the orders are unbalanced"),
+        (lambda votes: [vote | {"first_shown": ""} for vote in votes], "the scores have no finite estimate"),
+    ],
+)
+def test_without_orders_that_can_tell_the_scores_are_those_without_an_order_effect(spoilt: Any, why: str) -> None:
+    votes = votes_by({"a": 2.5, "b": 0.3, "c": 0.0, "d": -0.3}, 20, ties=0.0, seed=5)
+    winner_first = [
+        vote | {"item_a": vote["item_b"], "item_b": vote["item_a"], "choice": "a"} if vote["choice"] == "b" else vote
+        for vote in spoilt(votes)
+    ]
+    plain, asked = (
+        analyse(votes_from_rows(winner_first), AnalysisSettings(by_dataset=False, order_effect=order))
+        for order in (False, True)
+    )
+    assert asked["scores"] == plain["scores"]
+    assert asked["contrasts"] == plain["contrasts"]
+    assert why in next(row["text"] for row in asked["findings"] if row["about"] == "order")
+    assert why in asked["warnings"][0]
+    assert "order effect not estimated" in asked["findings"][-1]["text"]
+    assert not asked["tests"]
+
+
+def test_the_order_effect_is_one_hypothesis_however_many_models_hold_it() -> None:
+    abilities = {f"{d}_{f}": 0.0 for d in DEPTHS for f in FUSIONS}
+    settings = AnalysisSettings(by_dataset=False, order_effect=True, factors=FACTORS)
+    analysis = analyse(votes_from_rows(votes_by(abilities, 20)), settings)
+    tests = [row for row in analysis["tests"] if row["name"] == "order effect"]
+    assert len(tests) == 4
+    assert all(row["p_holm"] == row["p_participant"] for row in tests)

@@ -1,0 +1,181 @@
+"""Votes as other tools export them: what is understood, what is said about it, and what is refused."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from app.analysis import VotesError, analyse, analyse_file, read_votes, votes_from_rows
+from app.analysis.reading import understand_votes
+from app.analysis.report import table_csv
+
+VOTES = [
+    {"participant": "p1", "dataset": "ball", "item_a": "x", "item_b": "y", "choice": "a"},
+    {"participant": "p1", "dataset": "ball", "item_a": "x", "item_b": "z", "choice": "none"},
+    {"participant": "p2", "dataset": "box", "item_a": "z", "item_b": "y", "choice": "b"},
+]
+COMMAS = pd.DataFrame(VOTES).to_csv(index=False)
+
+
+def outcomes(path: Path, **options: Any) -> list[tuple[str, str, str, str]]:
+    """Participant, the two items in alphabetical order, and the preferred one, of each vote."""
+    votes = read_votes(path, **options)
+    rows = []
+    for person, a, b, choice, count in zip(
+        votes.participant, votes.item_a, votes.item_b, votes.choice, votes.count, strict=True
+    ):
+        names = votes.items[a], votes.items[b]
+        preferred = "" if choice == 2 else names[choice]
+        rows += [(votes.participants[person], *sorted(names), preferred)] * count
+    return sorted(rows)
+
+
+WANTED = [("p1", "x", "y", "x"), ("p1", "x", "z", ""), ("p2", "y", "z", "y")]
+
+
+def write(folder: Path, name: str, content: str | bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "understood"),
+    [
+        ("votes.csv", COMMAS.replace(",", ";").encode("utf-8-sig"), "a byte-order mark, semicolons between cells"),
+        ("votes.tsv", COMMAS.replace(",", "\t"), "tabs between cells"),
+        ("votes.csv", COMMAS.replace(",", "|"), "bars between cells"),
+        ("votes.csv.gz", gzip.compress(COMMAS.encode()), "commas between cells"),
+        ("votes.jsonl", "\n".join(map(json.dumps, VOTES)) + "\n\n", "JSON, an object on each line"),
+        ("VOTES.JSON", json.dumps(VOTES), "JSON"),
+    ],
+)
+def test_a_format_is_understood_by_its_ending_and_content(
+    tmp_path: Path, name: str, content: str | bytes, understood: str
+) -> None:
+    path = write(tmp_path, name, content)
+    assert outcomes(path) == WANTED
+    assert understood in understand_votes([path])[1][0]
+
+
+def test_excel_is_read_from_its_first_sheet(tmp_path: Path) -> None:
+    pytest.importorskip("openpyxl")
+    with pd.ExcelWriter(tmp_path / "votes.xlsx") as book:
+        pd.DataFrame(VOTES).to_excel(book, sheet_name="Votes", index=False)
+        pd.DataFrame([{"a": 1}]).to_excel(book, sheet_name="Notes", index=False)
+    assert outcomes(tmp_path / "votes.xlsx") == WANTED
+    assert "Excel, sheet Votes, the first of 2" in understand_votes([tmp_path / "votes.xlsx"])[1][0]
+    with pytest.raises(VotesError, match="not readable as Excel"):
+        read_votes(write(tmp_path, "other.xlsx", b"PK\x03\x04nonsense"))
+
+
+@pytest.mark.parametrize(
+    ("content", "note"),
+    [
+        ("Subject,Scene,left,right,winner\np1,d,x,y,left\np1,d,x,z,tie\np2,e,z,y,right\n", "right for item_b, tie"),
+        ("worker_id,src,model_a,model_b,winner\np1,d,x,y,model_a\np1,d,x,z,Tie\np2,e,z,y,model_b\n", "model_a for"),
+        ("user,scene,A,B,preferred\np1,d,x,y,x\np1,d,x,z,no preference\np2,e,z,y,y\n", "name of the preferred"),
+        ("judge,scene,item1,item2,choice\np1,ball,x,y,1\np2,box,z,y,2\n", "1 for item_a and 2 for item_b"),
+        ("participant,winner,loser\np1,x,y\np2,y,z\n", "item_a is always preferred"),
+        ("participant,dataset,x vs y,x vs. z,z - y\np1,ball,x,tie,\np2,box,,,y\n", "a column for each of 3 pairs"),
+    ],
+)  # fmt: skip
+def test_names_and_words_of_real_exports_are_recognised_and_said(tmp_path: Path, content: str, note: str) -> None:
+    path = write(tmp_path, "votes.csv", content)
+    assert outcomes(path) == [row for row in WANTED if row[3] or "tie" in content.lower() or "no pref" in content]
+    assert note in understand_votes([path])[1][0]
+
+
+def test_columns_that_may_name_the_dataset_are_said_not_to_be_used(tmp_path: Path) -> None:
+    path = write(tmp_path, "votes.csv", "worker,stimulus,type_a,type_b,choice\np1,d,x,y,a\np1,e,x,y,b\n")
+    items = {"item_a": "type_a", "item_b": "type_b"}
+    assert "all votes are on one dataset; not used: stimulus" in understand_votes([path], items)[1][0]
+    assert "not used" not in understand_votes([path], items | {"dataset": "stimulus"})[1][0]
+
+
+def test_a_matrix_of_win_counts_becomes_votes(tmp_path: Path) -> None:
+    path = write(tmp_path, "wins.csv", ";x;y;z\nx;;3;1\ny;2;0;0\nz;0;4;\n")
+    votes, (sentence, *_) = understand_votes([path])
+    assert votes.n_votes == 10
+    assert [row[3] for row in outcomes(path)].count("x") == 4
+    assert "a matrix of win counts of 3 items" in sentence
+    with pytest.raises(VotesError, match="row 2: the column 'x' is '0,5', expected a whole number of wins"):
+        read_votes(write(tmp_path, "shares.csv", ";x;y\nx;;0,5\ny;0,5;\n"))
+
+
+def test_decimal_commas_are_numbers_and_thousands_are_not_guessed(tmp_path: Path) -> None:
+    text = "participant;dataset;item_a;item_b;choice;response_ms\np1;d;x;y;a;{}\n"
+    assert read_votes(write(tmp_path, "a.csv", text.format("812,5"))).response_ms.tolist() == [812.5]
+    with pytest.raises(VotesError, match="row 1: response_ms is '1,234', expected a number"):
+        read_votes(write(tmp_path, "b.csv", text.format("1,234")))
+
+
+def test_an_item_in_two_columns_is_joined(tmp_path: Path) -> None:
+    path = write(tmp_path, "v.csv", "participant,type_a,level_a,type_b,level_b,choice\np1,jpeg,10,avif,10,b\n")
+    columns = {"item_a": "type_a+level_a", "item_b": "type_b + level_b"}
+    assert outcomes(path, columns=columns) == [("p1", "avif 10", "jpeg 10", "avif 10")]
+    with pytest.raises(VotesError, match=r"lacks the column type_a\+grade"):
+        read_votes(path, columns | {"item_a": "type_a+grade"})
+
+
+def test_several_files_are_one_table(tmp_path: Path) -> None:
+    first = write(tmp_path, "a.csv", COMMAS)
+    second = write(tmp_path, "b.tsv", "participant\tdataset\titem_a\titem_b\tchoice\np1\tball\tw\tX\tb\n")
+    votes, sentences = understand_votes([first, second])
+    assert votes.n_votes == 4
+    assert set(votes.items) == {"w", "x", "X", "y", "z"}
+    assert "'x' and 'X' look alike and are counted as 2 items" in sentences
+    assert "p1 is in several files and counted as the same people" in sentences
+    nameless = write(tmp_path, "c.csv", "item_a,item_b,choice\nx,y,a\n")
+    with pytest.raises(VotesError, match="some of the 2 files name participants and others do not"):
+        understand_votes([first, nameless])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("votes.csv", b"\x89PNG\r\n\x1a\n\x00\x01", "is a picture, expected a table of text"),
+        ("votes.csv", b"PK\x03\x04\x14\x00", "is a zip or Excel file"),
+        ("votes.csv", bytes(range(128, 256)) + b"\x01\x02", "is no text"),
+        ("votes.csv.gz", b"no gzip", "not readable as gzip"),
+        ("votes.jsonl", b'{"participant": "p"}\n{oops\n', "line 2 is not readable as JSON"),
+        ("votes.csv", b"participant,item_a,item_b,choice\np1,x,y,3\n", "row 1: choice is '3', expected a, b, none"),
+        ("votes.csv", b"participant,item_a,item_b,choice\np1,x,y,\x1b[2J\x07\n", "row 1: choice is '�.2J�', expected"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_without_printing_it(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    with pytest.raises(VotesError, match=message) as refused:
+        read_votes(write(tmp_path, name, content))
+    assert str(refused.value).isprintable()
+
+
+def test_a_notebook_passes_what_it_has(tmp_path: Path) -> None:
+    frame = pd.DataFrame(VOTES, index=[5, 6, 7])
+    assert votes_from_rows(frame).n_votes == 3
+    assert analyse(frame)["votes"] == analyse(VOTES)["votes"]
+    assert read_votes(str(write(tmp_path, "x.csv", COMMAS))).n_votes == 3
+    with pytest.raises(VotesError, match="str is no table of votes, expected rows with named values or a DataFrame"):
+        votes_from_rows("votes.csv")  # type: ignore[arg-type]  # what a newcomer tries
+
+
+def test_nothing_that_counts_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:
+    path = write(tmp_path, "practice.csv", pd.DataFrame(VOTES).assign(practice=1).to_csv(index=False))
+    with pytest.raises(VotesError, match=r"practice.csv: none of the 3 votes counts: 3 are practice"):
+        analyse_file(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_formulas_are_disarmed_in_tables_and_read_back_as_they_were(tmp_path: Path) -> None:
+    text = table_csv([{"item_a": "=cmd|' /C calc'!A0", "item_b": "-3 dB", "score": -1.5}], ("item_a", "item_b"))
+    assert text.splitlines()[1] == "'=cmd|' /C calc'!A0,'-3 dB,-1.5"
+    for mark in "=+-@\t\r\n＝＋－＠":
+        assert table_csv([{"item_a": f"{mark}1"}], ()).partition("item_a\n")[2].lstrip('"').startswith(f"'{mark}1")
+    path = write(tmp_path, "v.csv", "participant,dataset,item_a,item_b,choice\np,d,'=cmd,'-3 dB,a\n")
+    assert read_votes(path).items == ("=cmd", "-3 dB")
