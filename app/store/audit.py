@@ -7,16 +7,23 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, insert, or_, select
+from sqlalchemy import ColumnElement, Connection, Select, func, insert, or_, select
 
-from app.store.engine import Database
+from app.store.engine import Database, sorted_by
 from app.store.studies import Study
 from app.store.tables import audit_entry
 from app.store.tables import study as study_table
 
 COMMAND_LINE = "command line"
 STRANGER = "stranger"
+PARTICIPANT = "participant"
 LONGEST_SUBJECT = 200
+SORTABLE: Mapping[str, ColumnElement[Any]] = {  # columns by which `audit_records` can be sorted
+    "when": audit_entry.c.id,
+    "who": audit_entry.c.actor,
+    "what": audit_entry.c.action,
+    "study": study_table.c.slug,
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,14 @@ def record_alone(database: Database, actor: str, entry: Entry, now: datetime) ->
 
 
 def audit_records(
-    connection: Connection, *, study_id: int | None = None, search: str = "", limit: int | None = None, offset: int = 0
+    connection: Connection,
+    *,
+    study_id: int | None = None,
+    search: str = "",
+    sort: str = "",
+    until: int | None = None,
+    limit: int | None = None,
+    offset: int = 0,
 ) -> list[dict[str, Any]]:
     """Entries, the newest first.
 
@@ -78,14 +92,36 @@ def audit_records(
     ----------
     study_id : None: of all studies and none
     search : a part of the actor, action or subject
+    sort : of SORTABLE; empty: the newest first
+    until : number of the newest entry; None: of all
     """
-    rows = _entries().order_by(audit_entry.c.id.desc()).limit(limit).offset(offset)
+    order = (*sorted_by(SORTABLE, sort), audit_entry.c.id.desc())
+    rows = _sought(_entries(), study_id, search).order_by(*order).limit(limit).offset(offset)
+    if until is not None:
+        rows = rows.where(audit_entry.c.id <= until)
+    return [dict(row._mapping) for row in connection.execute(rows)]
+
+
+def n_audit_records(connection: Connection, *, study_id: int | None = None, search: str = "") -> int:
+    """How many entries `audit_records` finds."""
+    query = _sought(select(func.count()).select_from(audit_entry), study_id, search)
+    return int(connection.execute(query).scalar_one())
+
+
+def audit_state(connection: Connection, *, study_id: int | None = None, search: str = "") -> tuple[int, int | None]:
+    """Return how many entries `audit_records` finds, and the newest one's number; None without any."""
+    counts: tuple[Any, ...] = (func.count(), func.max(audit_entry.c.id))
+    n, newest = connection.execute(_sought(select(*counts).select_from(audit_entry), study_id, search)).one()
+    return n, newest
+
+
+def _sought(query: Select[Any], study_id: int | None, search: str) -> Select[Any]:
     if study_id is not None:
-        rows = rows.where(audit_entry.c.study_id == study_id)
+        query = query.where(audit_entry.c.study_id == study_id)
     if search:
         columns = (audit_entry.c.actor, audit_entry.c.action, audit_entry.c.subject)
-        rows = rows.where(or_(*(column.icontains(search, autoescape=True) for column in columns)))
-    return [dict(row._mapping) for row in connection.execute(rows)]
+        query = query.where(or_(*(column.icontains(search, autoescape=True) for column in columns)))
+    return query
 
 
 def _entries() -> Select[Any]:

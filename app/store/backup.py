@@ -66,7 +66,7 @@ def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[st
 
 
 def read_tables(
-    database: Database, archive: ZipFile, *, replace: bool = False, before_commit: Callable[[], None]
+    database: Database, archive: ZipFile, *, replace: bool = False, before_commit: Callable[[Connection], None]
 ) -> dict[str, int]:
     """Fill a database with the rows of an archive, all or none; returns the number of rows by table.
 
@@ -75,7 +75,7 @@ def read_tables(
     Parameters
     ----------
     replace : drop what the database holds; otherwise it must hold no studies, people, tokens or entries of its log
-    before_commit : called when all rows are there; where it raises, nothing has changed
+    before_commit : called with the transaction when all rows are there; where it raises, nothing has changed
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_tables(
         for table in reflected.sorted_tables:
             _fill(connection, table, _rows(archive, table.name, facts["tables"][table.name]))
         upgrade_within(connection, newest_version())
-        before_commit()
+        before_commit(connection)
     return {name: table["rows"] for name, table in facts["tables"].items()}
 
 

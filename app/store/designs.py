@@ -1,4 +1,4 @@
-"""A study's design: its datasets, conditions, stimuli and pairs, which never change."""
+"""A study's design: its datasets, conditions, stimuli and pairs, which stay once somebody has begun."""
 
 from __future__ import annotations
 
@@ -6,16 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Table, exists, func, insert, or_, select
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Table,
+    delete,
+    exists,
+    func,
+    insert,
+    select,
+    union_all,
+    update,
+)
 
 from app.films.pairs import FilmFile, PairVideo
-from app.films.strips import H264, SINGLE
+from app.films.strips import H264, LIGHTER, SINGLE
 from app.intake.stimuli import StimulusSet
 from app.store.keys import new_opaque_id
 from app.store.tables import (
     assignment,
     condition,
     dataset,
+    lighter_film,
+    measurement,
+    model,
     pair,
     practice_pair,
     second_film,
@@ -27,6 +41,8 @@ from app.study.trial import PlannedPair
 
 FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}
 STRIPS = ("top", "bottom", "reference")  # parts of a film, from the top
+SECOND_FILM = "second"  # ends the address of a film in another codec
+PAIRS = (pair, practice_pair)
 STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
 
 
@@ -41,12 +57,12 @@ class PracticePair:
     guard_rows: int
     fps: float
     n_frames: int
-    second_media: str | None
     second_codec: str | None
     has_singles: bool
+    has_lighter: bool
 
 
-SECOND = (second_film.c.media.label("second_media"), second_film.c.codec.label("second_codec"))
+SECOND_CODEC = second_film.c.codec.label("second_codec")
 
 
 def has_singles(media: ColumnElement[str]) -> ColumnElement[bool]:
@@ -54,28 +70,33 @@ def has_singles(media: ColumnElement[str]) -> ColumnElement[bool]:
     return exists().where(single_film.c.of_media == media)
 
 
+def has_lighter(media: ColumnElement[str]) -> ColumnElement[bool]:
+    """SQL condition: the pair's film exists with fewer bytes, too."""
+    return exists().where(lighter_film.c.of_media == media)
+
+
 def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusSet, pairs: Sequence[PairVideo]) -> None:
-    """Insert a study's datasets, conditions, stimuli and pairs."""
+    """Insert a study's datasets, conditions, stimuli and pairs; those of the same name that are there stay."""
     datasets = {
-        name: _insert(connection, dataset, {"study_id": study_id, "position": position, "name": name})
+        name: _placed(connection, dataset, {"study_id": study_id, "name": name}, {"position": position})
         for position, name in enumerate(stimulus_set.datasets)
     }
     levels = {stimulus.approach: stimulus.levels for stimulus in stimulus_set.stimuli}
     conditions = {
-        name: _insert(
-            connection, condition, {"study_id": study_id, "position": position, "name": name, "levels": levels[name]}
+        name: _placed(
+            connection,
+            condition,
+            {"study_id": study_id, "name": name},
+            {"position": position, "levels": levels[name]},
         )
         for position, name in enumerate(stimulus_set.conditions)
     }
     stimuli = {
-        shown.name: _insert(
+        shown.name: _placed(
             connection,
             stimulus,
-            {
-                "dataset_id": datasets[shown.dataset],
-                "condition_id": conditions[shown.approach],
-                **shown.model_dump(include=STIMULUS_FACTS),
-            },
+            {"dataset_id": datasets[shown.dataset], "condition_id": conditions[shown.approach]},
+            shown.model_dump(include=STIMULUS_FACTS),
         )
         for shown in stimulus_set.stimuli
     }
@@ -85,6 +106,46 @@ def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusS
         _insert(connection, pair, {**place, **_film(connection, video)})
 
 
+def replace_design(
+    connection: Connection,
+    study_id: int,
+    stimulus_set: StimulusSet,
+    pairs: Sequence[PairVideo],
+    practice: Sequence[PairVideo],
+) -> None:
+    """Put other stimuli and pairs in the place of a study's, in which nobody has begun.
+
+    Measures and models attached to what stays, stay.
+    """
+    of_study = select(dataset.c.id).where(dataset.c.study_id == study_id)
+    for table, is_replaced in (
+        (pair, pair.c.dataset_id.in_(of_study)),
+        (practice_pair, _is_of(practice_pair, study_id)),
+    ):
+        films = list(connection.scalars(select(table.c.media).where(is_replaced)))
+        for copies in (second_film, single_film):
+            connection.execute(delete(copies).where(copies.c.of_media.in_(films)))
+        connection.execute(delete(table).where(is_replaced))
+    insert_design(connection, study_id, stimulus_set, pairs)
+    insert_practice(connection, study_id, practice)
+    shown = {(each.dataset, each.approach) for each in stimulus_set.stimuli}
+    for key, place in stimulus_names(connection, study_id).items():
+        if place not in shown:
+            connection.execute(delete(stimulus).where(stimulus.c.id == key))
+    for table, column, names in (
+        (dataset, "dataset_id", stimulus_set.datasets),
+        (condition, "condition_id", stimulus_set.conditions),
+    ):
+        gone = list(connection.scalars(select(table.c.id).where(_is_of(table, study_id), table.c.name.not_in(names))))
+        for attached in (measurement, model):
+            connection.execute(delete(attached).where(attached.c[column].in_(gone)))
+        connection.execute(delete(table).where(table.c.id.in_(gone)))
+
+
+def _is_of(table: Table, study_id: int) -> ColumnElement[bool]:
+    return table.c.study_id == study_id
+
+
 def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairVideo]) -> None:
     """Insert the pairs that participants practise with."""
     for position, video in enumerate(pairs):
@@ -92,11 +153,26 @@ def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairV
         _insert(connection, practice_pair, {**place, **_film(connection, video)})
 
 
+def change_levels(connection: Connection, study_id: int, levels: Mapping[str, Mapping[str, str]]) -> None:
+    """Give a study's conditions other levels of factors; `levels` are by condition and factor."""
+    for row in connection.execute(
+        select(condition.c.id, condition.c.name).where(condition.c.study_id == study_id)
+    ).all():
+        if row.name in levels:
+            new = update(condition).where(condition.c.id == row.id).values(levels=dict(levels[row.name]))
+            connection.execute(new)
+
+
 def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
     """Return the pairs that participants practise with, in order."""
     columns = [practice_pair.c[fact.name] for fact in fields(PracticePair) if fact.name in practice_pair.c]
     rows = (
-        select(*columns, *SECOND, has_singles(practice_pair.c.media).label("has_singles"))
+        select(
+            *columns,
+            SECOND_CODEC,
+            has_singles(practice_pair.c.media).label("has_singles"),
+            has_lighter(practice_pair.c.media).label("has_lighter"),
+        )
         .select_from(practice_pair.outerjoin(second_film, second_film.c.of_media == practice_pair.c.media))
         .where(practice_pair.c.study_id == study_id)
         .order_by(practice_pair.c.position)
@@ -136,31 +212,26 @@ def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str
     return {key: (of_dataset, of_condition) for key, of_dataset, of_condition in rows}
 
 
-def film_file(connection: Connection, media: str) -> FilmFile | None:
-    """Find a film's file by its opaque name; `<trial>.<strip>` names the film of a single strip."""
-    name, _, strip = media.partition(".")
-    if strip:
-        return _single_file(connection, name, strip)
-    for table in (pair, practice_pair):
-        row = connection.execute(select(table.c.file, table.c.sha256).where(table.c.media == media)).one_or_none()
-        if row:
-            return FilmFile(H264, row.file, row.sha256)
-    query = select(second_film.c.codec, second_film.c.file, second_film.c.sha256).where(second_film.c.media == media)
-    second = connection.execute(query).one_or_none()
-    return FilmFile(second.codec, second.file, second.sha256) if second else None
+def film_file(connection: Connection, address: str) -> FilmFile | None:
+    """Find a film's file by its opaque address, `NAME` or `NAME.KIND`.
 
-
-def _single_file(connection: Connection, name: str, strip: str) -> FilmFile | None:
-    """Find a strip's film by the trial that shows it, which no two sessions share, or by the practice pair."""
-    of_trial = select(pair.c.media).select_from(trial.join(assignment).join(pair)).where(trial.c.public_id == name)
-    of_practice = select(practice_pair.c.media).where(practice_pair.c.media == name)
-    row = connection.execute(
-        select(single_film.c.file, single_film.c.sha256).where(
-            single_film.c.strip == strip,
-            or_(single_film.c.of_media.in_(of_trial), single_film.c.of_media.in_(of_practice)),
-        )
-    ).one_or_none()
-    return FilmFile(SINGLE, row.file, row.sha256) if row else None
+    The name is that of a trial, which no two sessions share and no two trials, of a practice pair, or of a pair. The
+    kind is `second` for the film in another codec, `lighter` for that with fewer bytes, or a strip for its film alone.
+    """
+    name, _, kind = address.partition(".")
+    of_trial = select(pair.c.media, pair.c.file, pair.c.sha256).select_from(trial.join(assignment).join(pair))
+    named = [select(table.c.media, table.c.file, table.c.sha256).where(table.c.media == name) for table in PAIRS]
+    shown = connection.execute(union_all(of_trial.where(trial.c.public_id == name), *named)).first()
+    if shown is None or not kind:
+        return FilmFile(H264, shown.file, shown.sha256) if shown else None
+    if kind == SECOND_FILM:
+        query = select(second_film).where(second_film.c.of_media == shown.media)
+    elif kind == LIGHTER:
+        query = select(lighter_film).where(lighter_film.c.of_media == shown.media)
+    else:
+        query = select(single_film).where(single_film.c.of_media == shown.media, single_film.c.strip == kind)
+    row = connection.execute(query).one_or_none()
+    return FilmFile(kind if kind in (SECOND_FILM, LIGHTER) else SINGLE, row.file, row.sha256) if row else None
 
 
 def has_single_films(connection: Connection, study_id: int) -> bool:
@@ -178,22 +249,32 @@ def largest_film(connection: Connection, study_id: int) -> tuple[int, int]:
 
 def film_files(connection: Connection) -> dict[str, str]:
     """Return the SHA-256 of every film's file by its name in the media folder."""
-    tables = (pair, practice_pair, second_film, single_film)
+    tables = (pair, practice_pair, second_film, single_film, lighter_film)
     return {
         row.file: row.sha256 for table in tables for row in connection.execute(select(table.c.file, table.c.sha256))
     }
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
-    """Columns of a pair that describe its film; films in other codecs or of single strips get rows of their own."""
+    """Columns of a pair that describe its film; its other films get rows of their own."""
     media = new_opaque_id()
     if video.second:
         values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
         _insert(connection, second_film, values)
+    if video.lighter:
+        values = {"of_media": media, "file": video.lighter.file, "sha256": video.lighter.sha256}
+        _insert(connection, lighter_film, values)
     for strip, film in zip(STRIPS, video.singles, strict=False):  # not every pair has a reference
         values = {"of_media": media, "strip": strip, "file": film.file, "sha256": film.sha256}
         _insert(connection, single_film, values)
     return {"media": media, **{name: value for name, value in asdict(video).items() if name in FILM_FACTS}}
+
+
+def _placed(connection: Connection, table: Table, place: Mapping[str, Any], facts: Mapping[str, Any]) -> int:
+    """Return the id of the row at a place, with these facts; it is inserted unless it is there."""
+    is_there = [table.c[name] == value for name, value in place.items()]
+    known = connection.scalar(update(table).where(*is_there).values(**facts).returning(table.c.id))
+    return _insert(connection, table, {**place, **facts}) if known is None else int(known)
 
 
 def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> int:
@@ -273,8 +354,9 @@ def copy_design(connection: Connection, source_id: int, target_id: int) -> None:
 
 
 def _copy_film(connection: Connection, media: str) -> str:
-    """Give a film a new opaque name, and its copies in other codecs or of single strips as well."""
+    """Give a film a new opaque name, and its copies in other codecs, of single strips or with fewer bytes as well."""
     new = new_opaque_id()
+    _copy_rows(connection, lighter_film, lighter_film.c.of_media == media, {"of_media": new})
     _copy_rows(connection, single_film, single_film.c.of_media == media, {"of_media": new})
     for row in connection.execute(select(second_film).where(second_film.c.of_media == media)).all():
         values = {key: value for key, value in row._mapping.items() if key != "id"}

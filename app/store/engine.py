@@ -12,10 +12,13 @@ import fcntl
 import json
 import logging
 import os
+import sqlite3
+import stat
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,21 +26,24 @@ from typing import Any
 from sqlalchemy import (
     URL,
     Column,
+    ColumnElement,
     Connection,
     DateTime,
     Dialect,
     Engine,
     Table,
     TypeDecorator,
+    UnaryExpression,
     create_engine,
     event,
     make_url,
 )
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import DataError, InterfaceError, OperationalError
+from sqlalchemy.exc import ArgumentError, DataError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
+from app.files import PRIVATE
 from app.study.text import storable_content
 
 log = logging.getLogger(__name__)
@@ -45,6 +51,7 @@ log = logging.getLogger(__name__)
 Transaction = Connection  # the name of a connection for modules outside the store
 
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
+SHRED_WITHIN_S = 1  # votes wait meanwhile
 CONNECT_TIMEOUT_S = 5
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
@@ -127,13 +134,44 @@ class Database:
             log.warning("the database answers again")
         self._is_away = False
 
+    def shred_deleted(self) -> None:
+        """Empty SQLite's write-ahead log, which still holds what was deleted; PostgreSQL's VACUUM is the operator's.
+
+        A page that somebody is still reading keeps the log; housekeeping tries again.
+        """
+        if self.engine.dialect.name != "sqlite":
+            return
+        with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
+            driver = connection.connection.driver_connection
+            assert driver is not None, "it is connected"
+            driver.execute(f"PRAGMA busy_timeout={1000 * SHRED_WITHIN_S}").close()
+            is_busy = driver.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
+            driver.execute(f"PRAGMA busy_timeout={1000 * BUSY_TIMEOUT_S}").close()
+        if is_busy:
+            log.warning("the write-ahead log is being read and still holds what was deleted; it is emptied later")
+
     def dispose(self) -> None:
         self.engine.dispose()
 
 
 def open_database(url: str) -> Database:
-    """Open a database by its SQLAlchemy URL; SQLite's folder is made when it is not there."""
-    return Database(_new_engine(make_url(url)))
+    """Open a database by its SQLAlchemy URL; SQLite's folder is made when it is not there.
+
+    Raises
+    ------
+    ValueError
+        If it is no address of a database that can be used.
+    """
+    return Database(_new_engine(_address(url)))
+
+
+def _address(url: str) -> URL:
+    try:
+        return make_url(url)
+    except ArgumentError as error:
+        raise ValueError(
+            f"RECONSTUDY_DATABASE_URL is {url!r}, expected an address such as postgresql://user@host/study"
+        ) from error
 
 
 def _new_write_lock(engine: Engine) -> AbstractContextManager[None]:
@@ -152,7 +190,7 @@ def _new_engine(address: URL) -> Engine:
         )
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(address, connect_args={"timeout": BUSY_TIMEOUT_S}, json_deserializer=read_json_column)
-    event.listen(engine, "connect", _configure_sqlite)
+    event.listen(engine, "connect", partial(_configure_sqlite, Path(path)))
     event.listen(engine, "begin", _begin_sqlite)
     return engine
 
@@ -181,11 +219,27 @@ def read_json_column(content: str | bytes) -> Any:
     return readable
 
 
-def _configure_sqlite(dbapi_connection: Any, _record: Any) -> None:
+def _configure_sqlite(path: Path, dbapi_connection: Any, _record: Any) -> None:
+    if stat.S_IMODE(path.stat().st_mode) != PRIVATE:
+        path.chmod(PRIVATE)  # the write-ahead log, made later, takes over its mode
     dbapi_connection.isolation_level = None  # the driver begins nothing by itself: _begin_sqlite does
     # temp_store: no file is made for each statement of several rows, which could be undone half way
-    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "temp_store=MEMORY"):
-        dbapi_connection.execute(f"PRAGMA {pragma}").close()
+    # secure_delete: what is deleted is overwritten with zeros
+    for pragma in (
+        "journal_mode=WAL",
+        "synchronous=FULL",
+        "foreign_keys=ON",
+        "temp_store=MEMORY",
+        "secure_delete=ON",
+    ):
+        try:
+            dbapi_connection.execute(f"PRAGMA {pragma}").close()
+        except sqlite3.DatabaseError as error:
+            if error.sqlite_errorcode != sqlite3.SQLITE_NOTADB:
+                raise
+            raise ValueError(
+                f"{path}: is no SQLite database, or a damaged one; restore a backup, or name another place"
+            ) from error
 
 
 def _begin_sqlite(connection: Connection) -> None:
@@ -201,6 +255,31 @@ def insert_or_ignore(
         return []
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
     return list(connection.scalars(insert(table).on_conflict_do_nothing().returning(returning), rows))
+
+
+def embedded_file(url: str) -> Path | None:
+    """Return the file of an SQLite database; None of another one."""
+    address = _address(url)
+    return Path(str(address.database)) if address.get_backend_name() == "sqlite" else None
+
+
+def without_password(url: str) -> str:
+    """Return a database's address as it may be shown."""
+    return _address(url).render_as_string(hide_password=True)
+
+
+def sorted_by(columns: Mapping[str, ColumnElement[Any]], sort: str) -> tuple[UnaryExpression[Any], ...]:
+    """Return the order that a reader asks for, missing values last; nothing where there is no such column.
+
+    Parameters
+    ----------
+    columns : that may be asked for, by name
+    sort : a name, with "-" before it for descending
+    """
+    column = columns.get(sort.removeprefix("-"))
+    if column is None:
+        return ()
+    return ((column.desc() if sort.startswith("-") else column.asc()).nulls_last(),)
 
 
 class UtcDateTime(TypeDecorator[datetime]):

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, Row, and_, delete, exists, func, insert, or_, select, update
 
-from app.errors import ConflictError
+from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.keys import digest, new_secret
-from app.store.tables import experimenter, experimenter_session
+from app.store.tables import experimenter, experimenter_session, recovery_code, study
 
 Role = Literal["viewer", "experimenter", "owner"]
 ROLES: tuple[Role, ...] = ("viewer", "experimenter", "owner")  # each may do what those before it may
 
-LINK_LASTS = timedelta(days=7)
+LINK_LASTS = timedelta(hours=24)
 SESSION_LASTS = timedelta(hours=12)  # a working day, as OWASP ASVS 3.3.2 has it at level 2
 IDLE_LASTS = timedelta(hours=2)
 TOKEN_LASTS = timedelta(minutes=15)  # then the session goes on under a new one
 OLD_TOKEN_LASTS = timedelta(minutes=1)  # for requests that were under way
 SEEN_EVERY = timedelta(minutes=1)  # a session's last use is stored this exactly
+ALL_STUDIES = "*"  # in place of studies' short names
 UNNAMED = "(set-up)"  # the owner-to-be, until the set-up link is used
 
 
@@ -31,8 +33,10 @@ class Experimenter:
     name: str
     role: Role
     has_password: bool
+    has_second_factor: bool
     is_disabled: bool
     link_expires_at: datetime | None
+    studies: tuple[str, ...] | None  # slugs of those that they see; None: all
 
     def may(self, role: Role) -> bool:
         """Whether this person has at least that role."""
@@ -48,20 +52,25 @@ class OpenSession:
     renewed: str | None
 
 
-def renew_link(database: Database, name: str, now: datetime, role: Role | None = None) -> str:
+def renew_link(
+    database: Database, name: str, now: datetime, role: Role | None = None, studies: Sequence[str] | None = None
+) -> str:
     """Make a new sign-in link for an experimenter, who is added if need be; returns its secret.
 
-    An older link ends. So does a password, which may be forgotten or known to others, and with it all sessions: each of
-    them could choose the next password.
+    An older link ends. So do password and second factor, which may be lost or known to others, and all sessions: each
+    of them could choose the next password.
 
     Parameters
     ----------
     role : None: unchanged; owner for a new experimenter
+    studies : as `restrict`; None: unchanged
 
     Raises
     ------
     ConflictError
-        If nobody would be left who is an owner.
+        If nobody would be left who is an owner, or an owner were restricted to some studies.
+    NotFoundError
+        If there is no study of a name.
     """
     secret = new_secret()
     values: dict[str, Any] = {"link_hash": digest(secret), "link_expires_at": now + LINK_LASTS, "disabled_at": None}
@@ -69,10 +78,12 @@ def renew_link(database: Database, name: str, now: datetime, role: Role | None =
         values["role"] = role
     with database.writing() as connection:
         has_owners = _lock_owners(connection)
-        _forget_password(connection, name)
+        _end_access(connection, name)
         changed = connection.execute(update(experimenter).where(experimenter.c.name == name).values(**values))
         if not changed.rowcount:
             connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
+        if studies is not None:
+            restrict(connection, name, studies)
         if has_owners:
             _refuse_to_lock_out(connection)
     return secret
@@ -102,8 +113,18 @@ def finish_set_up(connection: Connection, secret: str, name: str, password_hash:
 
 
 def experimenter_by_link(connection: Connection, secret: str, now: datetime) -> Experimenter | None:
-    """Find the experimenter of a sign-in link; it is valid until it expires, is renewed, or a password is chosen."""
+    """Find the experimenter of a sign-in link; it is valid until it is used, expires, or is renewed."""
     return _one(connection, experimenter.c.name != UNNAMED, *_good_link(secret, now))
+
+
+def spend_link(connection: Connection, secret: str, now: datetime) -> Experimenter | None:
+    """Use a sign-in link, which ends with it; returns its experimenter, None if the link is not valid."""
+    person = experimenter_by_link(connection, secret, now)
+    if person is None:
+        return None
+    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
+    this = (experimenter.c.id == person.id, *_good_link(secret, now))
+    return person if connection.execute(update(experimenter).where(*this).values(**spent)).rowcount else None
 
 
 def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
@@ -122,10 +143,12 @@ def set_password(connection: Connection, experimenter_id: int, password_hash: st
     connection.execute(
         update(experimenter).where(experimenter.c.id == experimenter_id).values(password_hash=password_hash, **spent)
     )
-    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id == experimenter_id))
+    end_all_sessions(connection, experimenter_id)
 
 
-def begin_experimenter_session(connection: Connection, experimenter_id: int, now: datetime) -> str:
+def begin_experimenter_session(
+    connection: Connection, experimenter_id: int, now: datetime, browser: str | None = None
+) -> str:
     """Begin a session and return its token; expired sessions are deleted."""
     token = new_secret()
     connection.execute(delete(experimenter_session).where(experimenter_session.c.expires_at <= now))
@@ -134,6 +157,7 @@ def begin_experimenter_session(connection: Connection, experimenter_id: int, now
             experimenter_id=experimenter_id,
             token_hash=digest(token),
             form_token=new_secret(),
+            browser=browser,
             created_at=now,
             rotated_at=now,
             seen_at=now,
@@ -172,6 +196,28 @@ def sign_out(connection: Connection, token: str) -> None:
     connection.execute(delete(experimenter_session).where(_has_token(token)))
 
 
+def sessions_of(connection: Connection, experimenter_id: int, now: datetime) -> Sequence[Row[Any]]:
+    """Return an experimenter's open sessions, the last used first: id, form_token, browser, created_at, seen_at."""
+    names = ("id", "form_token", "browser", "created_at", "seen_at")
+    return connection.execute(
+        select(*(experimenter_session.c[name] for name in names))
+        .where(experimenter_session.c.experimenter_id == experimenter_id, *_lasts(now))
+        .order_by(experimenter_session.c.seen_at.desc(), experimenter_session.c.id.desc())
+    ).all()
+
+
+def end_session(connection: Connection, experimenter_id: int, session_id: int) -> bool:
+    """End one of an experimenter's sessions; returns whether there was one."""
+    this = (experimenter_session.c.id == session_id, experimenter_session.c.experimenter_id == experimenter_id)
+    return connection.execute(delete(experimenter_session).where(*this)).rowcount > 0
+
+
+def end_all_sessions(connection: Connection, experimenter_id: int) -> int:
+    """End all sessions of an experimenter; returns how many there were."""
+    theirs = experimenter_session.c.experimenter_id == experimenter_id
+    return connection.execute(delete(experimenter_session).where(theirs)).rowcount
+
+
 def all_experimenters(connection: Connection) -> list[Experimenter]:
     rows = connection.execute(
         select(experimenter).where(experimenter.c.name != UNNAMED).order_by(func.lower(experimenter.c.name))
@@ -190,6 +236,46 @@ def set_role(connection: Connection, name: str, role: Role) -> None:
     _lock_owners(connection)
     connection.execute(update(experimenter).where(experimenter.c.name == name).values(role=role))
     _refuse_to_lock_out(connection)
+
+
+def restrict(connection: Connection, name: str, studies: Sequence[str]) -> None:
+    """Let somebody see and change some studies only, or all of them; their sessions end, so that it holds at once.
+
+    Parameters
+    ----------
+    connection : of a writing transaction
+    name : the experimenter's
+    studies : short names, or ALL_STUDIES
+
+    Raises
+    ------
+    ConflictError
+        If an owner were restricted.
+    NotFoundError
+        If there is no study of a name.
+    """
+    person = experimenter_named(connection, name)
+    known = check_studies(connection, studies)
+    if known is not None and person is not None and person.may("owner"):
+        raise ConflictError(f"{name} is an owner, who sees all studies. Give another role first.")
+    connection.execute(update(experimenter).where(experimenter.c.name == name).values(studies=known))
+    _end_sessions(connection, name)
+
+
+def check_studies(connection: Connection, slugs: Sequence[str]) -> list[str] | None:
+    """Return the short names of studies, each once, to restrict somebody to; None: all, as ALL_STUDIES among them says.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no study of a name.
+    """
+    if ALL_STUDIES in slugs:
+        return None
+    known = set(connection.scalars(select(study.c.slug).where(study.c.slug.in_(slugs))))
+    if unknown := [slug for slug in slugs if slug not in known]:
+        raise NotFoundError(f"There is no study {unknown[0]!r}. Nothing was changed.")
+    return sorted(known)
 
 
 def disable(connection: Connection, name: str, now: datetime) -> None:
@@ -211,10 +297,13 @@ def experimenter_named(connection: Connection, name: str) -> Experimenter | None
     return _one(connection, experimenter.c.name == name)
 
 
-def _forget_password(connection: Connection, name: str) -> None:
-    known = (experimenter.c.name == name, experimenter.c.password_hash.is_not(None))
-    if connection.execute(update(experimenter).where(*known).values(password_hash=None)).rowcount:
-        _end_sessions(connection, name)
+def _end_access(connection: Connection, name: str) -> None:
+    """End password, second factor and sessions of an experimenter, who may be nobody yet."""
+    nothing = dict.fromkeys(("password_hash", "totp_secret", "totp_since", "totp_step"))
+    connection.execute(update(experimenter).where(experimenter.c.name == name).values(**nothing))
+    ids = select(experimenter.c.id).where(experimenter.c.name == name)
+    connection.execute(delete(recovery_code).where(recovery_code.c.experimenter_id.in_(ids)))
+    _end_sessions(connection, name)
 
 
 def _end_sessions(connection: Connection, name: str) -> None:
@@ -290,5 +379,12 @@ def _one(connection: Connection, *conditions: ColumnElement[bool]) -> Experiment
 
 def _experimenter(row: Row[Any]) -> Experimenter:
     return Experimenter(
-        row.id, row.name, row.role, row.password_hash is not None, row.disabled_at is not None, row.link_expires_at
+        row.id,
+        row.name,
+        row.role,
+        has_password=row.password_hash is not None,
+        has_second_factor=row.totp_since is not None,
+        is_disabled=row.disabled_at is not None,
+        link_expires_at=row.link_expires_at,
+        studies=None if row.studies is None or row.role == "owner" else tuple(row.studies),
     )

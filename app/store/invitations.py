@@ -14,12 +14,21 @@ from app.store.tables import invitation, participant, session
 
 @dataclass(frozen=True)
 class Invitation:
-    """A code that lets participants in; `places` is how many, None for any number, 0 for previews only."""
+    """A code that lets participants in.
+
+    Parameters
+    ----------
+    places : how many it lets in; None: any number; 0: previews only
+    label : whom it is for, in the experimenter's words; empty: nobody in particular
+    n_used : how many have begun with it
+    """
 
     id: int
     study_id: int
     code: str
     places: int | None
+    label: str
+    created_at: datetime
     n_used: int
 
     @property
@@ -31,11 +40,17 @@ class Invitation:
         return self.places is None or self.n_used + n <= self.places
 
 
-def insert_invitation(connection: Connection, study_id: int, places: int | None, now: datetime) -> str:
+def insert_invitation(connection: Connection, study_id: int, places: int | None, now: datetime, label: str = "") -> str:
     """Make an invitation and return its code."""
-    code = new_code()
-    connection.execute(insert(invitation).values(study_id=study_id, code=code, places=places, created_at=now))
-    return code
+    values = {"study_id": study_id, "code": new_code(), "places": places, "label": label, "created_at": now}
+    connection.execute(insert(invitation).values(**values))
+    return str(values["code"])
+
+
+def label_invitation(connection: Connection, study_id: int, code: str, label: str) -> bool:
+    """Say whom an invitation is for; returns whether the study has one with this code."""
+    this = (invitation.c.study_id == study_id, invitation.c.code == code, invitation.c.places.is_distinct_from(0))
+    return connection.execute(update(invitation).where(*this).values(label=label)).rowcount > 0
 
 
 def preview_invitation(connection: Connection, study_id: int, now: datetime) -> int:
@@ -93,5 +108,5 @@ def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:
 
 def _invitations() -> Select[Any]:
     used = select(func.count()).where(participant.c.invitation_id == invitation.c.id).scalar_subquery()
-    columns = (invitation.c.id, invitation.c.study_id, invitation.c.code, invitation.c.places)
-    return select(*columns, used.label("n_used"))
+    names = ("id", "study_id", "code", "places", "label", "created_at")
+    return select(*(invitation.c[name] for name in names), used.label("n_used"))

@@ -21,9 +21,9 @@ def new_opaque_id() -> str:
     return secrets.token_urlsafe(12)
 
 
-def new_code() -> str:
+def new_code(length: int = CODE_LENGTH) -> str:
     """Return a code that a person can type."""
-    return "".join(secrets.choice(CODE_ALPHABET) for _ in range(CODE_LENGTH))
+    return "".join(secrets.choice(CODE_ALPHABET) for _ in range(length))
 
 
 def token_of_key(key: str) -> str:

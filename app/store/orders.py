@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, Connection, and_, case, exists, false, func, or_, select, update
@@ -55,7 +56,15 @@ def study_plan(connection: Connection, study: Study) -> StudyPlan:
     options = parse_options(study.options)
     names = stimulus_names(connection, study.id)
     is_adaptive = options.adaptive_pairs > 0
-    return StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=is_adaptive, protocol=options.protocol)
+    plan = StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=is_adaptive, protocol=options.protocol)
+    return replace(plan, groups=options.groups)
+
+
+def planned_trials(connection: Connection, study: Study, slot: int) -> tuple[str | None, list[PlannedTrial]]:
+    """Return the group and the order of trials for a new participant; no group where the study has none."""
+    plan = study_plan(connection, study)
+    group = plan.group(slot)
+    return group.name if group else None, plan.order_of_slot(slot, pairs_to_show(connection, study, slot))
 
 
 def pairs_to_show(connection: Connection, study: Study, slot: int) -> list[PlannedPair]:

@@ -7,14 +7,24 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, func, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, func, literal_column, select, update
 
 from app.errors import ConflictError, NotFoundError
-from app.store.engine import insert_or_ignore
+from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, takes_part_in
 from app.store.keys import digest, new_secret
 from app.store.schema import metadata
-from app.store.tables import exclusion, participant, session, spoken_answer, stage_record, trial, vote
+from app.store.tables import (
+    assignment,
+    exclusion,
+    invitation,
+    participant,
+    session,
+    spoken_answer,
+    stage_record,
+    trial,
+    vote,
+)
 from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 KEPT_AT_ERASURE = (
@@ -53,6 +63,19 @@ def participant_labelled(connection: Connection, study_id: int, label: str) -> P
     return Person(**row._mapping)
 
 
+def person_of_session(connection: Connection, public_id: str) -> Person | None:
+    """Return the participant of a session, by its public id."""
+    columns = (participant.c[name] for name in ("id", "label", "study_id", "erased_at"))
+    query = select(*columns).select_from(session.join(participant)).where(session.c.public_id == public_id)
+    row = connection.execute(query).one_or_none()
+    return Person(**row._mapping) if row else None
+
+
+def sessions_of(connection: Connection, participant_id: int) -> list[str]:
+    """Return the public ids of a participant's sessions."""
+    return list(connection.scalars(select(session.c.public_id).where(session.c.participant_id == participant_id)))
+
+
 @dataclass(frozen=True)
 class SoughtPeople:
     """Which participants to find.
@@ -61,10 +84,12 @@ class SoughtPeople:
     ----------
     label : part of a label; empty: any
     standing : one of STANDINGS; anything else: any
+    among : labels of those who may be found; None: everybody
     """
 
     label: str = ""
     standing: str = ""
+    among: frozenset[str] | None = None
 
 
 EVERYBODY = SoughtPeople()
@@ -72,11 +97,20 @@ _GIVEN_IN_SESSION = vote.c.session_id == session.c.id
 _N_VOTES = select(func.count()).where(_GIVEN_IN_SESSION)
 STANDINGS: Mapping[str, ColumnElement[bool]] = {
     "going": session.c.stage.not_in(ENDS),
+    "ended": session.c.stage.in_(ENDS),
     "finished": session.c.stage == FINISHED,
     "screened_out": session.c.stage == SCREENED_OUT,
     "timed_out": session.c.stage == TIMED_OUT,
     "withdrawn": session.c.withdrawn_at.is_not(None),
     "excluded": exclusion.c.id.is_not(None),
+}
+SORTABLE: Mapping[str, ColumnElement[Any]] = {  # columns by which `participant_records` can be sorted
+    "participant": participant.c.slot,
+    "stage": session.c.stage,
+    "votes": literal_column("n_votes"),
+    "interrupted": literal_column("n_voided"),
+    "response": literal_column("mean_response_ms"),
+    "began": session.c.started_at,
 }
 
 
@@ -85,12 +119,16 @@ def participant_records(
     study_id: int,
     sought: SoughtPeople = EVERYBODY,
     *,
+    sort: str = "",
     limit: int | None = None,
     offset: int = 0,
+    newest_first: bool = False,
 ) -> list[dict[str, Any]]:
-    """Everybody who has begun, in order of arrival."""
-    ordered = _records(study_id, sought).order_by(participant.c.slot).limit(limit).offset(offset)
-    return [_described(row) for row in connection.execute(ordered)]
+    """Everybody who has begun, in order of arrival or the other way round; `sort` is of SORTABLE and comes first."""
+    arrival = participant.c.slot.desc() if newest_first else participant.c.slot
+    order = (*sorted_by(SORTABLE, sort), arrival)
+    rows = connection.execute(_records(study_id, sought).order_by(*order).limit(limit).offset(offset))
+    return [_described(row) for row in rows]
 
 
 def participant_record(connection: Connection, person: Person) -> dict[str, Any]:
@@ -116,6 +154,41 @@ def participants_votes(connection: Connection, study_id: int) -> list[dict[str, 
     return [dict(row._mapping) for row in connection.execute(query.order_by(participant.c.slot))]
 
 
+def assigned_groups(connection: Connection, study_id: int) -> dict[str, str]:
+    """Return the group that each participant was assigned to, by label; who is in none is left out."""
+    rows = select(participant.c.label, participant.c.group_name).where(
+        takes_part_in(study_id), participant.c.group_name.is_not(None)
+    )
+    return {row.label: row.group_name for row in connection.execute(rows)}
+
+
+def group_counts(connection: Connection, study_id: int) -> dict[str, tuple[int, int]]:
+    """Count who has begun and who has finished in each group that somebody was assigned to."""
+    has_finished = func.count().filter(session.c.stage == FINISHED)
+    rows = connection.execute(
+        select(participant.c.group_name, func.count(), has_finished)
+        .select_from(participant.join(session))
+        .where(takes_part_in(study_id), participant.c.group_name.is_not(None))
+        .group_by(participant.c.group_name)
+    )
+    return {name: (n_begun, n_finished) for name, n_begun, n_finished in rows}
+
+
+def session_state(connection: Connection, study_id: int) -> list[tuple[Any, ...]]:
+    """Return numbers that change whenever a session of a study begins, goes on to another stage, or ends."""
+    counts = (func.count(), func.count(session.c.finished_at), func.count(session.c.language))
+    rows = select(session.c.stage, *counts).select_from(session.join(participant)).where(takes_part_in(study_id))
+    return [tuple(row) for row in connection.execute(rows.group_by(session.c.stage).order_by(session.c.stage))]
+
+
+def n_interrupted(connection: Connection, study_id: int) -> int:
+    """How many trials of a study were interrupted."""
+    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    # "+ 0": few trials are interrupted, and an index finds them
+    voided = select(func.count()).where(trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions))
+    return int(connection.execute(voided).scalar_one())
+
+
 def n_participants(connection: Connection, study_id: int, sought: SoughtPeople = EVERYBODY) -> int:
     """How many participants `participant_records` finds."""
     return int(connection.execute(_records(study_id, sought).with_only_columns(func.count())).scalar_one())
@@ -138,6 +211,7 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
     query = (
         select(
             participant.c.label.label("participant"),
+            participant.c.group_name.label("group"),
             session.c.public_id.label("session"),
             session.c.stage,
             session.c.started_at,
@@ -157,6 +231,8 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
     )
     if sought.label:
         query = query.where(participant.c.label.icontains(sought.label, autoescape=True))
+    if sought.among is not None:
+        query = query.where(participant.c.label.in_(sought.among))
     return query.where(STANDINGS[sought.standing]) if sought.standing in STANDINGS else query
 
 
@@ -204,6 +280,8 @@ def withdraw_participant(connection: Connection, person: Person, now: datetime) 
 def erase(connection: Connection, person: Person, now: datetime) -> None:
     """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
 
+    The label of an invitation that let in this participant alone may name the person, and goes too.
+
     Raises
     ------
     ConflictError
@@ -219,6 +297,8 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
     for session_id in sessions:
         connection.execute(update(session).where(session.c.id == session_id).values(**nobodys))
     connection.execute(update(participant).where(participant.c.id == person.id).values(erased_at=now))
+    by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
+    connection.execute(update(invitation).where(invitation.c.id == by_name, invitation.c.places == 1).values(label=""))
 
 
 def forget_preview_votes(connection: Connection, study_id: int) -> None:
@@ -226,6 +306,21 @@ def forget_preview_votes(connection: Connection, study_id: int) -> None:
     sessions = select(session.c.id).select_from(session.join(participant))
     previews = sessions.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
     _delete_given(connection, None, list(connection.scalars(previews)))
+
+
+def delete_previews(connection: Connection, study_id: int) -> None:
+    """Delete a study's previews with their trials, so that the pairs can go that they show."""
+    forget_preview_votes(connection, study_id)
+    people = list(
+        connection.scalars(
+            select(participant.c.id).where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
+        )
+    )
+    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id.in_(people))))
+    connection.execute(delete(trial).where(trial.c.session_id.in_(sessions)))
+    connection.execute(delete(assignment).where(assignment.c.participant_id.in_(people)))
+    connection.execute(delete(session).where(session.c.id.in_(sessions)))
+    connection.execute(delete(participant).where(participant.c.id.in_(people)))
 
 
 def _delete_given(connection: Connection, participant_id: int | None, sessions: Sequence[int]) -> None:

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
@@ -214,18 +214,19 @@ def enter_result(
     connection.execute(insert(screening_entry).values(session_id=session_id, **values))
 
 
-def entered_of(connection: Connection, participant_id: int) -> Sequence[Row[Any]]:
-    """Return the results entered for a participant, the newest first."""
-    return connection.execute(
-        select(screening_entry)
-        .join(session)
-        .where(session.c.participant_id == participant_id)
-        .order_by(screening_entry.c.id.desc())
-    ).all()
+def screening_records(
+    connection: Connection, study_id: int, participant_id: int | None = None
+) -> Iterator[dict[str, Any]]:
+    """Return a row for each participant and test on the screen, unfinished ones too; then those of entered results.
 
-
-def screening_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """Return a row for each participant and test on the screen, unfinished ones too; then those of entered results."""
+    Parameters
+    ----------
+    participant_id : only this participant's; None: everybody's
+    """
+    sought = _sought(study_id, participant_id)
+    n_answered = select(func.count(screening_item.c.answer)).where(
+        screening_item.c.screening_test_id == screening_test.c.id
+    )
     rows = connection.execute(
         select(
             participant.c.label.label("participant"),
@@ -234,34 +235,76 @@ def screening_records(connection: Connection, study_id: int) -> Iterator[dict[st
             screening_display.c.pixel_mm,
             screening_display.c.distance_mm,
             screening_display.c.distance_source,
+            n_answered.scalar_subquery().label("n_answered"),
         )
         .select_from(screening_test)
         .join(session, screening_test.c.session_id == session.c.id)
         .join(participant, session.c.participant_id == participant.c.id)
         .outerjoin(screening_display, screening_display.c.session_id == session.c.id)
-        .where(takes_part_in(study_id))
+        .where(sought)
         .order_by(participant.c.slot, screening_test.c.test)
     )
-    for row in rows.all():
+    for row in rows:
         yield {
             **row._mapping,
             **{key: (row.result or {}).get(key) for key in ("logmar", "low", "high")},
             "limit": row.setup.get("limit"),
             "smallest": row.setup.get("smallest"),
-            "n_answered": sum(item.answer is not None for item in _items(connection, row.id)),
             "details": row.result,
             "result_source": "screen",
             "is_bound": (row.result or {}).get("is_bound"),
             "result": None,
         }
-    yield from _entered_records(connection, study_id)
+    yield from _entered_records(connection, sought)
 
 
-def _entered_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+def n_screening_records(connection: Connection, study_id: int) -> int:
+    """How many rows `screening_records` returns of everybody."""
+    counts = (
+        select(func.count()).select_from(table.join(session).join(participant)).where(takes_part_in(study_id))
+        for table in (screening_test, screening_entry)
+    )
+    return sum(connection.execute(count).scalar_one() for count in counts)
+
+
+def screening_verdicts(
+    connection: Connection, study_id: int, labels: Sequence[str]
+) -> dict[str, dict[str, tuple[str | None, float | None]]]:
+    """Return the verdicts that count of some participants: participant -> test -> verdict, and acuity in logMAR.
+
+    A verdict is None while its test runs; the newest result entered counts instead of that of the screen.
+    """
+    people = (takes_part_in(study_id), participant.c.label.in_(labels))
+    tested = connection.execute(
+        select(participant.c.label, screening_test.c.test, screening_test.c.verdict, screening_test.c.result)
+        .select_from(screening_test.join(session).join(participant))
+        .where(*people)
+        .order_by(screening_test.c.test)
+    )
+    verdicts: dict[str, dict[str, tuple[str | None, float | None]]] = {}
+    for row in tested:
+        verdicts.setdefault(row.label, {})[row.test] = row.verdict, (row.result or {}).get("logmar")
+    entered = connection.execute(
+        select(participant.c.label, screening_entry.c.test, screening_entry.c.verdict, screening_entry.c.logmar)
+        .select_from(screening_entry.join(session).join(participant))
+        .where(*people)
+        .order_by(screening_entry.c.id)
+    )
+    for row in entered:
+        verdicts.setdefault(row.label, {})[row.test] = row.verdict, row.logmar
+    return verdicts
+
+
+def _sought(study_id: int, participant_id: int | None) -> ColumnElement[bool]:
+    takes_part = takes_part_in(study_id)
+    return takes_part if participant_id is None else takes_part & (participant.c.id == participant_id)
+
+
+def _entered_records(connection: Connection, sought: ColumnElement[bool]) -> Iterator[dict[str, Any]]:
     rows = connection.execute(
         select(participant.c.label.label("participant"), session.c.public_id.label("session"), screening_entry)
         .select_from(screening_entry.join(session).join(participant))
-        .where(takes_part_in(study_id))
+        .where(sought)
         .order_by(participant.c.slot, screening_entry.c.id)
     )
     for row in rows:

@@ -1,31 +1,24 @@
-"""Sessions: a participant's way through a study, from the invitation to the last vote."""
+"""Sessions: a participant's way through a study, from the first page to the last vote."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Literal
+from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import Connection, func, insert, select, update
 
-from app.errors import ClosedError, ConflictError, GoneError
-from app.store.engine import Database, insert_or_ignore
-from app.store.invitations import Invitation, invitation_by_code, preview_invitation
-from app.store.keys import digest, new_opaque_id, new_secret, resume_code, resumed_token, token_of_key
-from app.store.orders import ALL_VOTED, n_taken_in, pairs_to_show, take_order_slot
-from app.store.participants import forget_preview_votes
-from app.store.recruits import insert_recruit, session_of_outside_id
+from app.errors import ConflictError
+from app.store.engine import Database
+from app.store.keys import digest, new_secret, resume_code, resumed_token
+from app.store.orders import ALL_VOTED
 from app.store.screening import close_screening
-from app.store.studies import Study, lock_study
-from app.store.tables import assignment, participant, session, shown_texts, stage_record, study, trial, vote
+from app.store.tables import participant, session, shown_texts, stage_record, study, trial, vote
 from app.study.options import StudyOptions, parse_options
-from app.study.rating_order import trials_in_order
-from app.study.recruiting import Arrival
 from app.study.stages import (
     ENDS,
     FINISHED,
-    INTRODUCTION,
     SCREENED_OUT,
     SCREENING,
     TIMED_OUT,
@@ -34,15 +27,6 @@ from app.study.stages import (
     after_completing,
     next_stage,
 )
-from app.study.wording import Wording
-
-WhyClosed = Literal["paused", "closed", "full"]
-CLOSED: Mapping[WhyClosed, str] = {
-    "paused": "This study is paused. Please come back later.",
-    "closed": "This study is closed. Thank you for your interest.",
-    "full": "This study has all the participants it needs at the moment. Thank you for your interest.",
-}
-WENT_ON_ELSEWHERE = "This session goes on in another browser. Its resume code leads back to it."
 
 
 @dataclass(frozen=True)
@@ -60,6 +44,7 @@ class Session:
     stage: str
     started_at: datetime
     language: str | None  # of its texts; None: it was begun by another client than the page
+    is_preview: bool  # an experimenter's walk through; nothing of it is kept
 
     @property
     def options(self) -> StudyOptions:
@@ -71,147 +56,11 @@ class Session:
 
 
 @dataclass(frozen=True)
-class Admitted:
-    """An opened session; `is_new` unless it was there before."""
-
-    token: str
-    is_new: bool
-
-
-@dataclass(frozen=True)
 class Done:
     """How many of a session's trials have votes."""
 
     n_done: int
     n_total: int
-
-
-def begin_session(database: Database, invitation: Invitation, now: datetime) -> str:
-    """Let a new participant in: take a slot with its order of trials, and begin a session.
-
-    It is one transaction, so two who begin at once never get the same slot.
-
-    Returns
-    -------
-    The session's token, of which only a digest is stored.
-
-    Raises
-    ------
-    GoneError
-        If all places of the invitation are taken.
-    ClosedError
-        If the study takes in nobody now.
-    """
-    return admit(database, invitation, Admission(), now).token
-
-
-def begin_session_once(database: Database, invitation: Invitation, key: str, now: datetime) -> Admitted:
-    """Let a new participant in once for a key: a request that is sent again gets the same session.
-
-    Parameters
-    ----------
-    key : random, made by the client; the session's token is derived from it, so that the answer can be repeated
-
-    Raises
-    ------
-    ConflictError
-        If the key belongs to a session of another invitation, or to one that was resumed in another browser.
-    GoneError, ClosedError
-        As `begin_session`.
-    """
-    return admit(database, invitation, Admission(key), now)
-
-
-@dataclass(frozen=True)
-class Admission:
-    """Who asks to begin.
-
-    Parameters
-    ----------
-    key : random, made by the client, as in `begin_session_once`; None: every request is another person
-    arrival : how the person came from a recruiting platform; the same outside id leads to the same session
-    token : of the session that the client's cookie opens, if any
-    wording : what the participant reads; None: the client has texts of its own
-    """
-
-    key: str | None = None
-    arrival: Arrival | None = None
-    token: str | None = None
-    wording: Wording | None = None
-
-
-def admit(database: Database, invitation: Invitation, admission: Admission, now: datetime) -> Admitted:
-    """Let somebody in, or go on with the session of their outside id, which gets a new token.
-
-    Raises
-    ------
-    ConflictError
-        As `begin_session_once`; or if the outside id has a session that goes on only where it began.
-    GoneError, ClosedError
-        As `begin_session`.
-    """
-    key, arrival = admission.key, admission.arrival
-    token = token_of_key(key) if key else new_secret()
-    with database.writing() as connection:
-        study_now = lock_study(connection, invitation.study_id)  # first, because the same request may be running
-        known = _session_of_key(connection, key) if key else None
-        returning = session_of_outside_id(connection, study_now.id, arrival.outside_id) if arrival else None
-        if known is not None and known.token_hash == digest(token) and returning in (known.id, None):
-            if returning is None and known.invitation_id != invitation.id:
-                raise ConflictError(WENT_ON_ELSEWHERE)
-            return Admitted(token, is_new=False)
-        if known is not None:
-            raise ConflictError(WENT_ON_ELSEWHERE)
-        if returning is not None:
-            _check_same_browser(connection, study_now, returning, admission.token)
-            secrets = {**_digests(token), "begin_hash": digest(key) if key else None}
-            connection.execute(update(session).where(session.c.id == returning).values(**secrets))
-            return Admitted(token, is_new=False)
-        _admit(connection, study_now, invitation, token, admission, now)
-    return Admitted(token, is_new=True)
-
-
-def _session_of_key(connection: Connection, key: str) -> Row[Any, Any, Any] | None:
-    return connection.execute(
-        select(session.c.id, session.c.token_hash, participant.c.invitation_id)
-        .select_from(session.join(participant))
-        .where(session.c.begin_hash == digest(key))
-    ).one_or_none()
-
-
-def _check_same_browser(connection: Connection, study_now: Study, session_id: int, token: str | None) -> None:
-    """Refuse to go on in another browser where the study's option `outside.resume` does not allow it."""
-    held = session_by_token(connection, token) if token else None
-    is_there = held is not None and held.id == session_id
-    if not is_there and parse_options(study_now.options).outside.resume == "same browser":
-        raise ConflictError(WENT_ON_ELSEWHERE)
-
-
-def _admit(
-    connection: Connection, study_now: Study, invitation: Invitation, token: str, admission: Admission, now: datetime
-) -> None:
-    current = invitation_by_code(connection, invitation.code)
-    if (why := why_closed(connection, study_now, now)) is not None:
-        raise ClosedError(CLOSED[why], why)
-    if current is None or current.is_used:
-        raise GoneError("This invitation has been used. Please ask for a new one.")
-    participant_id = _insert_session(connection, study_now, invitation.id, token, admission.key, now)
-    if admission.wording is not None:
-        _keep_wording(connection, participant_id, admission.wording)
-    options = parse_options(study_now.options).outside
-    if options.is_on:
-        insert_recruit(connection, study_now.id, participant_id, admission.arrival, options)
-
-
-def _keep_wording(connection: Connection, participant_id: int, shown: Wording) -> None:
-    """Note the texts that a participant reads, in a language that stays the session's."""
-    texts = {"sha256": shown.sha256, "language": shown.language, "content": shown.texts}
-    insert_or_ignore(connection, shown_texts, [texts], shown_texts.c.sha256)
-    connection.execute(
-        update(session)
-        .where(session.c.participant_id == participant_id)
-        .values(language=shown.language, texts_sha256=shown.sha256)
-    )
 
 
 def shown_wordings(connection: Connection, study_id: int) -> list[dict[str, Any]]:
@@ -224,41 +73,6 @@ def shown_wordings(connection: Connection, study_id: int) -> list[dict[str, Any]
         .order_by(shown_texts.c.language, shown_texts.c.sha256)
     )
     return [dict(row._mapping) for row in rows]
-
-
-def why_closed(connection: Connection, study_now: Study, now: datetime) -> WhyClosed | None:
-    """Return why a study takes in nobody new now; None: it does."""
-    if study_now.standing != "open":
-        return "paused" if study_now.standing == "paused" else "closed"
-    limits = parse_options(study_now.options).limits
-    if limits.is_over(now):
-        return "closed"
-    if limits.finished or limits.under_way:
-        return "full" if limits.is_full(*n_taken_in(connection, study_now, now)) else None
-    return None
-
-
-def begin_preview(database: Database, this_study: Study, now: datetime) -> str:
-    """Begin a preview, in which an experimenter walks through a study; it counts nowhere and replaces earlier ones.
-
-    Returns
-    -------
-    The session's token.
-    """
-    token = new_secret()
-    with database.writing() as connection:
-        lock_study(connection, this_study.id)
-        forget_preview_votes(connection, this_study.id)
-        _insert_session(
-            connection,
-            this_study,
-            preview_invitation(connection, this_study.id, now),
-            token,
-            None,
-            now,
-            is_preview=True,
-        )
-    return token
 
 
 def session_by_token(connection: Connection, token: str) -> Session | None:
@@ -276,7 +90,7 @@ def resume_session(database: Database, code: str, key: str | None = None) -> str
     token = resumed_token(code, key) if key else new_secret()
     with database.writing() as connection:
         changed = connection.execute(
-            update(session).where(session.c.resume_hash == digest(code)).values(**_digests(token))
+            update(session).where(session.c.resume_hash == digest(code)).values(**token_digests(token))
         )
         has_gone_on = changed.rowcount > 0 or session_by_token(connection, token) is not None
     return token if has_gone_on else None
@@ -292,7 +106,7 @@ def new_resume_code(connection: Connection, participant_id: int) -> str:
     """
     token = new_secret()  # nobody gets it; it is made for the code derived from it
     is_open = (session.c.participant_id == participant_id, session.c.stage.not_in(ENDS))
-    if not connection.execute(update(session).where(*is_open).values(**_digests(token))).rowcount:
+    if not connection.execute(update(session).where(*is_open).values(**token_digests(token))).rowcount:
         raise ConflictError("This session has ended: there is nothing to go on with.")
     return resume_code(token)
 
@@ -376,79 +190,9 @@ def enter_stage(connection: Connection, session_id: int, stage: str, now: dateti
     connection.execute(update(session).where(session.c.id == session_id).values(**changes))
 
 
-def _insert_session(
-    connection: Connection,
-    this_study: Study,
-    invitation_id: int,
-    token: str,
-    key: str | None,
-    now: datetime,
-    *,
-    is_preview: bool = False,
-) -> int:
-    """Insert a participant with a session and its trials; returns the participant's id."""
-    slot = _next_slot(connection, this_study.id, is_preview=is_preview)
-    label = f"preview{-slot}" if is_preview else f"P{slot + 1:03d}"
-    order_slot = slot if is_preview else take_order_slot(connection, this_study, now)
-    person = {
-        "study_id": this_study.id,
-        "invitation_id": invitation_id,
-        "slot": slot,
-        "label": label,
-        "order_slot": order_slot,
-        "is_preview": is_preview,
-        "released_at": now if is_preview else None,  # a preview takes nobody's order
-    }
-    participant_id = connection.execute(
-        insert(participant).values(**person, created_at=now).returning(participant.c.id)
-    ).scalar_one()
-    secrets = {**_digests(token), "begin_hash": digest(key) if key else None}
-    session_id = connection.execute(
-        insert(session)
-        .values(public_id=new_opaque_id(), participant_id=participant_id, **secrets, stage=INTRODUCTION, started_at=now)
-        .returning(session.c.id)
-    ).scalar_one()
-    _insert_trials(connection, this_study, order_slot, participant_id, session_id)
-    return int(participant_id)
-
-
-def _digests(token: str) -> dict[str, str]:
+def token_digests(token: str) -> dict[str, str]:
     """Digests of a session's token and of its resume code, to store."""
     return {"token_hash": digest(token), "resume_hash": digest(resume_code(token))}
-
-
-def _next_slot(connection: Connection, study_id: int, *, is_preview: bool) -> int:
-    """Number arrivals: 0, 1, 2, … for participants, -1, -2, … for previews, which take nobody's order."""
-    slots = select(func.max(participant.c.slot), func.min(participant.c.slot)).where(participant.c.study_id == study_id)
-    highest, lowest = connection.execute(slots).one()
-    if is_preview:
-        return min(lowest or 0, 0) - 1
-    return max(-1 if highest is None else int(highest), -1) + 1
-
-
-def _insert_trials(connection: Connection, this_study: Study, slot: int, participant_id: int, session_id: int) -> None:
-    options, pairs = parse_options(this_study.options), pairs_to_show(connection, this_study, abs(slot))
-    order = trials_in_order(options.protocol, pairs, this_study.seed, abs(slot), options.repetition)
-    rows = [
-        {
-            "participant_id": participant_id,
-            "position": position,
-            "pair_id": planned.pair,
-            "a_half": planned.a_half,
-            "first_shown": planned.first_shown,
-            "role": planned.role,
-        }
-        for position, planned in enumerate(order)
-    ]
-    connection.execute(insert(assignment), rows)
-    ids = connection.scalars(select(assignment.c.id).where(assignment.c.participant_id == participant_id))
-    connection.execute(
-        insert(trial),
-        [
-            {"public_id": new_opaque_id(), "session_id": session_id, "assignment_id": assignment_id, "attempt": 1}
-            for assignment_id in ids
-        ],
-    )
 
 
 def _session(connection: Connection, condition: Any) -> Session | None:
@@ -465,6 +209,7 @@ def _session(connection: Connection, condition: Any) -> Session | None:
             session.c.stage,
             session.c.started_at,
             session.c.language,
+            participant.c.is_preview,
         )
         .select_from(session.join(participant).join(study))
         .where(condition)

@@ -31,9 +31,12 @@ class Study:
     factors: Mapping[str, Sequence[str]]
     options: Mapping[str, Any]
     manifest_sha256: str
+    set_folder: str | None
     created_at: datetime
     paused_at: datetime | None
+    closed_at: datetime | None
     archived_at: datetime | None
+    forgotten_at: datetime | None
     revision: int
 
     @property
@@ -88,10 +91,14 @@ def all_studies(connection: Connection) -> list[Study]:
 
 
 def set_standing(connection: Connection, study_id: int, standing: Standing, now: datetime) -> None:
+    """Open, pause, close or archive a study; one that is opened again keeps its participants' data anew."""
+    is_open = standing in ("open", "paused")
     values = {
-        "state": "open" if standing in ("open", "paused") else "closed",
+        "state": "open" if is_open else "closed",
         "paused_at": now if standing == "paused" else None,
+        "closed_at": None if is_open else func.coalesce(study.c.closed_at, now),
         "archived_at": now if standing == "archived" else None,
+        "forgotten_at": None if is_open else study.c.forgotten_at,
     }
     connection.execute(update(study).where(study.c.id == study_id).values(**values))
 
@@ -113,6 +120,12 @@ def edit_study(connection: Connection, study_id: int, seen_revision: int, values
         raise ConflictError(
             "Somebody else has changed this study meanwhile. Look at it again, then repeat your change."
         )
+
+
+def edit_set(connection: Connection, study_id: int, manifest_sha256: str, factors: Mapping[str, Sequence[str]]) -> None:
+    """Note that the manifest of a study's stimulus set has changed, and the set's factors."""
+    values = {"manifest_sha256": manifest_sha256, "factors": factors}
+    connection.execute(update(study).where(study.c.id == study_id).values(**values))
 
 
 def progress_of(connection: Connection, study_id: int) -> StudyCounts:

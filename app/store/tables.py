@@ -19,6 +19,7 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
     false,
+    text,
 )
 
 from app.store.engine import UtcDateTime
@@ -36,9 +37,12 @@ study = Table(
     required("factors", JSON),
     required("options", JSON, server_default="{}"),
     digest("manifest_sha256"),
+    Column("set_folder", String(4000)),  # where its stimulus set lies, to make films again; NULL: not known
     required("created_at", UtcDateTime),
     Column("paused_at", UtcDateTime),  # NULL: it does not pause
+    Column("closed_at", UtcDateTime),  # NULL: it is open
     Column("archived_at", UtcDateTime),  # NULL: it is not put away
+    Column("forgotten_at", UtcDateTime),  # when its participants' personal data were deleted; NULL: not yet
     required("revision", Integer, server_default="1"),  # counts edits, so that two editors notice each other
     CheckConstraint("state in ('open', 'closed')", name="state"),
     CheckConstraint("exposure_s > 0", name="exposure"),
@@ -183,6 +187,15 @@ single_film = Table(  # a single strip of a pair's film, for browsers that play 
     CheckConstraint("strip in ('top', 'bottom', 'reference')", name="strip"),
 )
 
+lighter_film = Table(  # a pair's film with fewer bytes, for slow lines
+    "lighter_film",
+    metadata,
+    key(),
+    required("of_media", String(32), unique=True),  # of the pair, to compare or to practise with
+    required("file", String(80)),
+    digest("sha256"),
+)
+
 invitation = Table(
     "invitation",
     metadata,
@@ -190,6 +203,7 @@ invitation = Table(
     reference("study"),
     required("code", String(40), unique=True),
     Column("places", Integer),  # NULL: as many as come
+    required("label", String(200), server_default=text("''")),  # whom it is for, in the experimenter's words
     required("created_at", UtcDateTime),
 )
 
@@ -203,6 +217,7 @@ participant = Table(
     required("order_slot", Integer, server_default="0"),  # number of the order of trials: an abandoned one, or new
     Column("released_at", UtcDateTime),  # when somebody else got this order; NULL: not yet
     required("label", String(40)),
+    Column("group_name", String(60)),  # that chance assigned; NULL: the study has no groups
     required("created_at", UtcDateTime),
     required("is_preview", Boolean, server_default=false()),  # an experimenter's walk through; it counts nowhere
     Column("erased_at", UtcDateTime),  # NULL: what was given is still there
@@ -351,6 +366,42 @@ spoken_answer = Table(
     UniqueConstraint("session_id", "question"),
 )
 
+trial_comment = Table(  # what was said or seen at a trial, as an experimenter notes it
+    "trial_comment",
+    metadata,
+    key(),
+    reference("session"),
+    reference("trial", index=False),
+    required("comment", Text),
+    required("experimenter", String(120)),
+    required("written_at", UtcDateTime),
+    UniqueConstraint("trial_id"),
+)
+
+comment_tag = Table(  # of an experimenter's coding scheme
+    "comment_tag",
+    metadata,
+    key(),
+    reference("study", index=False),
+    required("name", String(60)),
+    required("created_at", UtcDateTime),
+    UniqueConstraint("study_id", "name"),
+)
+
+comment_tagging = Table(
+    "comment_tagging",
+    metadata,
+    key(),
+    reference("session", index=False),
+    reference("comment_tag"),
+    required("source", String(8)),
+    required("subject", String(500)),  # name of the question, the spoken question, or id of the trial
+    required("tagged_by", String(120)),
+    required("tagged_at", UtcDateTime),
+    UniqueConstraint("session_id", "source", "subject", "comment_tag_id"),
+    CheckConstraint("source in ('written', 'spoken', 'trial')", name="source"),
+)
+
 assignment = Table(
     "assignment",
     metadata,
@@ -376,11 +427,12 @@ trial = Table(
     reference("assignment"),
     required("attempt", Integer),
     Column("served_at", UtcDateTime),  # NULL: not yet reached
-    Column("voided_at", UtcDateTime),  # NULL: it counts
+    Column("voided_at", UtcDateTime, index=True),  # NULL: it counts
     Column("void_reason", String(20)),
     Column("void_viewing", JSON(none_as_null=True)),
     UniqueConstraint("session_id", "assignment_id", "attempt"),
     Index("uq_trial_session_id_id", "session_id", "id", unique=True),
+    Index("ix_trial_session_id_served_at", "session_id", "served_at", "voided_at"),  # to count a study's at once
 )
 
 vote = Table(
@@ -397,7 +449,9 @@ vote = Table(
     required("shown_ms", Float),
     required("response_ms", Float),
     required("viewing", JSON),
-    required("received_at", UtcDateTime),
+    required("received_at", UtcDateTime, index=True),
+    Column("both_seen", Boolean),  # of the viewing record; NULL: one film alone
+    Column("press_to_picture_ms", Float),  # of the viewing record; NULL: it does not tell
     UniqueConstraint("session_id", "trial_id"),
     ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
     # without `in`: SQLite builds a table of three values and more for every row that it checks
@@ -432,9 +486,13 @@ experimenter = Table(
     key(),
     required("name", String(100), unique=True),
     required("role", String(12), server_default="owner"),
+    Column("studies", JSON(none_as_null=True)),  # slugs of those to see; NULL: all
     Column("password_hash", String(200)),  # NULL: none chosen yet
     digest("link_hash", unique=True),
     Column("link_expires_at", UtcDateTime),  # NULL: the link is of no use
+    Column("totp_secret", String(64)),  # NULL: no second factor
+    Column("totp_since", UtcDateTime),  # NULL: the second factor is being set up
+    Column("totp_step", BigInteger),  # of the last code taken; none is taken twice
     Column("disabled_at", UtcDateTime),
     required("created_at", UtcDateTime),
 )
@@ -450,7 +508,16 @@ experimenter_session = Table(
     Column("rotated_at", UtcDateTime),
     Column("seen_at", UtcDateTime),
     Column("form_token", String(64)),  # what every form of this session must carry
+    Column("browser", String(60)),  # for the list of sessions, such as Firefox on Linux
     required("expires_at", UtcDateTime),
+)
+
+recovery_code = Table(  # signs in once without the second factor; a code taken is deleted
+    "recovery_code",
+    metadata,
+    key(),
+    reference("experimenter"),
+    digest("code_hash"),
 )
 
 api_token = Table(
@@ -460,6 +527,7 @@ api_token = Table(
     required("name", String(100), unique=True),
     digest("token_hash", unique=True),
     required("scopes", JSON),
+    Column("studies", JSON(none_as_null=True)),  # slugs of those it opens; NULL: all
     required("created_at", UtcDateTime),
     Column("created_by", String(120)),
     Column("expires_at", UtcDateTime),  # NULL: until it is revoked
@@ -478,14 +546,14 @@ audit_entry = Table(
     required("detail", JSON),
 )
 
-job = Table(
+job = Table(  # a task that the server does in a thread of its own
     "job",
     metadata,
     key(),
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
     required("title", String(300)),
-    Column("subject", String(200)),  # what it makes; NULL: nothing that another job could make
+    Column("subject", String(200)),  # what it makes; NULL: nothing that another task could make
     required("state", String(8)),
     required("done", Integer),
     required("total", Integer),
@@ -502,4 +570,47 @@ Index(
     unique=True,
     sqlite_where=job.c.state == "running",
     postgresql_where=job.c.state == "running",
+)
+
+queued_job = Table(  # a command on recordings or films, which a worker process runs
+    "queued_job",
+    metadata,
+    key(),
+    required("public_id", String(32), unique=True),
+    required("actor", String(120)),
+    required("kind", String(40)),
+    required("arguments", JSON),
+    required("output", String(200)),  # the entry of a shelf that it makes or changes, for example "runs/ball"
+    required("state", String(9)),
+    Column("worker", String(200)),  # the one that runs it, or ran it last; NULL: not begun
+    required("attempt", Integer),  # counts beginnings
+    required("is_cancelling", Boolean),  # asked to stop, and not stopped yet
+    required("step", String(100)),  # what is being done
+    required("done", Integer),
+    required("total", Integer),
+    Column("left_s", Float),  # of the step; NULL: no estimate
+    required("detail", String(500)),  # why it failed
+    required("created_at", UtcDateTime),
+    Column("started_at", UtcDateTime),
+    Column("ended_at", UtcDateTime),
+    CheckConstraint("state in ('queued', 'running', 'done', 'failed', 'cancelled')", name="state"),
+)
+
+Index(
+    "uq_queued_job_output",
+    queued_job.c.output,
+    unique=True,
+    sqlite_where=queued_job.c.state.in_(("queued", "running")),
+    postgresql_where=queued_job.c.state.in_(("queued", "running")),
+)
+
+worker = Table(  # a process that runs queued jobs; its row goes when it ends
+    "worker",
+    metadata,
+    key(),
+    required("name", String(200), unique=True),
+    required("kinds", JSON),  # of jobs that it can run
+    required("n_at_once", Integer),
+    required("started_at", UtcDateTime),
+    required("beat_at", UtcDateTime),  # its last sign of life
 )

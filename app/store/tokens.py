@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Connection, exists, insert, or_, select, update
 
+from app.store.experimenters import check_studies, experimenter_named
 from app.store.keys import digest, new_secret
 from app.store.tables import api_token
 
 READ = "read"
 PERSONAL = "personal"
 AUDIT = "audit"
+STUDIES = "studies:write"
+PEOPLE = "participants:write"
+JOBS = "jobs"
 SCOPES = {
     READ: "studies, votes, trials, scores and all that is computed from them",
     PERSONAL: "participants, screening results, questionnaires, the archive",
     AUDIT: "the audit log",
+    STUDIES: "create, edit, open, close, archive, duplicate and delete studies, and invite to them",
+    PEOPLE: "exclude participants from the analysis, and include them again",
+    JOBS: "jobs on recordings and films: see, start, cancel and retry them",
 }
+READING = (READ, PERSONAL, AUDIT)  # scopes that change nothing
 
 
 COLUMNS = (
     api_token.c.name,
     api_token.c.scopes,
+    api_token.c.studies,
     api_token.c.created_at,
     api_token.c.created_by,
     api_token.c.expires_at,
@@ -38,6 +47,7 @@ class Token:
 
     name: str
     scopes: tuple[str, ...]
+    studies: tuple[str, ...] | None  # slugs of those that it opens; None: all
     created_at: datetime
     created_by: str | None
     expires_at: datetime | None
@@ -45,27 +55,46 @@ class Token:
 
 
 def insert_token(
-    connection: Connection, name: str, scopes: Sequence[str], by: str, now: datetime, expires_at: datetime | None = None
+    connection: Connection,
+    name: str,
+    scopes: Sequence[str],
+    by: str,
+    now: datetime,
+    expires_at: datetime | None = None,
+    studies: Sequence[str] | None = None,
 ) -> str:
     """Make a token and return its secret, of which only a digest is stored.
+
+    Parameters
+    ----------
+    connection : of a writing transaction
+    name : whom or what it is for
+    scopes : of SCOPES
+    by : who makes it
+    now : the time
+    expires_at : None: it is valid until it is revoked
+    studies : slugs of those that it opens; None: all
 
     Raises
     ------
     ValueError
         If there is a token of this name, or a scope is not known.
+    NotFoundError
+        If there is no study of a name.
     """
     if not scopes or not set(scopes) <= SCOPES.keys():
         raise ValueError(f"scopes {list(scopes)}: expected some of {', '.join(SCOPES)}")
     if connection.scalar(select(exists().where(api_token.c.name == name))):
         raise ValueError(f"there is already a token called {name!r}; choose another name")
     secret = new_secret()
-    values = {"name": name, "token_hash": digest(secret), "scopes": list(scopes), "created_at": now}
+    known = None if studies is None else check_studies(connection, studies)
+    values = {"name": name, "token_hash": digest(secret), "scopes": list(scopes), "studies": known, "created_at": now}
     connection.execute(insert(api_token).values(**values, created_by=by, expires_at=expires_at))
     return secret
 
 
 def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token | None:
-    """Find a valid token by its secret."""
+    """Find a valid token by its secret; it opens no study that its maker sees no more."""
     row = connection.execute(
         select(*COLUMNS).where(
             api_token.c.token_hash == digest(secret),
@@ -73,7 +102,14 @@ def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token
             or_(api_token.c.expires_at.is_(None), api_token.c.expires_at > now),
         )
     ).one_or_none()
-    return _token(row._mapping) if row else None
+    if row is None:
+        return None
+    token = _token(row._mapping)
+    maker = experimenter_named(connection, token.created_by) if token.created_by else None
+    if maker is None or maker.studies is None:
+        return token
+    common = maker.studies if token.studies is None else set(token.studies) & set(maker.studies)
+    return replace(token, studies=tuple(common))
 
 
 def all_tokens(connection: Connection) -> list[Token]:
@@ -90,4 +126,5 @@ def revoke_token(connection: Connection, name: str, now: datetime) -> bool:
 
 
 def _token(facts: Mapping[Any, Any]) -> Token:
-    return Token(**{**facts, "scopes": tuple(facts["scopes"])})
+    studies = facts["studies"]
+    return Token(**{**facts, "scopes": tuple(facts["scopes"]), "studies": None if studies is None else tuple(studies)})

@@ -14,9 +14,17 @@ from app.store.engine import Database, insert_or_ignore
 from app.store.keys import digest
 from app.store.sessions import end_trials, session_by_token
 from app.store.tables import assignment, participant, session, study, trial, vote
-from app.store.trials import is_voted_on, trial_records
+from app.store.trial_records import trial_records
+from app.store.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, grades_of, stored_scale
-from app.study.valid_vote import Choice, InvalidVoteError, check_viewing, choice_of
+from app.study.valid_vote import (
+    Choice,
+    InvalidVoteError,
+    check_viewing,
+    choice_of,
+    has_seen_both,
+    press_to_picture_ms,
+)
 
 
 @dataclass(frozen=True)
@@ -165,6 +173,8 @@ def _row(sent: Vote, row: Row[Any]) -> dict[str, Any]:
         "response_ms": sent.viewing["response_ms"],
         "viewing": dict(sent.viewing),
         "received_at": sent.received_at,
+        "both_seen": None if (row.protocol or PC) in SHOWN_ALONE else has_seen_both(sent.viewing),
+        "press_to_picture_ms": press_to_picture_ms(sent.viewing),
     }
 
 
@@ -191,27 +201,31 @@ def _outcome(connection: Connection, sent: Vote, row: Row[Any], *, is_new: bool)
 
 def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
     """Return the votes table of a study, as DESIGN's votes file."""
-    for record in trial_records(connection, study_id):
-        if record["voted_at"] is not None:
-            yield {
-                "participant": record["participant"],
-                "dataset": record["dataset"],
-                "item_a": record["item_a"],
-                "item_b": record["item_b"],
-                "choice": record["choice"],
-                "first_shown": record["first_shown"],
-                "trial": record["trial"],
-                "response_ms": record["response_ms"],
-                "practice": False,
-                "excluded": record["withdrawn"] or record["exclusion"] is not None,
-                "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
-                "role": record["role"],
-                "technique": record["technique"],
-                "frame_locked": record["frame_locked"],
-                "both_seen": record["both_seen"],
-                "looks_before": record["looks_before"],
-                "press_to_picture_ms": record["press_to_picture_ms"],
-                "protocol": record["protocol"],
-                "rating": record["rating"],
-                "reference": record["reference"],
-            }
+    return (vote_row(record) for record in trial_records(connection, study_id) if record["voted_at"] is not None)
+
+
+def vote_row(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of a table of votes from that of a table of trials."""
+    return {
+        "participant": record["participant"],
+        "dataset": record["dataset"],
+        "item_a": record["item_a"],
+        "item_b": record["item_b"],
+        "choice": record["choice"],
+        "first_shown": record["first_shown"],
+        "trial": record["trial"],
+        "response_ms": record["response_ms"],
+        "practice": False,
+        "excluded": record["withdrawn"] or record["exclusion"] is not None,
+        "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
+        "role": record["role"],
+        "technique": record["technique"],
+        "frame_locked": record["frame_locked"],
+        "both_seen": record["both_seen"],
+        "looks_before": record["looks_before"],
+        "press_to_picture_ms": record["press_to_picture_ms"],
+        "protocol": record["protocol"],
+        "rating": record["rating"],
+        "reference": record["reference"],
+        "lighter_film": record["lighter_film"],
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
-from app.store.engine import Database, open_database
+from app.store.engine import Database, embedded_file, open_database, without_password
 from app.store.migrate import upgrade
 from app.store.tables import api_token, trial, vote
 from tests.postgresql import PostgresServer
@@ -167,9 +168,32 @@ def test_a_database_in_memory_is_refused(url: str) -> None:
         open_database(url)
 
 
-def test_another_kind_of_database_is_refused() -> None:
+def test_what_is_no_database_that_can_be_used_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="expected a database of SQLite or PostgreSQL"):
         open_database("mysql://somewhere/study")
+    with pytest.raises(ValueError, match="'nonsense', expected an address such as"):
+        open_database("nonsense")
+    for read in (embedded_file, without_password):
+        with pytest.raises(ValueError, match="'nonsense', expected an address such as"):
+            read("nonsense")
+    (tmp_path / "study.sqlite").write_bytes(b"\x8f random bytes")
+    with (
+        pytest.raises(ValueError, match=r"study\.sqlite: is no SQLite database"),
+        open_database(f"sqlite:///{tmp_path / 'study.sqlite'}").reading(),
+    ):
+        pass
+
+
+def test_a_database_that_is_opened_twice_stays_locked_against_other_programs(tmp_path: Path) -> None:
+    path = tmp_path / "study.sqlite"
+    first = open_database(f"sqlite:///{path}")
+    with first.writing() as connection:
+        connection.exec_driver_sql("CREATE TABLE word (text TEXT)")
+    open_database(f"sqlite:///{path}")  # closing the file itself here would give up the locks of this process
+    other = f"import sqlite3; c = sqlite3.connect({str(path)!r}); c.execute('SELECT * FROM word').fetchall(); c.close()"
+    subprocess.run([sys.executable, "-c", other], check=True)
+    assert (tmp_path / "study.sqlite-wal").exists()  # whoever closes a database last removes its log
+    first.dispose()
 
 
 def test_who_lacks_the_driver_of_postgresql_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from app.store.invitations import Invitation
 from app.store.tables import assignment, participant
 
 ROOT = Path(__file__).parents[3]
-N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 8, 200, 10, 1550
+N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 4, 60, 10, 230
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from sqlalchemy import (
     DateTime,
     Float,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -46,8 +47,10 @@ CHECKED = {
     "vote.choice": "none",
     "vote.first_shown": "b",
     "job.state": "done",
+    "queued_job.state": "queued",
     "screening_test.test": "colour",
     "screening_entry.test": "acuity",
+    "comment_tagging.source": "written",
     "model.kind": "mesh",
     "single_film.strip": "reference",
 }
@@ -176,7 +179,8 @@ def some_value(column: Column[Any]) -> Any:
         return CHECKED[name]
     if isinstance(column.type, String):
         return name[: column.type.length]
-    kinds = {Boolean: True, Integer: 1, Float: 1.5, DateTime: datetime(2026, 1, 1, tzinfo=UTC), JSON: {}}
+    moment = datetime(2026, 1, 1, tzinfo=UTC)
+    kinds = {Boolean: True, Integer: 1, Float: 1.5, DateTime: moment, JSON: {}, LargeBinary: b"x"}
     return next(value for kind, value in kinds.items() if isinstance(column.type, kind))
 
 

@@ -9,10 +9,11 @@ from datetime import datetime, timedelta
 import pytest
 from sqlalchemy import select, update
 
+from app.store.admission import begin_session
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.orders import study_plan, taken_orders
-from app.store.sessions import begin_session, complete_stage, session_by_token, withdraw
+from app.store.sessions import complete_stage, session_by_token, withdraw
 from app.store.studies import study_by_id
 from app.store.tables import assignment, participant, study
 from app.store.trials import mark_served, next_trials

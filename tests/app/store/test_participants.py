@@ -12,6 +12,7 @@ import pytest
 from sqlalchemy import update
 
 from app.errors import ConflictError
+from app.store.admission import begin_session
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.participants import (
@@ -27,7 +28,6 @@ from app.store.participants import (
     undo_exclusion,
     withdraw_participant,
 )
-from app.store.sessions import begin_session
 from app.store.tables import session
 from tests.app.store.voting import keep_vote, let_in, rows_read, serve_next, vote_on
 

@@ -12,9 +12,9 @@ from uuid import uuid4
 from sqlalchemy import func, select, update
 
 from app.errors import ClosedError
+from app.store.admission import Admission, admit
 from app.store.engine import Database
 from app.store.invitations import Invitation
-from app.store.sessions import Admission, admit
 from app.store.tables import participant, recruit, session, study
 from app.study.options import parse_options
 from app.study.recruiting import Arrival

@@ -12,21 +12,12 @@ import pytest
 from sqlalchemy import select
 
 from app.errors import ForbiddenError, GoneError
+from app.store.admission import Admitted, begin_preview, begin_session, begin_session_once
 from app.store.designs import planned_pairs
 from app.store.engine import Database
 from app.store.invitations import Invitation, insert_invitation, invitation_by_code, invitation_of_session, preview_code
 from app.store.keys import resume_code
-from app.store.sessions import (
-    Admitted,
-    Session,
-    begin_preview,
-    begin_session,
-    begin_session_once,
-    complete_stage,
-    done_of,
-    resume_session,
-    session_by_token,
-)
+from app.store.sessions import Session, complete_stage, done_of, resume_session, session_by_token
 from app.store.studies import set_standing, study_by_id
 from app.store.tables import assignment, participant, session, stage_record
 from app.study.design import participant_order

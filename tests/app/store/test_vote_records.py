@@ -17,7 +17,8 @@ from app.store.engine import Database, open_database
 from app.store.invitations import Invitation
 from app.store.sessions import withdraw
 from app.store.tables import session, vote
-from app.store.trials import NextTrial, next_trials, trial_records, void_trial
+from app.store.trial_records import trial_records
+from app.store.trials import NextTrial, next_trials, void_trial
 from app.store.vote_records import KeptVote, Vote, keep_votes, vote_records
 from tests.app.store.voting import (
     Participant,

@@ -21,7 +21,7 @@ from app.store.vote_writer import VoteWriter
 from tests.app.store.voting import Participant, let_in, n_votes, serve_trials, vote_on
 
 MakeInvitation = Callable[[int | None], Invitation]
-TIMEOUT_S = 10
+TIMEOUT_S = 60
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""Long work of experimenters and its progress, which every worker of the server can show."""
+"""Tasks that the server does for experimenters in threads of its own, and their progress, which all its processes show.
+
+Commands on recordings and films are jobs instead, which worker processes run: `app.store.queue`.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ from app.store.engine import Database, insert_or_ignore
 from app.store.keys import new_opaque_id
 from app.store.tables import job
 
-BEATS_WITHIN = timedelta(minutes=2)  # a job without a sign of life for longer has died with its process
+BEATS_WITHIN = timedelta(minutes=2)  # a task without a sign of life for longer has died with its process
 LONGEST_DETAIL = 500
 STOPPED = "The server was stopped while it did this. Start it again: what was finished is taken up."
 
 
 @dataclass(frozen=True)
-class Job:
+class ServerTask:
     public_id: str
     actor: str
     title: str
@@ -31,29 +34,29 @@ class Job:
     beat_at: datetime
 
     def is_lost(self, now: datetime) -> bool:
-        """Whether the process that ran the job has died."""
+        """Whether the process that ran the task has died."""
         return self.state == "running" and now - self.beat_at > BEATS_WITHIN
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A running job; `is_new` unless it was running already."""
+    """A running task; `is_new` unless it was running already."""
 
     public_id: str
     is_new: bool
 
 
-def begin_job(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
-    """Begin a job, or return the actor's running job of the same subject.
+def begin_task(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
+    """Begin a task, or return the actor's running task of the same subject.
 
     Parameters
     ----------
-    subject : what it makes; two jobs never make the same at once. None: nothing that another job could make
+    subject : what it makes; two tasks never make the same at once. None: nothing that another task could make
 
     Raises
     ------
     ConflictError
-        If somebody else's job makes it now.
+        If somebody else's task makes it now.
     """
     public_id = new_opaque_id()
     values = {"public_id": public_id, "actor": actor, "title": title, "subject": subject, "state": "running"}
@@ -72,7 +75,7 @@ def begin_job(database: Database, actor: str, title: str, now: datetime, subject
 
 
 def beat(database: Database, public_id: str, now: datetime) -> None:
-    """Store a sign of life of a job."""
+    """Store a sign of life of a task."""
     _change(database, public_id, beat_at=now)
 
 
@@ -81,18 +84,24 @@ def tell_progress(database: Database, public_id: str, done: int, total: int, det
     _change(database, public_id, **values)
 
 
-def end_job(database: Database, public_id: str, result: str, now: datetime) -> None:
+def end_task(database: Database, public_id: str, result: str, now: datetime) -> None:
     _change(database, public_id, state="done", result=result, beat_at=now)
 
 
-def fail_job(database: Database, public_id: str, reason: str, now: datetime) -> None:
+def fail_task(database: Database, public_id: str, reason: str, now: datetime) -> None:
     _change(database, public_id, state="failed", detail=reason[:LONGEST_DETAIL], beat_at=now)
 
 
-def job_by_id(connection: Connection, public_id: str) -> Job | None:
-    columns = [job.c[name] for name in Job.__dataclass_fields__]
+def task_by_id(connection: Connection, public_id: str) -> ServerTask | None:
+    columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
     row = connection.execute(select(*columns).where(job.c.public_id == public_id)).one_or_none()
-    return Job(**row._mapping) if row else None
+    return ServerTask(**row._mapping) if row else None
+
+
+def running_tasks(connection: Connection, now: datetime) -> list[str]:
+    """Return the titles of what runs now, the oldest first."""
+    lives = (job.c.state == "running") & (job.c.beat_at >= now - BEATS_WITHIN)
+    return list(connection.scalars(select(job.c.title).where(lives).order_by(job.c.id)))
 
 
 def _change(database: Database, public_id: str, **values: object) -> None:

@@ -1,0 +1,70 @@
+"""All that a participant gave, for themselves: as they saw it, with A and B and without names of what is compared."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import Connection, Table, select
+
+from app.store.sessions import Session
+from app.store.tables import (
+    participant,
+    recruit,
+    screening_display,
+    screening_entry,
+    screening_item,
+    screening_test,
+    session,
+    stage_record,
+    vote,
+)
+
+GIVEN: dict[str, tuple[Table, tuple[str, ...]]] = {  # what is left out is the server's, or would say what was compared
+    "stages": (stage_record, ("stage", "data", "completed_at")),
+    "votes": (
+        vote,
+        ("choice", "rating", "first_shown", "shown_ms", "response_ms", "viewing", "received_at"),
+    ),
+    "screening_display": (screening_display, ("pixel_mm", "distance_mm", "distance_source", "measured", "measured_at")),
+    "screening_tests": (screening_test, ("test", "started_at", "finished_at", "verdict", "result")),
+    "screening_answers": (screening_item, ("number", "answer", "response_ms", "answered_at")),
+    "screening_entries": (screening_entry, ("test", "instrument", "result", "verdict", "logmar", "entered_at")),
+}
+NOTES = (
+    "Notes of experimenters, on what was said beside the study, are not in this file, because they may name what is "
+    "compared. Ask the study's contact for them."
+)
+
+
+def own_data(connection: Connection, of_session: Session) -> dict[str, Any]:
+    """Return what the participant of a session gave, as JSON may hold it; times are ISO 8601.
+
+    Parameters
+    ----------
+    connection : to read from
+    of_session : whose participant asks
+    """
+    who = connection.execute(
+        select(
+            participant.c.id, participant.c.label, session.c.started_at, session.c.finished_at, session.c.withdrawn_at
+        )
+        .select_from(session.join(participant))
+        .where(session.c.id == of_session.id)
+    ).one()
+    given = {
+        name: _rows(connection, table, columns, table.c.session_id == of_session.id)
+        for name, (table, columns) in GIVEN.items()
+    }
+    came = _rows(connection, recruit, ("outside_id", "kept", "completion_code"), recruit.c.participant_id == who.id)
+    times = {name: _plain(getattr(who, name)) for name in ("started_at", "finished_at", "withdrawn_at")}
+    facts = {"study": of_session.name, "participant": who.label, "language": of_session.language, **times}
+    return {**facts, "stage": of_session.stage, **given, "recruiting": came, "notes": NOTES}
+
+
+def _rows(connection: Connection, table: Table, columns: tuple[str, ...], belongs: Any) -> list[dict[str, Any]]:
+    rows = connection.execute(select(*(table.c[name] for name in columns)).where(belongs).order_by(table.c.id))
+    return [{name: _plain(value) for name, value in row._mapping.items()} for row in rows]
+
+
+def _plain(value: Any) -> Any:
+    return value.isoformat() if hasattr(value, "isoformat") else value
