@@ -14,8 +14,8 @@ from typing import Annotated
 import typer
 
 from app.cli import analysis, experiments, languages, server, studies
-from app.cli.extras import missing_extra
 from app.errors import StudyError
+from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
@@ -57,7 +57,7 @@ def _sentence(error: Exception) -> str:
     """Say what failed; of the system's errors without their number, and with what is in the way."""
     if not isinstance(error, OSError) or not isinstance(error.filename, str) or error.strerror is None:
         return str(error)
-    path = Path(error.filename)
+    path = Path(error.filename2 or error.filename)  # the second: where a temporary file was to go
     if isinstance(error, PermissionError):
         return f"{path}: permission denied; look at who may read or write it"
     if isinstance(error, FileExistsError | NotADirectoryError):

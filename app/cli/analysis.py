@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -46,97 +46,147 @@ def simulate(
     print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)
 
 
+# Options of `analyse`, in the order of its parameters.
+VotesArgument = Annotated[
+    list[Path],
+    typer.Argument(help="File of votes, or several, or one of ratings: CSV, TSV, Excel, Parquet or JSON."),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")
+]
+ItemsOption = Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")]
+MeasuresOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV file of objective measures: measures.csv of `validate`, or dataset, item and a column for each."
+    ),
+]
+TiesOption = Annotated[
+    str, typer.Option(help="How to treat votes without preference: davidson, rao-kupper, half or drop.")
+]
+FactorOption = Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")]
+ParticipantsOption = Annotated[
+    Path | None, typer.Option(help="CSV file: participant, then a column for each grouping (experience, age, …).")
+]
+GroupOption = Annotated[list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")]
+PenaltyOption = Annotated[str, typer.Option(help="Penalty where the likelihood has no maximum: firth or ridge.")]
+ByOption = Annotated[str, typer.Option(help="dataset: also analyse each dataset by itself; none: only all together.")]
+OrderEffectOption = Annotated[bool, typer.Option("--order-effect", help="Estimate how much being shown first helps.")]
+BootstrapOption = Annotated[
+    int,
+    typer.Option(min=0, help="Bootstrap replicates over participants for the intervals; 0: t intervals."),
+]
+SeedOption = Annotated[int, typer.Option(help="Seed of the bootstrap.")]
+EquivalenceOption = Annotated[
+    float | None,
+    typer.Option(help="Margin in JOD; tests which pairs of conditions differ by less (two one-sided tests)."),
+]
+JodPriorOption = Annotated[
+    str, typer.Option(help="Prior on distances for the JOD of Thurstone's Case V: none, or pwcmp's.")
+]
+RandomEffectsOption = Annotated[
+    str,
+    typer.Option(help="Fit the scores also with random effects: participants (other people) or participants,datasets."),
+]
+ExcludeOption = Annotated[
+    list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
+]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
+]
+ChoicesOption = Annotated[
+    str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
+]
+RatingsOption = Annotated[
+    Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
+]
+ScaleOption = Annotated[
+    str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
+]
+WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (89 or 183 mm).")]
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Only say how the files are understood; write nothing.")]
+
+
 @app.command()
 def analyse(
     context: typer.Context,
-    votes: Annotated[Path, typer.Argument(help="File of votes, or of ratings: CSV, Parquet or JSON.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")],
-    items: Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")] = None,
-    measures: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV file of objective measures: measures.csv of `validate`, or dataset, item and a column for each."
-        ),
-    ] = None,
-    ties: Annotated[
-        str, typer.Option(help="How to treat votes without preference: davidson, rao-kupper, half or drop.")
-    ] = "davidson",
-    factor: Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")] = None,
-    participants: Annotated[
-        Path | None, typer.Option(help="CSV file: participant, then a column for each grouping (experience, age, …).")
-    ] = None,
-    group: Annotated[
-        list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")
-    ] = None,
-    penalty: Annotated[
-        str, typer.Option(help="Penalty where the likelihood has no maximum: firth or ridge.")
-    ] = "firth",
-    by: Annotated[
-        str, typer.Option(help="dataset: also analyse each dataset by itself; none: only all together.")
-    ] = "dataset",
-    order_effect: Annotated[
-        bool, typer.Option("--order-effect", help="Estimate how much being shown first helps.")
-    ] = False,
-    bootstrap: Annotated[
-        int, typer.Option(min=0, help="Bootstrap replicates over participants for the intervals; 0: none.")
-    ] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
-    exclude: Annotated[
-        list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=left,item_b=right."),
-    ] = None,
-    choices: Annotated[
-        str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
-    ] = None,
-    ratings: Annotated[
-        Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
-    ] = None,
-    scale: Annotated[
-        str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
-    ] = None,
+    votes: VotesArgument,
+    out: OutOption = None,
+    items: ItemsOption = None,
+    measures: MeasuresOption = None,
+    ties: TiesOption = "davidson",
+    factor: FactorOption = None,
+    participants: ParticipantsOption = None,
+    group: GroupOption = None,
+    penalty: PenaltyOption = "firth",
+    by: ByOption = "dataset",
+    order_effect: OrderEffectOption = False,
+    bootstrap: BootstrapOption = 0,
+    seed: SeedOption = 0,
+    equivalence: EquivalenceOption = None,
+    jod_prior: JodPriorOption = "none",
+    random_effects: RandomEffectsOption = "",
+    exclude: ExcludeOption = None,
+    columns: ColumnsOption = None,
+    choices: ChoicesOption = None,
+    ratings: RatingsOption = None,
+    scale: ScaleOption = None,
+    width: WidthOption = "two",
+    dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
     from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
-    from app.analysis.ratings.reading import holds_ratings
+    from app.analysis.drawing import WIDTHS
+    from app.analysis.ratings.reading import understand_ratings
 
     ends = _parse_scale(scale)
-    if holds_ratings(votes):
-        _refuse_options_of_votes(context)
-        analysis = analyse_ratings_file(votes, out, ends, exclude or ())
-        print_result(analysis, rating_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
-        return
-    if ends and ratings is None:
+    rated = _rated_file(context, votes)
+    _check_choice("--width", width, WIDTHS)
+    _check_choice("--by", by, ("dataset", "none"))
+    mappings = _parse_mapping(columns, "--columns"), _parse_mapping(choices, "--choices")
+    if out is None and not dry_run:
+        raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
+    if ends and not rated and ratings is None:
         raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
-    if by not in ("dataset", "none"):
-        raise typer.BadParameter(f"--by is {by!r}, expected dataset or none")
-    settings = AnalysisSettings(
-        ties=ties,
-        order_effect=order_effect,
-        bootstrap=bootstrap,
-        seed=seed,
-        penalty=penalty,
-        by_dataset=by == "dataset",
-        exclude=tuple(exclude or ()),
-    )
-    analysis = analyse_file(
-        votes,
-        out,
-        settings,
-        items=items,
-        columns=_parse_mapping(columns, "--columns"),
-        choices=_parse_mapping(choices, "--choices"),
-        factors=factor,
-        measures=measures,
-        participants=participants,
-        groups=group,
-        ratings=ratings,
-        scale=ends,
-    )
-    print_result(analysis, score_sentences(analysis) + f"\nReport: {out / 'report.html'}", as_json=as_json)
+    if out is None or dry_run:
+        understood = understand_ratings(rated, ends)[1] if rated else _understood_votes(votes, *mappings)
+        print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
+        return
+    if rated:
+        analysis = analyse_ratings_file(rated, out, ends, exclude or (), width=WIDTHS[width], measures=measures)
+        scores = rating_sentences(analysis)
+    else:
+        settings = AnalysisSettings(
+            ties=ties,
+            order_effect=order_effect,
+            bootstrap=bootstrap,
+            seed=seed,
+            equivalence_margin=equivalence,
+            penalty=penalty,
+            jod_prior=jod_prior,
+            random_effects=random_effects,
+            by_dataset=by == "dataset",
+            exclude=tuple(exclude or ()),
+        )
+        analysis = analyse_file(
+            votes,
+            out,
+            settings,
+            items=items,
+            columns=mappings[0],
+            choices=mappings[1],
+            factors=factor,
+            measures=measures,
+            participants=participants,
+            groups=group,
+            ratings=ratings,
+            scale=ends,
+            width=WIDTHS[width],
+        )
+        scores = score_sentences(analysis)
+    print_result(analysis, f"{found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
 
 
 @app.command()
@@ -164,7 +214,8 @@ def plan(
 
     from app.analysis.power import StudyPlan, plan_study
     from app.analysis.ratings.planning import RatingPlan, plan_ratings
-    from app.study.protocols import RATED, minutes_of, parse_protocol
+    from app.study.duration import trials_s
+    from app.study.protocols import RATED, parse_protocol
 
     chosen, _ = parse_protocol({"protocol": protocol})
     is_rated = chosen in RATED
@@ -174,7 +225,7 @@ def plan(
         design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
         result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
     n_trials = result["votes_per_participant"]
-    result |= {"protocol": chosen, "trials": n_trials, "minutes": minutes_of(n_trials, exposure)}
+    result |= {"protocol": chosen, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
     single, pooled = (result[f"detectable{suffix}_{where}"] for where in ("one_dataset", "pooled"))
     sentences = (
@@ -186,7 +237,27 @@ def plan(
     print_result(result, sentences, as_json=as_json)
 
 
-OPTIONS_OF_RATINGS = ("votes", "out", "scale", "exclude", "as_json")
+MOST_SCORES = 40  # lines of scores in the terminal
+MOST_NAMED = 8  # conditions that a dry run lists
+OPTIONS_OF_RATINGS = ("votes", "out", "measures", "scale", "exclude", "width", "dry_run", "as_json")
+
+
+def _rated_file(context: typer.Context, paths: Sequence[Path]) -> Path | None:
+    """Return the file of ratings; None for files of votes. Raise if ratings come with what is for votes."""
+    from app.analysis.ratings.reading import holds_ratings
+
+    rated = [path for path in paths if holds_ratings(path)]
+    if not rated:
+        return None
+    if len(paths) > 1:
+        raise typer.BadParameter(f"{rated[0]} holds ratings; analyse ratings one file at a time")
+    _refuse_options_of_votes(context)
+    return rated[0]
+
+
+def _check_choice(option: str, given: str, expected: Iterable[str]) -> None:
+    if given not in expected:
+        raise typer.BadParameter(f"{option} is {given!r}, expected {' or '.join(expected)}")
 
 
 def _refuse_options_of_votes(context: typer.Context) -> None:
@@ -230,12 +301,40 @@ def _read_abilities(path: Path) -> dict[str, float]:
     return {name: float(value) for name, value in content.items()}
 
 
+def _understood_votes(
+    paths: Sequence[Path], columns: dict[str, str] | None, choices: dict[str, str] | None
+) -> list[str]:
+    from app.analysis.findings.phrases import counted
+    from app.analysis.reading import understand_votes
+
+    votes, sentences = understand_votes(paths, columns, choices)
+    used = votes.used()
+    people = counted(len(votes.participants), "participant") if votes.has_participants else "unknown participants"
+    datasets = counted(len(votes.datasets), "dataset") if votes.has_datasets else "no named dataset"
+    return [
+        *sentences,
+        f"Together: {votes.n_votes} votes, of which {used.n_votes} count; {people}, {datasets}, "
+        f"{len(votes.items)} conditions: {', '.join(votes.items[:MOST_NAMED])}"
+        + (" …" if len(votes.items) > MOST_NAMED else ""),
+    ]
+
+
+def found_sentences(analysis: Mapping[str, Any]) -> str:
+    """Print how the files were understood, what was found, and what to know before reading on."""
+    lines = [f"Read {text}" for text in analysis.get("understood", ())]
+    lines += [row["text"] for row in analysis["findings"]]
+    lines += [f"Note: {text}" for text in analysis["warnings"]]
+    return "".join(f"{line}\n" for line in lines)
+
+
 def score_sentences(analysis: Mapping[str, Any]) -> str:
     """Print the scores over all datasets, a line each, best first."""
     rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
-    width = max((len(row["item"]) for row in rows), default=0)
-    return "\n".join(f"  {row['item']:<{width}}  {_score_text(row)}" for row in rows)
+    listed, more = rows[:MOST_SCORES], len(rows) - MOST_SCORES
+    width = max((len(row["item"]) for row in listed), default=0)
+    lines = [f"  {row['item']:<{width}}  {_score_text(row)}" for row in listed]
+    return "\n".join([*lines, f"  … and {more} more, in scores.csv"] if more > 0 else lines)
 
 
 def rating_sentences(analysis: Mapping[str, Any]) -> str:

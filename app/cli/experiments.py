@@ -17,18 +17,20 @@ from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import read_json, write_json
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import ClusterOption, WorkersOption
+from recon.cli.options import ClusterOption, FurtherOption, WorkersOption, parse_approaches, parse_names, parse_size
 
 if TYPE_CHECKING:
     from app.settings import Settings
 
-DEMO_SECONDS = 5.0
-DEMO_FRAMES = 6
-DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for five
+DEMO_SECONDS, DEMO_FPS = 2.4, 20.0  # of a film: each frame stays for three pictures of a display of 60 Hz
+DEMO_EXPOSURE_S = 4.8  # each film plays twice
+DEMO_FRAMES = 4  # played back and forth, twice in a film, which ends as it begins
+DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for four
+DEMO_WORKERS = 2  # that make films, each on one thread
 PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
-DEMO_TAKES = "about four minutes on two idle cores"
+DEMO_TAKES = "about three minutes on two idle cores"
 EXPERIMENT_TAKES = {
     "small": "about nine minutes on two idle cores",
     "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
@@ -54,19 +56,29 @@ def demo(
     ),
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
     participants: Annotated[int, typer.Option(min=0, help="How many simulated participants vote.")] = 8,
+    size: Annotated[
+        str, typer.Option(help="WIDTHxHEIGHT of the films, pixels; smaller ones are made sooner.")
+    ] = "1280x720",
     serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until you press Ctrl-C.")] = True,
     as_json: JsonOption = False,
 ) -> None:
     """Do the main job on a synthetic recording: models, videos, a study, votes and scores; then serve the study."""
     from app.experiment.demo import ability_sentence, demo_front, demo_scores
     from app.main import running_server
-    from app.settings import Settings
+    from app.operations.jobs.beside_server import worker_beside
+    from app.operations.running import noted
+    from app.settings import DATA_FOLDER, Settings
 
-    settings, front = Settings(data_dir=out / "study", database_url=None), out / "front"
+    settings = Settings(data_dir=out / DATA_FOLDER, database_url=None, allowed_hosts="")
+    front = out / "front"
     progress = ProgressLine()
     progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
-    run_steps(_demo_steps(out, settings, participants, progress), out / "seconds.json", progress.say)
-    with running_server(settings, port=_free_port(port), front=front) as url:
+    run_steps(_demo_steps(out, settings, parse_size(size), participants, progress), out / "seconds.json", progress.say)
+    with (
+        running_server(settings, port=_free_port(port), front=front) as url,
+        noted(settings, url),
+        worker_beside(settings, int(serve)),
+    ):
         links = {name: url + path for name, path in demo_front(settings, out, front, DEMO_FRAMES).items()}
         analysis = demo_scores(out)
         scores = "" if analysis is None else (
@@ -75,7 +87,8 @@ def demo(
         )  # fmt: skip
         sentences = (
             f"{scores}\nBegin here:          {url}\nAs a participant:    {links['participant']}\n"
-            f"As an experimenter:  {links['experimenter']}"
+            f"As an experimenter:  {links['experimenter']}\n"
+            f"Data folder:         {settings.data_dir} (further commands on it: cd {out}, then reconstudy status)"
         )
         result = {"out": str(out), "url": url, **links, **({"scores": analysis["scores"]} if analysis else {})}
         print_result(result, sentences, as_json=as_json)
@@ -84,7 +97,9 @@ def demo(
             _wait_for_interrupt()
 
 
-def _demo_steps(out: Path, settings: Settings, participants: int, progress: ProgressLine) -> list[Step]:
+def _demo_steps(
+    out: Path, settings: Settings, film_size: tuple[int, int], participants: int, progress: ProgressLine
+) -> list[Step]:
     """List the demo's steps; each makes only what is missing."""
     from app.experiment.demo import demo_analysis, demo_study, demo_votes
     from app.main import running_server
@@ -126,7 +141,9 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
     def film() -> None:
         if not (truth / SCENE_FILE).exists():
             write_truth_models(read_capture(capture), truth)
-        options = RenderOptions(size=(960, 540), seconds=DEMO_SECONDS, loop="repeat")
+        options = RenderOptions(
+            size=film_size, fps=DEMO_FPS, seconds=DEMO_SECONDS, loop="bounce", master=False, workers=DEMO_WORKERS
+        )
         folders = [run, truth, practice / "good", practice / "coarse"]
         render(folders, stimuli, options, progress, practice=PRACTICE_SCENE)
 
@@ -135,7 +152,7 @@ def _demo_steps(out: Path, settings: Settings, participants: int, progress: Prog
             write_films_report(*measure_films(stimuli, FilmSettings(TRUTH, every=DEMO_FILM_STEP), progress), measured)
 
     def make_study() -> None:
-        demo_study(settings, stimuli, measured, DEMO_SECONDS, by_step(progress))
+        demo_study(settings, stimuli, measured, DEMO_EXPOSURE_S, by_step(progress))
 
     def take_votes() -> None:
         with running_server(settings) as url:
@@ -164,6 +181,17 @@ def experiment_paper(
     scale: Annotated[
         str, typer.Option(help="small takes minutes; full makes videos in full HD of 15 s and takes hours.")
     ] = "small",
+    approach: FurtherOption = "",
+    colour: Annotated[
+        str, typer.Option(help="Sources of the models' colours, a third factor if both: vertices,photographs.")
+    ] = "vertices",
+    models: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder of models of a scene by another program, with a scene.json; once for each scene."),
+    ] = None,
+    ratings: Annotated[
+        bool, typer.Option("--ratings", help="Let other people, sent by a platform, also rate every video (ACR).")
+    ] = False,
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
     yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
@@ -176,7 +204,16 @@ def experiment_paper(
 
     if scale not in SCALES:
         raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
-    experiment, study = Experiment(out.resolve(), SCALES[scale], workers, cluster), StudyPart(out.resolve())
+    experiment = Experiment(
+        out.resolve(),
+        SCALES[scale],
+        parse_approaches(approach),
+        parse_names(colour),
+        tuple(models or ()),
+        workers,
+        cluster,
+    )
+    study = StudyPart(out.resolve(), has_ratings=ratings)
     sentence = f"The experiment takes {EXPERIMENT_TAKES[scale]}"
     if scale == "full" and not yes:
         _ask_to_go_on(sentence)
@@ -218,8 +255,7 @@ def _ask_to_go_on(sentence: str) -> None:
 
 def _tell_of_experiment(out: Path, report: Mapping[str, Any], *, as_json: bool) -> None:
     lines = [
-        f"  {'agrees ' if check['agrees'] else 'DIFFERS'} {check['question']}: put in {check['put_in']}, came out "
-        f"{check['came_out']}"
+        f"  {check['grade']:14} {check['question']}: put in {check['put_in']}, came out {check['came_out']}"
         for check in report["checks"]
     ]
     sentences = ["Conclusions, and the truth that was put in:", *lines, f"Report: {out / 'report.html'}"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import DEFAULT_URL, UrlOption
+from app.cli.shared import UrlOption
 from recon.cli.console import JsonOption, print_result
 
 app = typer.Typer()
@@ -24,24 +26,88 @@ def serve(
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
     workers: Annotated[int, typer.Option(min=1, help="Server processes; more than one needs PostgreSQL.")] = 1,
+    jobs: Annotated[
+        int,
+        typer.Option(min=0, help="How many of the dashboard's jobs to run at a time; 0: leave them to other workers."),
+    ] = 1,
 ) -> None:
-    """Serve all studies until you press Ctrl-C."""
+    """Serve all studies, and run the dashboard's jobs, until you press Ctrl-C."""
     from app.main import serve as serve_studies
     from app.operations.manage import list_studies, set_up_path
+    from app.operations.running import noted
     from app.settings import Settings
 
     settings = Settings()
 
-    def announce(url: str) -> None:
-        print(f"Serving at {url} until you press Ctrl-C.", flush=True)
+    def announce(listens_at: str) -> None:
+        running.enter_context(noted(settings, listens_at))
+        print(f"Serving {settings.data_dir.absolute()} at {listens_at} until you press Ctrl-C.", flush=True)
+        url = settings.public_url or listens_at
         for study in list_studies(settings):
             for code in study["invitations"]:
                 print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
-        print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME --url {url}`)", flush=True)
+        print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME`)", flush=True)
         if path := set_up_path(settings):
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)
 
-    serve_studies(settings, host, port, workers=workers, on_start=announce)
+    with ExitStack() as running:
+        serve_studies(settings, host, port, workers=workers, n_jobs=jobs, on_start=announce)
+
+
+@app.command()
+def status(as_json: JsonOption = False) -> None:
+    """Tell where the data lie, what they hold, whether the server runs and what is installed; nothing is changed."""
+    from app.operations.extras import MODULES
+    from app.operations.status import installed_extras, server_status
+    from app.settings import Settings
+
+    result = server_status(Settings()) | {"extras": installed_extras(MODULES)}
+    lines = [f"{name + ':':<15} {text}" for name, text in _status_lines(result)]
+    print_result(result, "\n".join(lines), as_json=as_json)
+
+
+def _status_lines(status: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    database, studies, films, sets = (status[name] for name in ("database", "studies", "films", "stimulus_sets"))
+    yield "Version", status["version"]
+    yield "Data folder", f"{status['data_dir']}, {status['free_gb']:g} GB free (RECONSTUDY_DATA_DIR names another)"
+    size = "" if database["megabytes"] is None else f", {database['megabytes']:g} MB"
+    yield "Database", f"{database['kind']} {database['place']}{size}"
+    yield "Tables", _tables_sentence(database)
+    if studies is not None:
+        held = f"{studies['participants']} participants, {studies['votes']} votes"
+        yield "Studies", f"{studies['n']}, {studies['open']} of them open; {held}"
+    yield "Films", f"{films['n']}, {films['megabytes']:g} MB, in {films['place']}"
+    yield "Stimulus sets", f"{sets['n']} for the dashboard, in {sets['place']}"
+    yield "Server", status["server"] or "does not run; `reconstudy serve` starts it"
+    yield "Work", "; ".join(status["jobs"]) or "none at the moment"
+    yield "Extras", ", ".join(f"{name}{'' if there else ' (missing)'}" for name, there in status["extras"].items())
+
+
+def _tables_sentence(database: Mapping[str, Any]) -> str:
+    if not database["answers"]:
+        return "not known; the database does not answer"
+    if database["version"] is None:
+        return "none yet; the first command that needs them makes them"
+    if database["version"] == database["newest"]:
+        return f"version {database['version']}, the newest"
+    return f"version {database['version']}, expected {database['newest']}; `reconstudy db upgrade` upgrades them"
+
+
+@app.command()
+def work(
+    jobs: Annotated[int, typer.Option(min=1, help="How many jobs to run at a time.")] = 1,
+    once: Annotated[bool, typer.Option("--once", help="End when no job waits any more.")] = False,
+) -> None:
+    """Run the dashboard's jobs until you press Ctrl-C; also on another machine, with the same database and folders."""
+    from app.operations.extras import has_extra, install_command
+    from app.operations.jobs.worker import work as run_jobs
+    from app.settings import Settings
+
+    settings = Settings()
+    print(f"Running the jobs of {settings.data_dir.absolute()} until you press Ctrl-C.", flush=True)
+    if not has_extra("recon"):
+        print(f"Only films are imported here; for the other jobs: {install_command('recon')}", flush=True)
+    run_jobs(settings, jobs, once=once)
 
 
 @admin_app.command("add")
@@ -51,20 +117,84 @@ def admin_add(
         str | None,
         typer.Option(help="viewer, experimenter or owner; default: unchanged, or owner for a new experimenter."),
     ] = None,
-    url: UrlOption = DEFAULT_URL,
+    study: Annotated[
+        list[str] | None,
+        typer.Option(help="Short name of a study to see, once for each, or '*' for all; default: unchanged, or all."),
+    ] = None,
+    url: UrlOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a sign-in link for an experimenter, valid for a week; their older link and password end."""
+    """Make a sign-in link for an experimenter, valid once, for a day; older link, password and sessions end."""
     from app.operations.manage import add_experimenter
+    from app.operations.running import url_for_links
     from app.settings import Settings
     from app.store.experimenters import ROLES
 
     if role is not None and role not in ROLES:
         raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
-    added = add_experimenter(Settings(), experimenter, next((known for known in ROLES if known == role), None))
-    added["link"] = url + added["path"]
+    settings = Settings()
+    added = add_experimenter(settings, experimenter, next((known for known in ROLES if known == role), None), study)
+    added["link"] = (url or url_for_links(settings)) + added["path"]
     ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
     print_result(added, f"{added['name']} signs in with {added['link']}{ended}", as_json=as_json)
+
+
+@admin_app.command("list")
+def admin_list(as_json: JsonOption = False) -> None:
+    """List all experimenters with their roles."""
+    from app.operations.manage import list_experimenters
+    from app.settings import Settings
+
+    people = list_experimenters(Settings())
+    lines = [f"{person['name']}: {person['role']}, {person['state']}, {_seen(person['studies'])}" for person in people]
+    sentence = "\n".join(lines) or "There is nobody yet; `reconstudy admin add NAME` adds an experimenter."
+    print_result({"experimenters": people}, sentence, as_json=as_json)
+
+
+def _seen(studies: Sequence[str] | None) -> str:
+    return "all studies" if studies is None else f"only {', '.join(studies) or 'no study'}"
+
+
+@admin_app.command("remove")
+def admin_remove(
+    experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
+    as_json: JsonOption = False,
+) -> None:
+    """End an experimenter's access at once; the audit log keeps what they did, and `admin add` lets them in again."""
+    from app.operations.manage import remove_experimenter
+    from app.settings import Settings
+
+    remove_experimenter(Settings(), experimenter)
+    print_result({"name": experimenter}, f"{experimenter} has no access any more.", as_json=as_json)
+
+
+@token_app.command("list")
+def token_list(as_json: JsonOption = False) -> None:
+    """List all tokens, newest first; their secrets are not stored."""
+    from app.operations.manage import list_tokens
+    from app.settings import Settings
+
+    tokens = list_tokens(Settings())
+    lines = [
+        f"{token['name']}: {token['state']}, may {', '.join(token['scopes'])}, {_seen(token['studies'])}"
+        for token in tokens
+    ]
+    sentence = "\n".join(lines) or "There is no token yet; `reconstudy token add NAME` makes one."
+    print_result({"tokens": tokens}, sentence, as_json=as_json)
+
+
+@token_app.command("revoke")
+def token_revoke(
+    token_name: Annotated[str, typer.Argument(metavar="NAME", help="The token's name, as `token list` shows it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Revoke a token: it opens nothing from now on."""
+    from app.operations.manage import end_token
+    from app.settings import Settings
+
+    was_valid = end_token(Settings(), token_name)
+    sentence = f"{token_name} is revoked." if was_valid else f"{token_name} was revoked before."
+    print_result({"name": token_name, "was_valid": was_valid}, sentence, as_json=as_json)
 
 
 @token_app.command("add")
@@ -72,18 +202,24 @@ def token_add(
     token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
     scope: Annotated[
         list[str] | None,
-        typer.Option(help="What the token may do: read, personal or audit; may be repeated; default: all."),
+        typer.Option(
+            help="What the token may do: read, personal, audit, jobs, studies:write or participants:write; may be "
+            "repeated; default: the three that only read."
+        ),
+    ] = None,
+    study: Annotated[
+        list[str] | None, typer.Option(help="Short name of a study that it opens, once for each; default: all studies.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a bearer token for fetching results over REST; it is shown only once."""
     from app.operations.manage import add_token
     from app.settings import Settings
-    from app.store.tokens import SCOPES
+    from app.store.tokens import READING, SCOPES
 
     if unknown := sorted(set(scope or ()) - SCOPES.keys()):
         raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
-    added = add_token(Settings(), token_name, tuple(scope or SCOPES))
+    added = add_token(Settings(), token_name, tuple(scope or READING), study)
     print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
 
 
@@ -93,15 +229,22 @@ def backup(
     media: Annotated[
         bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
     ] = False,
+    encrypt_to: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Public key (age1…, ssh-ed25519 …) or file of such keys, whose owners alone can read the backup."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
     from app.operations.backup import back_up
     from app.settings import Settings
 
-    result = back_up(Settings(), file, with_media=media)
+    result = back_up(Settings(), file, with_media=media, encrypt_to=encrypt_to or ())
     n_rows = sum(result["tables"].values())
-    print_result(result, f"{n_rows} rows and {result['videos']} videos are in {file}.", as_json=as_json)
+    kept = f"{n_rows} rows and {result['videos']} videos are in {file}{', encrypted' * result['encrypted']}."
+    print_result(result, kept, as_json=as_json)
 
 
 @app.command()
@@ -111,16 +254,17 @@ def restore(
         bool,
         typer.Option("--replace", help="First delete what the database holds: studies, people, tokens, the audit log."),
     ] = False,
+    identity: Annotated[Path | None, typer.Option(help="File of the private key to an encrypted backup.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Restore a backup, all of it or nothing; the server may run meanwhile."""
     from app.operations.backup import restore as restore_backup
     from app.settings import Settings
 
-    result = restore_backup(Settings(), file, replace=replace)
-    print_result(
-        result, f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.", as_json=as_json
-    )
+    result = restore_backup(Settings(), file, replace=replace, identity=identity)
+    again = f" {result['erased_again']} erasures since then were applied again." if result["erased_again"] else ""
+    sentence = f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.{again}"
+    print_result(result, sentence, as_json=as_json)
 
 
 @db_app.command("check")

@@ -11,8 +11,12 @@ from recon.cli.console import ProgressLine
 if TYPE_CHECKING:
     from app.ffmpeg import Progress
 
-DEFAULT_URL = "http://127.0.0.1:8000"
-UrlOption = Annotated[str, typer.Option(help="Address of the server, for the links that are printed.")]
+UrlOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of the server, for printed links; default: the public one, where it runs, or port 8000."
+    ),
+]
 
 
 def by_step(progress: ProgressLine) -> Progress:

@@ -8,18 +8,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.shared import DEFAULT_URL, UrlOption, by_step
-from recon.cli.console import JsonOption, ProgressLine, print_result
+from app.cli.shared import UrlOption, by_step
+from app.cli.study_flags import with_option_flags
+from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 
 if TYPE_CHECKING:
     from app.intake.merge import NewSet
+    from app.settings import Settings
+    from app.store.studies import Standing
+
+FEWEST_CONDITIONS = 2  # of a dataset that a study compares
 
 StudyArgument = Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")]
 
 app = typer.Typer()
 stimuli_app = typer.Typer(no_args_is_help=True, help="Check, import and merge stimulus sets.")
 study_app = typer.Typer(
-    no_args_is_help=True, help="Create, import, export, list and check studies; invite; attach measures."
+    no_args_is_help=True,
+    help="Create, import, export, list, open, close, copy and delete studies; invite; attach measures.",
 )
 app.add_typer(stimuli_app, name="stimuli")
 app.add_typer(study_app, name="study")
@@ -37,7 +43,8 @@ def stimuli_check(
     checked = read_stimulus_set(stimulus_set, by_step(progress))
     progress.close()
     result = {"name": checked.name, "datasets": list(checked.datasets), "conditions": list(checked.conditions)}
-    sentence = f"{len(checked.stimuli)} videos of {len(checked.datasets)} datasets are whole: {stimulus_set}"
+    whole = f"{counted(len(checked.stimuli), 'video')} of {counted(len(checked.datasets), 'dataset')}"
+    sentence = f"{whole} {'is' if len(checked.stimuli) == 1 else 'are'} whole: {stimulus_set}"
     print_result(result, sentence, as_json=as_json)
 
 
@@ -90,17 +97,20 @@ def _tell_of_set(new: NewSet, out: Path, *, as_json: bool) -> None:
         "videos": len(made.stimuli),
         "notes": list(new.notes),
     }
-    films = f"{len(made.stimuli)} videos: {len(made.conditions)} conditions of {len(made.datasets)} datasets: {out}"
-    is_comparable = all(len(made.of_dataset(dataset)) > 1 for dataset in made.datasets)
+    conditions, datasets = counted(len(made.conditions), "condition"), counted(len(made.datasets), "dataset")
+    films = f"{counted(len(made.stimuli), 'video')}: {conditions} of {datasets}: {out}"
+    alone = [dataset for dataset in made.datasets if len(made.of_dataset(dataset)) < FEWEST_CONDITIONS]
     follows = (
-        f"A study of it: reconstudy study create {out} --name NAME"
-        if is_comparable
-        else f"To be compared with others: reconstudy stimuli merge OTHER_SET {out} -o SET"
+        f"A study compares two or more conditions of each dataset, and {', '.join(alone)} has one. Import the films of "
+        f"another condition, too, or join this set with another: reconstudy stimuli merge OTHER_SET {out} -o SET"
+        if alone
+        else f"A study of it: reconstudy study create {out} --name NAME"
     )
     print_result(result, "\n".join([films, *new.notes, follows]), as_json=as_json)
 
 
 @study_app.command("create")
+@with_option_flags
 def study_create(
     stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
     study_name: Annotated[
@@ -110,16 +120,6 @@ def study_create(
         float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
-    protocol: Annotated[
-        str | None,
-        typer.Option(
-            help="How to judge: PC (which of two is better, default), CCR (how much better), ACR (films one by one), "
-            "ACR-HR (the reference hidden among them) or DCR (against the reference)."
-        ),
-    ] = None,
-    scale: Annotated[
-        str | None, typer.Option(help="Of ACR, ACR-HR and DCR: 5 (default), 9 or 11 grades, or slider (0 to 100).")
-    ] = None,
     preset: Annotated[
         str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
     ] = "quick",
@@ -127,78 +127,26 @@ def study_create(
         Path | None,
         typer.Option("--options", help="TOML file: optional_stages, consent, questions, …; it overrides the preset."),
     ] = None,
-    both_orders: Annotated[
-        bool, typer.Option("--both-orders", help="Show every pair twice, the second time with A and B exchanged.")
-    ] = False,
-    repeated_pairs: Annotated[
-        int | None, typer.Option(min=0, help="How many pairs of each dataset to repeat, to see whether choices agree.")
-    ] = None,
-    identical_pairs: Annotated[
-        int | None,
-        typer.Option(min=0, help="How many pairs of each dataset to make of one stimulus twice, to check attention."),
-    ] = None,
-    free_exposure: Annotated[
-        bool,
-        typer.Option("--free-exposure", help="Let participants end the exposure; videos repeat until then."),
-    ] = False,
-    practice: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DATASET",
-            help="Dataset to practise with, which no trial shows; default: the set's own, or two films.",
-        ),
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            help="Condition to show as reference: beside every pair, in ACR-HR hidden, in DCR before each film."
-        ),
-    ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option(help="Condition of the set to leave out, such as truth, which measures alone need; repeatable."),
-    ] = None,
-    second_codec: Annotated[
-        str | None, typer.Option(help="vp9 or av1: also make every film in this codec, for browsers without H.264.")
-    ] = None,
-    fallback: Annotated[
-        str | None,
-        typer.Option(
-            help="Where a pair's film does not play: webcodecs (default), 'two videos' (flags votes), or '' for none."
-        ),
-    ] = None,
-    break_every: Annotated[
-        int | None, typer.Option(min=0, help="Offer a break after so many trials; 0: never; default: 25.")
-    ] = None,
-    url: UrlOption = DEFAULT_URL,
+    url: UrlOption = None,
     as_json: JsonOption = False,
+    *,
+    given: dict[str, Any],
 ) -> None:
-    """Create a study from a stimulus set, with an open invitation."""
+    """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
     from app.operations.create import create_study, read_options
     from app.settings import Settings
     from app.study.protocols import typed_scale
     from app.study.stages import PRACTICE
 
-    given = {
-        "protocol": protocol,
-        "scale": typed_scale(scale) if scale else None,
-        "both_orders": both_orders or None,
-        "repeated_pairs": repeated_pairs,
-        "identical_pairs": identical_pairs,
-        "free_exposure": free_exposure or None,
-        "practice_dataset": practice,
-        "reference": reference,
-        "without": without or None,
-        "second_codec": second_codec,
-        "fallback": fallback,
-        "break_every": break_every,
-    }
-    options = read_options(options_file, {name: value for name, value in given.items() if value is not None}, preset)
-    if practice is not None:
+    if "scale" in given:
+        given["scale"] = typed_scale(given["scale"])
+    options = read_options(options_file, given, preset)
+    if "practice_dataset" in given:
         options = options.with_stage(PRACTICE)
     progress = ProgressLine()
+    settings = Settings()
     study = create_study(
-        Settings(),
+        settings,
         stimulus_set,
         study_name,
         exposure_s=exposure,
@@ -207,16 +155,17 @@ def study_create(
         progress=by_step(progress),
     )
     progress.close()
-    _tell_of_study(study, url, as_json=as_json)
+    _tell_of_study(study, settings, url, as_json=as_json)
 
 
 @study_app.command("import")
 def study_import(
     file: Annotated[
-        Path, typer.Argument(help="TOML file: name, stimuli, exposure_s, seed, [options]; `study export` writes one.")
+        Path,
+        typer.Argument(help="TOML file: name, stimuli, exposure_s, seed and options; `study export` writes one."),
     ],
     stimuli: Annotated[Path | None, typer.Option(help="Folder of the stimulus set; default: the file's.")] = None,
-    url: UrlOption = DEFAULT_URL,
+    url: UrlOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Create a study from a study file, with an open invitation."""
@@ -224,9 +173,10 @@ def study_import(
     from app.settings import Settings
 
     progress = ProgressLine()
-    study = import_study(Settings(), file, stimuli=stimuli, progress=by_step(progress))
+    settings = Settings()
+    study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
     progress.close()
-    _tell_of_study(study, url, as_json=as_json)
+    _tell_of_study(study, settings, url, as_json=as_json)
 
 
 @study_app.command("export")
@@ -252,15 +202,17 @@ def study_invite(
     places: Annotated[
         int | None, typer.Option(min=1, help="How many participants may use it; default: any number.")
     ] = None,
-    url: UrlOption = DEFAULT_URL,
+    url: UrlOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Add an invitation to a study."""
     from app.operations.manage import add_invitation
+    from app.operations.running import url_for_links
     from app.settings import Settings
 
-    made = add_invitation(Settings(), study, places=places)
-    made["link"] = url + made["path"]
+    settings = Settings()
+    made = add_invitation(settings, study, places=places)
+    made["link"] = (url or url_for_links(settings)) + made["path"]
     people = "as many participants as come" if places is None else f"{places} participant{'s' * (places > 1)}"
     print_result(made, f"For {people}: {made['link']}", as_json=as_json)
 
@@ -316,16 +268,80 @@ def study_attach(
     print_result(attached, "\n".join(sentences), as_json=as_json)
 
 
+@study_app.command("open")
+def study_open(study: StudyArgument, as_json: JsonOption = False) -> None:
+    """Open a study, or open it again: people may begin."""
+    _change_standing(study, "open", as_json=as_json)
+
+
+@study_app.command("pause")
+def study_pause(study: StudyArgument, as_json: JsonOption = False) -> None:
+    """Pause a study: nobody begins for now; who has begun goes on."""
+    _change_standing(study, "paused", as_json=as_json)
+
+
+@study_app.command("close")
+def study_close(study: StudyArgument, as_json: JsonOption = False) -> None:
+    """Close a study: nobody new begins; who has begun goes on."""
+    _change_standing(study, "closed", as_json=as_json)
+
+
+@study_app.command("archive")
+def study_archive(study: StudyArgument, as_json: JsonOption = False) -> None:
+    """Archive a study: it is closed and out of the way, and may be deleted."""
+    _change_standing(study, "archived", as_json=as_json)
+
+
+def _change_standing(study: str, standing: Standing, *, as_json: bool) -> None:
+    from app.operations.manage import change_study_standing
+    from app.settings import Settings
+
+    changed = change_study_standing(Settings(), study, standing)
+    print_result(changed, f"{study} is {standing}; it was {changed['before']}.", as_json=as_json)
+
+
+@study_app.command("duplicate")
+def study_duplicate(
+    study: StudyArgument,
+    new_name: Annotated[str, typer.Option("--name", help="Name of the new study.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
+    from app.operations.create import copy_study
+    from app.settings import Settings
+
+    made = copy_study(Settings(), study, new_name)
+    sentence = f"{made['study']} is a copy of {study}. It is paused; `reconstudy study open {made['study']}` opens it."
+    print_result(made, sentence, as_json=as_json)
+
+
+@study_app.command("delete")
+def study_delete(
+    study: StudyArgument,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; there is no way back but a backup.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Delete a study with all its votes for good; once somebody has begun, archive it first."""
+    from app.operations.manage import remove_study
+    from app.settings import Settings
+
+    if not yes and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study:
+        raise ValueError(f"{study} was not deleted: another name was typed")
+    gone = remove_study(Settings(), study)
+    sentence = f"{study} is deleted, with {gone['votes']} votes of {gone['participants']} participants."
+    print_result(gone, sentence, as_json=as_json)
+
+
 @study_app.command("list")
 def study_list(as_json: JsonOption = False) -> None:
     """List all studies with their progress, newest first."""
     from app.operations.manage import list_studies
     from app.settings import Settings
 
-    studies = list_studies(Settings())
-    lines = [_study_sentence(study) for study in studies] or [
-        "There is no study yet; `reconstudy study create` makes one."
-    ]
+    settings = Settings()
+    studies = list_studies(settings)
+    nothing = f"There is no study yet in {settings.data_dir.absolute()}; `reconstudy study create` makes one."
+    lines = [_study_sentence(study) for study in studies] or [nothing]
     print_result({"studies": studies}, "\n".join(lines), as_json=as_json)
 
 
@@ -336,8 +352,11 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
     )
 
 
-def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
-    study["link"] = url + study["path"]
+def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *, as_json: bool) -> None:
+    from app.operations.running import running_url, url_for_links
+
+    running = running_url(settings)
+    study["link"] = (url or url_for_links(settings)) + study["path"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     shown = "pairs" if study["n_pairs"] else "trials"
     n_shown = study["n_pairs"] or study["n_trials"]
@@ -346,7 +365,7 @@ def _tell_of_study(study: dict[str, Any], url: str, *, as_json: bool) -> None:
         f"{study['exposure_s']:g} s each.{left_out}",
         _languages_sentence(study["languages"]),
         *(f"{note}." for note in study.get("notes", ())),
-        f"Invite participants with {study['link']} once `reconstudy serve` runs.",
+        f"Invite participants with {study['link']}{'' if running else ' once `reconstudy serve` runs'}.",
     ]
     print_result(study, "\n".join(sentences), as_json=as_json)
 

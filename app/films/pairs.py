@@ -2,11 +2,12 @@
 
 A pair video holds one stimulus above the other; both are decoded together and never differ by a frame. A reference lies
 below them. Each film is H.264, and also in a second codec for other browsers where a study asks for it. For browsers
-that play neither, every stimulus can also be a film of its own.
+that play neither, every stimulus can also be a film of its own. For slow lines each pair can have a lighter film.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,7 +17,8 @@ from pathlib import Path
 from app.errors import StimuliError
 from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest
-from app.films.strips import GUARD_ROWS, H264, SINGLE, Strips, film_key, make_film
+from app.films.padding import HEADER, padded, restore
+from app.films.strips import GUARD_ROWS, H264, LIGHTER, SINGLE, Strips, film_key, make_film
 from app.intake.stimuli import Stimulus, StimulusSet
 
 References = Mapping[str, Stimulus]  # by dataset
@@ -41,7 +43,7 @@ class FilmFile:
 
 @dataclass(frozen=True)
 class PairVideo:
-    """A pair's video; the stimulus with the smaller digest is on top, which tells nothing about its condition.
+    """A pair's video; which stimulus is on top follows from the digests of both, and tells nothing about either.
 
     Parameters
     ----------
@@ -51,6 +53,7 @@ class PairVideo:
     guard_rows : rows between the strips
     second : the same in another codec, for browsers that do not play the first
     singles : its strips from the top, a film each, for browsers that play neither; empty: not wanted
+    lighter : the same with fewer bytes, for slow lines; both stimuli are encoded alike
     """
 
     top: Stimulus
@@ -64,11 +67,13 @@ class PairVideo:
     n_frames: int
     second: FilmFile | None = None
     singles: tuple[FilmFile, ...] = ()
+    lighter: FilmFile | None = None
 
     @property
-    def files(self) -> list[str]:
-        """Names of all files."""
-        return [self.file, *(film.file for film in (self.second, *self.singles) if film)]
+    def films(self) -> list[FilmFile]:
+        """All its films."""
+        first = FilmFile(H264, self.file, self.sha256)
+        return [first, *(film for film in (self.second, *self.singles, self.lighter) if film)]
 
 
 @dataclass(frozen=True)
@@ -80,17 +85,19 @@ class FilmMaker:
     media_dir : folder of the films, which are named by their content; existing ones are not made again
     second_codec : for browsers that do not play H.264; empty: none
     has_singles : also make a film of every stimulus
+    has_lighter : also make a film of every pair with fewer bytes
     progress : called after each film
     """
 
     media_dir: Path
     second_codec: str = ""
     has_singles: bool = False
+    has_lighter: bool = False
     progress: Progress = no_progress
 
     @property
     def codecs(self) -> tuple[str, ...]:
-        return (H264, self.second_codec) if self.second_codec else (H264,)
+        return (H264, *filter(None, [self.second_codec]), *([LIGHTER] if self.has_lighter else []))
 
 
 def prepare_pairs(
@@ -162,6 +169,29 @@ def prepare_practice(
     return _prepare(scene, every, replace(maker, progress=no_progress), NO_REFERENCES, is_sorted=False)
 
 
+def equally_large(media_dir: Path, videos: Sequence[PairVideo]) -> list[PairVideo]:
+    """Pad films so that those of a dataset in the same codec have the same size, lest it names a pair or a stimulus.
+
+    Parameters
+    ----------
+    media_dir : folder of the films, where the unpadded ones are removed
+    videos : all that are shown, from `prepare_pairs` and the like
+    """
+    groups: dict[tuple[str, str], set[Path]] = {}
+    for video in videos:
+        for film in video.films:
+            groups.setdefault((video.top.dataset, film.codec), set()).add(media_dir / film.file)
+    made: dict[tuple[str, str, str], FilmFile] = {}
+    for (dataset, codec), paths in groups.items():
+        size = max(path.stat().st_size for path in paths) + HEADER
+        for path in paths:
+            copy = padded(path, size)
+            made[dataset, codec, path.name] = FilmFile(codec, copy.name, file_digest(copy))
+    for path in set().union(*groups.values()):
+        path.unlink(missing_ok=True)
+    return [_padded_pair(video, made) for video in videos]
+
+
 def split_reference(stimulus_set: StimulusSet, reference: str, fewest: int = 2) -> tuple[StimulusSet, References]:
     """Split a set into what is compared, and by dataset the reference shown beside it.
 
@@ -200,18 +230,25 @@ def _prepare(
     planned: list[_PlannedPair] = []
     for pair in pairs:
         below = filter(None, [references.get(pair[0].dataset)])
-        two = sorted(pair, key=lambda s: (digests[s.name], s.name)) if is_sorted else pair
+        two = _in_blind_order(pair, digests) if is_sorted else pair
         planned.append(_planned(stimulus_set, (*two, *below), digests, maker))
     every = {path: film for pair in planned for path, film in (*pair.stacked, *pair.singles)}  # each content once
-    missing = [(path, film) for path, film in every.items() if not path.is_file()]
+    missing = [(path, film) for path, film in every.items() if not path.is_file() and not restore(path)]
     in_parallel([(f"encoding {film.name}", partial(make_film, film, path)) for path, film in missing], maker.progress)
     files = {path: FilmFile(film.codec, path.name, file_digest(path)) for path, film in every.items()}
     return [_pair_video(pair, files) for pair in planned]
 
 
+def _in_blind_order(pair: Sequence[Stimulus], digests: Mapping[str, str]) -> list[Stimulus]:
+    """Order the stimuli of a pair as if by lot: by one order of all stimuli, some would be on top in every pair."""
+    both = "".join(sorted(digests[stimulus.name] for stimulus in pair))
+    lots = {s.name: hashlib.sha256(f"{both}{digests[s.name]}".encode()).hexdigest() for s in pair}
+    return sorted(pair, key=lambda stimulus: (lots[stimulus.name], stimulus.name))
+
+
 @dataclass(frozen=True)
 class _PlannedPair:
-    """The films of a pair: both stimuli in one, in each codec; and each strip alone, from the top."""
+    """The films of a pair: both stimuli in one, in each codec, H.264 first; and each strip alone, from the top."""
 
     stacked: list[tuple[Path, Strips]]
     singles: list[tuple[Path, Strips]]
@@ -232,8 +269,17 @@ def _pair_video(planned: _PlannedPair, files: Mapping[Path, FilmFile]) -> PairVi
     stimuli = planned.stacked[0][1].stimuli
     top, bottom = stimuli[0], stimuli[min(1, len(stimuli) - 1)]
     first, *others = [files[path] for path, _ in planned.stacked]
+    lighter = next((film for film in others if film.codec == LIGHTER), None)
+    second = next((film for film in others if film.codec != LIGHTER), None)
     size = (top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
     singles = tuple(files[path] for path, _ in planned.singles)
-    return PairVideo(
-        top, bottom, first.file, first.sha256, *size, second=others[0] if others else None, singles=singles
-    )
+    return PairVideo(top, bottom, first.file, first.sha256, *size, second=second, singles=singles, lighter=lighter)
+
+
+def _padded_pair(video: PairVideo, made: Mapping[tuple[str, str, str], FilmFile]) -> PairVideo:
+    """Return a pair with the padded copies of its films, by dataset, codec and file."""
+    first, *others = [made[video.top.dataset, film.codec, film.file] for film in video.films]
+    singles = tuple(film for film in others if film.codec == SINGLE)
+    lighter = next((film for film in others if film.codec == LIGHTER), None)
+    second = next((film for film in others if film.codec not in (SINGLE, LIGHTER)), None)
+    return replace(video, file=first.file, sha256=first.sha256, second=second, singles=singles, lighter=lighter)

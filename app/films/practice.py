@@ -7,7 +7,7 @@ the trials is only the last resort, and a note says so.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import StimuliError
-from app.ffmpeg import in_parallel, no_progress, run_ffmpeg
+from app.ffmpeg import in_parallel, no_progress, reading, run_ffmpeg
 from app.intake.stimuli import Stimulus, StimulusSet
-from app.study.practice import PracticeFilms
+from app.study.practice import MOST_PRACTICE, PracticeFilms
 
 LOOK_WIDTH = 160  # pixels to which films are reduced to be compared: what is plain is plain in small
 LOOKS = 5  # pictures of each film that are compared, evenly over its length
@@ -50,7 +50,12 @@ class Practice:
 
 
 def choose_practice(
-    stimulus_set: StimulusSet, dataset: str, wanted: Sequence[PracticeFilms], reference: str = ""
+    stimulus_set: StimulusSet,
+    dataset: str,
+    wanted: Sequence[PracticeFilms],
+    reference: str = "",
+    *,
+    is_rated_against: bool = False,
 ) -> Practice:
     """Choose the films to practise with: those wanted, else the dataset's, else the set's, else two of the trials.
 
@@ -59,24 +64,41 @@ def choose_practice(
     stimulus_set : of the study
     dataset : that is for practice only; empty: none
     wanted : films to practise with; empty: the two that differ most
-    reference : a condition that is shown beside the pairs, and compared with nothing; empty: none
+    reference : the condition that is the study's reference; empty: none
+    is_rated_against : is every film rated against the reference, as in DCR? Then the practice shows it first, where the
+        dataset has it; else the reference is shown beside the pairs, and left out here unless it is wanted
 
     Raises
     ------
     StimuliError
-        If the set lacks the dataset or a film, or nothing is left to compare.
+        If the set lacks the dataset or a film, nothing is left to compare, or the films are too many.
     """
     compared = without_dataset(stimulus_set, dataset) if dataset else stimulus_set
+    choosable = stimulus_set if is_rated_against else stimulus_set.without(reference)
     if wanted:
         pairs = tuple(_found(stimulus_set, films) for films in wanted)
     elif dataset:
-        pairs = (most_different(stimulus_set, stimulus_set.without(reference).of_dataset(dataset)),)
+        pairs = (most_different(stimulus_set, choosable.of_dataset(dataset)),)
     elif stimulus_set.practice:
         first, second = stimulus_set.practice
         pairs = ((first, second),)
     else:
-        pairs = (most_different(stimulus_set, compared.without(reference).of_dataset(compared.datasets[0])),)
+        pairs = (most_different(stimulus_set, choosable.of_dataset(compared.datasets[0])),)
+    if is_rated_against:
+        pairs = tuple(_against_reference(stimulus_set, pairs, reference))
+        if len(pairs) > MOST_PRACTICE:
+            raise StimuliError(
+                f"practice has {len(pairs)} films to rate against {reference}, expected {MOST_PRACTICE} at most"
+            )
     return Practice(pairs, compared, tuple(_note(pair) for pair in pairs if pair[0] in compared.stimuli))
+
+
+def _against_reference(stimulus_set: StimulusSet, pairs: Sequence[Pair], reference: str) -> Iterator[Pair]:
+    """Yield every film of the pairs after the reference of its dataset; a dataset without one keeps its pair."""
+    films = _films_by_name(stimulus_set)
+    for pair in pairs:
+        first = films.get((pair[0].dataset, reference))
+        yield from [pair] if first is None else ((first, film) for film in pair if film != first)
 
 
 def without_dataset(stimulus_set: StimulusSet, dataset: str) -> StimulusSet:
@@ -129,14 +151,12 @@ def _write_looks(film: Path, n_frames: int, out: Path) -> None:
     """Write a few pictures of a film, small, as bytes of red, green and blue."""
     step = max(1, n_frames // LOOKS)
     look = f"select=not(mod(n\\,{step})),scale={LOOK_WIDTH}:-2"
-    command = ["-i", str(film), "-vf", look, "-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-f", "rawvideo"]
+    command = [*reading(film), "-vf", look, "-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-f", "rawvideo"]
     run_ffmpeg([*command, str(out)], f"{film}: cannot be decoded as a video")
 
 
 def _found(stimulus_set: StimulusSet, films: PracticeFilms) -> Pair:
-    known = {
-        (stimulus.dataset, stimulus.approach): stimulus for stimulus in (*stimulus_set.stimuli, *stimulus_set.practice)
-    }
+    known = _films_by_name(stimulus_set)
     of_dataset = [approach for dataset, approach in known if dataset == films.dataset]
     for approach in (films.a, films.b):
         if approach not in of_dataset:
@@ -145,6 +165,12 @@ def _found(stimulus_set: StimulusSet, films: PracticeFilms) -> Pair:
                 f"of {films.dataset} it has {', '.join(of_dataset) or 'none'}"
             )
     return known[films.dataset, films.a], known[films.dataset, films.b]
+
+
+def _films_by_name(stimulus_set: StimulusSet) -> Mapping[tuple[str, str], Stimulus]:
+    """Return dataset and condition -> stimulus, of the trials and of the practice."""
+    every = (*stimulus_set.stimuli, *stimulus_set.practice)
+    return {(stimulus.dataset, stimulus.approach): stimulus for stimulus in every}
 
 
 def _note(pair: Pair) -> str:

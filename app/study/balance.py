@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
 from app.study.design import LONGEST_RUN, Repetition, longest_run, williams_square
+from app.study.groups import Group, group_of_slot, pairs_of_group
 from app.study.protocols import PC, RATED, Protocol
 from app.study.rating_order import most_neighbours, trials_in_order
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
@@ -50,6 +51,7 @@ class StudyPlan:
     names : (dataset, condition) by the stimulus' key
     is_adaptive : do participants see pairs chosen from earlier votes, and not all?
     protocol : the study's
+    groups : that participants are assigned to; empty: none
     """
 
     pairs: Sequence[PlannedPair]
@@ -58,6 +60,7 @@ class StudyPlan:
     names: Mapping[int, tuple[str, str]]
     is_adaptive: bool = False
     protocol: Protocol = PC
+    groups: Sequence[Group] = ()
 
     @property
     def is_rated(self) -> bool:
@@ -65,8 +68,27 @@ class StudyPlan:
         return self.protocol in RATED
 
     def order_of_slot(self, slot: int, pairs: Sequence[PlannedPair]) -> list[PlannedTrial]:
-        """Return the order of these pairs that follows from seed and slot."""
+        """Return the order of these pairs that follows from seed and slot; of a group, only those that it sees."""
+        if (group := self.group(slot)) is not None:
+            _, slot = group_of_slot(len(self.groups), self.seed, slot)
+            pairs = pairs_of_group(group, pairs, self.names)
         return trials_in_order(self.protocol, pairs, self.seed, slot, self.repetition)
+
+    def group(self, slot: int) -> Group | None:
+        """Return the group that a slot belongs to; None: the study has no groups."""
+        return self.groups[group_of_slot(len(self.groups), self.seed, slot)[0]] if self.groups else None
+
+    def of_group(self, group: Group) -> StudyPlan:
+        """Return the plan of what a group sees."""
+        return replace(self, pairs=pairs_of_group(group, self.pairs, self.names), groups=())
+
+    def shared(self, order: TakenOrder) -> TakenOrder:
+        """Return an order without trials of other pairs than the plan's, which another rule finds."""
+        return replace(order, trials=[trial for trial in order.trials if trial.pair in self._by_key])
+
+    def most_trials(self, pairs: Sequence[PlannedPair]) -> int:
+        """Count the trials of a participant who sees these pairs, of the group that sees most of them."""
+        return max(len(self.order_of_slot(slot, pairs)) for slot in range(max(1, len(self.groups))))
 
     def order(self, taken: TakenOrder) -> list[PlannedTrial]:
         """Return the order that follows from seed and slot (in an adaptive study, of the pairs chosen)."""
@@ -162,6 +184,8 @@ def _rules_of_ratings(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dic
 def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
     if plan.is_rated:
         return []  # every order is random by itself
+    if plan.groups:
+        return _rules_of_groups(plan, orders, group)
     ways: Counter[Hashable] = Counter()
     for pair in plan.pairs:
         if not pair.is_identical:
@@ -184,6 +208,18 @@ def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> 
         _rule("spread of the datasets over the positions", group, _spread(places), uneven),
         _rule("spread of which dataset follows which", group, _spread(followers), uneven),
     ]
+
+
+def _rules_of_groups(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
+    """Return the rules across the participants of each of a study's groups, and of the groups' sizes."""
+    assigned = {each.name: [order for order in orders if plan.group(order.slot) == each] for each in plan.groups}
+    sizes = [len(members) for members in assigned.values()]
+    rules = [_rule("spread of the sizes of the groups", group, max(sizes) - min(sizes), 1)]
+    for each in plan.groups:
+        part = plan.of_group(each)
+        members = [part.shared(order) for order in assigned[each.name]]
+        rules += _rules_across(part, members, f"{group}, of {each.name}")
+    return rules
 
 
 def _rule(rule: str, group: str, worst: int, allowed: int) -> dict[str, Any]:
@@ -267,7 +303,7 @@ def _dataset_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[st
     names = {pair.dataset: plan.names[pair.top][0] for pair in plan.pairs}
     rows = [_datasets_in_order(plan, order) for order in orders]
     return [
-        {"dataset": name, "position": place + 1, "n_shown": sum(row[place] == dataset for row in rows)}
+        {"dataset": name, "position": place + 1, "n_shown": sum(row[place : place + 1] == [dataset] for row in rows)}
         for dataset, name in names.items()
         for place in range(len(names))
     ]

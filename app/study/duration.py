@@ -33,18 +33,22 @@ def stage_minutes(options: StudyOptions, n_trials: int, exposure_s: float) -> di
     n_trials : that a participant sees
     exposure_s : how long a trial is shown; with a free exposure about as long
     """
-    trial_s = FIXATION_S + exposure_s + VOTING_S
     seconds = {
         INTRODUCTION: INSTRUCTIONS_S
         + len(options.consent.split()) / WORDS_PER_S
         + COMPREHENSION_S * options.comprehension,
         SCREENING: _screening_s(options.screening),
-        PRACTICE: PRACTICE_PAGES_S + options.n_practice * trial_s,
-        TRIAL: n_trials * trial_s + n_breaks(n_trials, options.break_every) * max(BREAK_S, options.break_s),
+        PRACTICE: PRACTICE_PAGES_S + trials_s(options.n_practice, exposure_s),
+        TRIAL: trials_s(n_trials, exposure_s) + n_breaks(n_trials, options.break_every) * max(BREAK_S, options.break_s),
         INTERVIEW: sum(ANSWER_S[question.kind] for question in options.questions)
         + SPOKEN_ANSWER_S * len(options.spoken_questions),
     }
     return {stage: round(seconds[stage] / 60, 2) for stage in options.way if stage in seconds}
+
+
+def trials_s(n_trials: int, exposure_s: float) -> float:
+    """Return how long trials take without breaks, s: with the fixation, the answer and "Next"."""
+    return n_trials * (FIXATION_S + exposure_s + VOTING_S)
 
 
 def n_breaks(n_trials: int, break_every: int) -> int:

@@ -27,7 +27,7 @@ def groupings(questions: Sequence[Question], answers: Iterable[Mapping[str, Any]
         name: _chosen(by_participant) if kinds[name] == "choice" else _halves(by_participant)
         for name, by_participant in sorted(given.items())
     }
-    large = {name: _without_small_groups(groups) for name, groups in divided.items()}
+    large = {name: without_small_groups(groups) for name, groups in divided.items()}
     return {name: groups for name, groups in large.items() if len(set(groups.values())) > 1}
 
 
@@ -44,6 +44,7 @@ def _halves(answers: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _without_small_groups(groups: Mapping[str, str]) -> dict[str, str]:
+def without_small_groups(groups: Mapping[str, str]) -> dict[str, str]:
+    """Return participant -> group without the groups whose members could be recognised."""
     names = list(groups.values())
     return {participant: name for participant, name in groups.items() if names.count(name) >= SMALLEST_GROUP}

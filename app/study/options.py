@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
+from app.study.groups import Group, parse_groups
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.language_pack import MODEL
 from app.study.practice import PracticeFilms, parse_practice_pairs
+from app.study.privacy import PrivacyOptions, parse_privacy
 from app.study.protocols import (
     PC,
     SCALES,
@@ -51,12 +52,14 @@ MOST_ADAPTIVE = 10_000  # pairs of each dataset
 BREAK_EVERY = 25  # trials
 LONGEST_BREAK_S = 3600
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
+RANDOM_EFFECTS = ("", "participants", "participants,datasets")
 SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
 FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
 Pixels = Literal["fit", "1:1"]
 FullScreen = Literal["asked", "required"]
 LONGEST_MINIMUM_S = 600.0  # of looking at each of both
 LARGEST_WINDOW = 10_000  # CSS pixels
+MOST_HOURS = 1_000_000  # a century, which dates can still be reckoned with
 ABANDONED_AFTER_H = 24.0  # without an answer; a participant who returns the next day keeps the slot
 
 
@@ -101,12 +104,17 @@ class StudyOptions:
     second_codec : codec of further films, for browsers without H.264; empty: none
     fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
         picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
+    lighter_films : are films with fewer bytes made and, on a slow line, shown? They look a little worse, A and B alike,
+        and votes on them are marked
     break_every : trials after which a break is offered; 0: never
     break_s : how long a break lasts at least, s; 0: as long as its participant likes
+    random_effects : what the scores are also fitted with as random effects: `participants`, or `participants,datasets`
     abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
     outside : how people come from a recruiting platform and go back
     limits : how many are taken in, until when, and how long each may take
+    groups : that participants are assigned to at random, equally many to each; empty: none
     lab_sheet : the room and the display, for the record
+    privacy : who answers for participants' data, and how long they are kept
     """
 
     languages: tuple[str, ...] = ()
@@ -139,12 +147,16 @@ class StudyOptions:
     without: tuple[str, ...] = ()
     second_codec: str = ""
     fallback: str = WEBCODECS
+    lighter_films: bool = False
     break_every: int = BREAK_EVERY
     break_s: int = 0
+    random_effects: str = ""
     abandoned_after_h: float = ABANDONED_AFTER_H
     outside: OutsideOptions = field(default_factory=OutsideOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
+    groups: tuple[Group, ...] = ()
     lab_sheet: LabSheet = field(default_factory=LabSheet)
+    privacy: PrivacyOptions = field(default_factory=PrivacyOptions)
 
     @property
     def repetition(self) -> Repetition:
@@ -205,6 +217,7 @@ class StudyOptions:
             "minimum_window": list(self.minimum_window),
             "screening": {key: value for key, value in content["screening"].items() if value is not None},
             "outside": {**content["outside"], "keep": list(self.outside.keep)},
+            "groups": [{"name": group.name, "datasets": list(group.datasets)} for group in self.groups],
             "practice_pairs": [asdict(films) for films in self.practice_pairs],
             "questions": [asdict(q) for q in self.questions],
             "spoken_questions": list(self.spoken_questions),
@@ -267,16 +280,32 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
         without=_names(content, "without"),
         second_codec=_one_of(content, "second_codec", SECOND_CODECS),
         fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
+        lighter_films=_flag(content, "lighter_films"),
         break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
         break_s=_count(content, "break_s", 0, LONGEST_BREAK_S),
+        random_effects=_one_of(content, "random_effects", RANDOM_EFFECTS),
         abandoned_after_h=_hours(content, "abandoned_after_h"),
         outside=parse_outside(content.get("outside", {})),
         limits=parse_limits(content.get("limits", {})),
+        groups=parse_groups(content.get("groups", ())),
         lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
+        privacy=parse_privacy(content.get("privacy", {})),
     )
     only_of_pairs = {name: getattr(options, name) for name in ("both_orders", "adaptive_pairs")}
     check_with_protocol(protocol, options.reference, only_of_pairs)
     return options
+
+
+def without_effect(options: StudyOptions) -> dict[str, str]:
+    """Return options that the study's protocol makes no use of, each with a sentence that says why."""
+    of_pairs = {"identical_pairs": options.identical_pairs, "minimum_viewing_s": options.minimum_viewing_s}
+    if not options.is_shown_alone:
+        return {}
+    return {
+        name: f"{name} is {value:g}, but protocol {options.protocol} shows films one by one: expected 0"
+        for name, value in of_pairs.items()
+        if value
+    }
 
 
 def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:
@@ -352,8 +381,8 @@ def _count(content: Mapping[str, Any], name: str, default: int, most: int) -> in
 
 def _hours(content: Mapping[str, Any], name: str) -> float:
     value = content.get(name, ABANDONED_AFTER_H)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-        raise ValueError(f"{name} is {value!r}, expected hours, more than 0")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MOST_HOURS:
+        raise ValueError(f"{name} is {value!r:.80}, expected hours, more than 0 and at most {MOST_HOURS}")
     return float(value)
 
 

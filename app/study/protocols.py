@@ -21,13 +21,6 @@ ACR_HR: Protocol = "ACR-HR"  # the same with the reference hidden among the film
 DCR: Protocol = "DCR"  # degradation category rating: how much worse than the reference is this film?
 CCR: Protocol = "CCR"  # comparison category rating: how much better is B than A?
 PROTOCOLS: tuple[Protocol, ...] = (PC, ACR, ACR_HR, DCR, CCR)
-PROTOCOLS_IN_WORDS: Mapping[Protocol, str] = {
-    PC: "pair comparison: which of two is better, or neither",
-    CCR: "comparison category rating: how much better or worse B is than A, in seven grades",
-    ACR: "absolute category rating: how good each film is, one by one",
-    ACR_HR: "ACR with the reference hidden among the films",
-    DCR: "degradation category rating (DSIS): how disturbing a film’s flaws are beside the reference",
-}
 RATED = (ACR, ACR_HR, DCR)  # each rating is of one item
 SHOWN_ALONE = (ACR, ACR_HR)  # a trial shows one film
 WITH_REFERENCE = (ACR_HR, DCR)  # need the option `reference`
@@ -36,10 +29,10 @@ Scale = Literal[5, 9, 11, "slider"]
 SLIDER: Scale = "slider"
 SCALES: tuple[Scale, ...] = (5, 9, 11, SLIDER)
 ENDS: Mapping[Scale, tuple[int, int]] = {5: (1, 5), 9: (1, 9), 11: (0, 10), SLIDER: (0, 100)}  # worst, best
+KEY_OF_TEN = "X"  # as the Romans wrote it; the digits are taken
 COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
 
 TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
-VOTING_S = 4.0  # of a trial besides the exposure: fixation, answer, Next; typical of simulated and real sessions
 
 IN_PROTOCOLS = "protocols."  # begins the keys of texts that differ between protocols
 
@@ -54,7 +47,7 @@ class Grade:
     ----------
     value : the rating
     name : its place among the names of the grades, from the worst; None: it has no name
-    key : the digit that chooses it; empty: none
+    key : the digit that chooses it, or X for ten
     """
 
     value: int
@@ -91,8 +84,8 @@ class Grades:
         return value // 2 if value % 2 else None
 
     def _key(self, value: int) -> str:
-        digit = value if self.low >= 0 else value - self.low + 1
-        return str(digit) if digit <= 9 else ""
+        number = value if self.low >= 0 else value - self.low + 1
+        return KEY_OF_TEN if number == 10 else str(number)
 
     def holds(self, rating: int) -> bool:
         """Is the rating on the scale?"""
@@ -111,17 +104,6 @@ def grades_of(protocol: Protocol, scale: Scale) -> Grades | None:
     if protocol == CCR:
         return Grades(-COMPARISON_END, COMPARISON_END, "comparison")
     return Grades(*ENDS[scale], "impairment" if protocol == DCR else "quality", is_slider=scale == SLIDER)
-
-
-def minutes_of(n_trials: int, exposure_s: float) -> int:
-    """Return about how long a session's trials take, minutes.
-
-    Parameters
-    ----------
-    n_trials : of a participant
-    exposure_s : seconds of a trial's film
-    """
-    return max(1, round(n_trials * (exposure_s + VOTING_S) / 60))
 
 
 def typed_scale(text: str) -> int | str:

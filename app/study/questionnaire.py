@@ -152,14 +152,21 @@ def _question(content: Any, number: int) -> Question:
         name,
         kind,
         str(content.get("text", "")),
-        tuple(map(str, content.get("options", ()))),
-        tuple(map(str, content.get("labels", ()))),
+        _texts(content, "options"),
+        _texts(content, "labels"),
         content.get("minimum"),
         content.get("maximum"),
-        content.get("required", False) is True,
+        content.get("required", False),
     )
     _check_kind(question)
     return question
+
+
+def _texts(content: Mapping[str, Any], part: str) -> tuple[str, ...]:
+    value = content.get(part, ())
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"question {content['name']}: its {part} are {value!r:.80}, expected a list of texts")
+    return tuple(map(str, value))
 
 
 def _kind(content: Mapping[str, Any]) -> Kind:
@@ -181,4 +188,11 @@ def _check_kind(question: Question) -> None:
         raise ValueError(f"question {question.name}: its maximum is {question.maximum!r}, expected 2 to {MOST_STEPS}")
     for bound in (question.minimum, question.maximum):
         if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float)):
-            raise ValueError(f"question {question.name}: the bound {bound!r} is no number")
+            raise ValueError(f"question {question.name}: the bound {bound!r:.80} is no number")
+        if isinstance(bound, float) and not math.isfinite(bound):
+            raise ValueError(f"question {question.name}: the bound {bound!r} is not finite; leave it out for none")
+    low, high = question.minimum, question.maximum
+    if low is not None and high is not None and low > high:
+        raise ValueError(f"question {question.name}: its minimum {low:g} is above its maximum {high:g}")
+    if not isinstance(question.required, bool):
+        raise ValueError(f"question {question.name}: required is {question.required!r:.80}, expected true or false")

@@ -122,7 +122,7 @@ def parse_screening(content: Any) -> ScreeningOptions:
         distance=_one_of(content, "distance", DISTANCES),
         distance_cm=_number(content, "distance_cm", FIXED_DISTANCES_CM),
         colour_axes=_some_of(content, "colour_axes", AXES),
-        colour_misses=int(_number(content, "colour_misses", (0, ColourTest.n_plates - 1)) or 0),
+        colour_misses=_misses(content),
         on_failure=_one_of(content, "on_failure", RULES),
     )
     if (options.distance == "fixed") != (options.distance_cm is not None):
@@ -277,7 +277,7 @@ def _plan(setup: Mapping[str, Any]) -> list[PlannedPlate]:
 def _some_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
     value = content.get(key, known)
     is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if not is_list or not value or len(set(value)) < len(value) or any(word not in known for word in value):
+    if not is_list or not value or any(word not in known for word in value) or len(set(value)) < len(value):
         raise ValueError(f"screening: {key} is {value!r}, expected some of {', '.join(known)}")
     return tuple(value)
 
@@ -287,6 +287,13 @@ def _one_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> Any
     if value not in known:
         raise ValueError(f"screening: {key} is {value!r}, expected one of {', '.join(known)}")
     return value
+
+
+def _misses(content: Mapping[str, Any]) -> int:
+    misses = _number(content, "colour_misses", (0, ColourTest.n_plates - 1)) or 0.0
+    if misses != int(misses):
+        raise ValueError(f"screening: colour_misses is {misses:g}, expected a whole number of plates")
+    return int(misses)
 
 
 def _number(content: Mapping[str, Any], key: str, bounds: tuple[float, float]) -> float | None:

@@ -32,7 +32,7 @@ def way_through(optional: Sequence[str]) -> tuple[str, ...]:
         If one of them is not an optional stage.
     """
     if unknown := [stage for stage in optional if stage not in OPTIONAL_STAGES]:
-        raise ValueError(f"stage {unknown[0]!r}: expected one of {', '.join(OPTIONAL_STAGES)}")
+        raise ValueError(f"optional_stages holds {unknown[0]!r}, expected some of {', '.join(OPTIONAL_STAGES)}")
     return tuple(stage for stage in ALL_STAGES if stage not in OPTIONAL_STAGES or stage in optional)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from app.study.options import StudyOptions, parse_options
 from app.study.text import check_text
 
 KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
+EXPOSURE_BOUNDS_S = (0.1, 3600.0)
+HIGHEST_SEED = 2**63 - 1
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
 
 
@@ -27,6 +30,11 @@ class StudyFile:
     exposure_s : how long a pair is shown; None: as long as the shortest video
     seed : of all orders; None: drawn at random
     options : everything besides the votes
+
+    Raises
+    ------
+    ValueError
+        If exposure or seed is out of bounds.
     """
 
     name: str
@@ -35,6 +43,13 @@ class StudyFile:
     exposure_s: float | None = None
     seed: int | None = None
     options: StudyOptions = field(default_factory=StudyOptions)
+
+    def __post_init__(self) -> None:
+        low_s, high_s = EXPOSURE_BOUNDS_S
+        if self.exposure_s is not None and not low_s <= self.exposure_s <= high_s:
+            raise ValueError(f"exposure_s is {self.exposure_s!r:.40}, expected {low_s:g} to {high_s:g} seconds")
+        if self.seed is not None and not 0 <= self.seed <= HIGHEST_SEED:
+            raise ValueError(f"seed is {self.seed!r:.40}, expected a whole number from 0 to 2^63 - 1")
 
 
 def parse_study_file(text: str) -> StudyFile:
@@ -84,6 +99,23 @@ def write_study_file(study: StudyFile) -> str:
         given = {key: value for key, value in question.items() if value not in (None, [])}
         lines += ["", "[[options.questions]]", *(_line(key, value) for key, value in given.items())]
     return "\n".join(lines) + "\n"
+
+
+def with_line(text: str, complaint: str) -> str:
+    """Name the line of a study file that a complaint of `parse_study_file` is about, where its setting is written.
+
+    Parameters
+    ----------
+    text : of the file
+    complaint : it begins with the names of the setting, such as `screening: distance is`
+    """
+    lines = text.splitlines()
+    for name in reversed(re.findall(r"[a-z_][a-z0-9_]*", re.split(r" is | has |, expected", complaint)[0])):
+        written = re.compile(rf"\s*(\[+[\w.]*\b{name}[\].]|[\w.\"']*\b{name}\b[\"']?\s*=)")
+        number = next((number for number, line in enumerate(lines, 1) if written.match(line)), None)
+        if number is not None:
+            return f"line {number}: {complaint}"
+    return complaint
 
 
 def _typed(content: Mapping[str, Any], key: str, kind: Any, expected: str) -> Any:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping
 from typing import Any
 
 DEEPEST = 16  # lists and objects within one another; what the pages send has five
 _UNSTORABLE = re.compile("[\0\ud800-\udfff]")
 REPLACEMENT = "\ufffd"
+BREAKS = ("Cc", "Zl", "Zp")  # Unicode's categories of control characters, and of ends of lines and paragraphs
+TURNS = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")  # bidirectional classes: turn what follows
 
 
 def check_text(content: Any, where: str = "", deepest: int = DEEPEST) -> None:
@@ -40,6 +43,13 @@ def check_text(content: Any, where: str = "", deepest: int = DEEPEST) -> None:
         parts = content.items() if isinstance(content, Mapping) else enumerate(content, 1)
         for key, part in parts:
             check_text(part, f"{where}.{key}" if where else str(key), deepest - 1)
+
+
+def is_one_line(text: str) -> bool:
+    """Tell whether a text, in whatever script, has no line breaks and nothing that changes how others are shown."""
+    return not any(
+        unicodedata.category(letter) in BREAKS or unicodedata.bidirectional(letter) in TURNS for letter in text
+    )
 
 
 def storable(text: str) -> str:

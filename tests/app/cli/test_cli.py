@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
 import subprocess
@@ -97,7 +98,7 @@ def test_every_command_explains_itself(command: Command, path: tuple[str, ...]) 
 
 
 def test_the_contract_names_its_commands() -> None:
-    single = {"demo", "match", "reconstruct", "render", "serve", "simulate", "analyse"}
+    single = {"demo", "match", "reconstruct", "render", "serve", "simulate", "analyse", "status"}
     groups = {"capture", "stimuli", "study", "admin", "token", "db"}
     assert single | groups <= {path[0] for path in commands_of() if len(path) == 1}
 
@@ -116,6 +117,21 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     told = command("render", tmp_path, "-o", tmp_path / "set", "--size", "huge")
     assert told.code == 2
     assert "'huge' is not a size" in told.err
+
+
+def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimuli: Path, tmp_path: Path) -> None:
+    (tmp_path / "one" / "ball").mkdir(parents=True)
+    shutil.copy(stimuli / "ball" / "id_fa.mp4", tmp_path / "one" / "ball" / "a.mp4")
+    told = command("stimuli", "import", tmp_path / "one", "-o", tmp_path / "set")
+    assert "1 video: 1 condition of 1 dataset" in told.out
+    assert "A study compares two or more conditions of each dataset, and ball has one." in told.out
+    missing = command("study", "create", stimuli, "--name", "X", "--options", tmp_path / "nothing.toml")
+    assert f"{tmp_path / 'nothing.toml'}: there is no such file; expected a TOML file" in missing.err
+    assert "Errno" not in missing.err
+
+
+def test_no_help_loses_words_in_brackets(command: Command) -> None:
+    assert "seed and options; `study export` writes one" in " ".join(command("study", "import", "--help").out.split())
 
 
 def test_match_writes_a_disparity_and_reports_as_json(command: Command, tmp_path: Path) -> None:
@@ -233,6 +249,9 @@ def test_a_file_where_a_folder_should_be_made_is_named(command: Command, capture
         == f"reconstudy: {tmp_path / 'run'}: is a file, expected a folder; choose another name"
     )
     assert (tmp_path / "run").read_text() == "mine"
+    (tmp_path / "folder.glb").mkdir()
+    outcome = command("export", capture / "truth/mesh/0000.ply", tmp_path / "folder.glb")
+    assert outcome.err == f"reconstudy: {tmp_path / 'folder.glb'}: is a directory\n"
 
 
 def test_a_mesh_is_exported_for_viewers(command: Command, recorded: Path, tmp_path: Path) -> None:
@@ -292,8 +311,14 @@ VOTES = "participant,dataset,item_a,item_b,choice\np1,ball,x,y,a\np2,ball,x,y,b\
 @pytest.mark.slow
 def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Path) -> None:
     (tmp_path / "votes.csv").write_text(VOTES)
-    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json")
+    dry = command("analyse", tmp_path / "votes.csv", "--dry-run")
+    assert "votes.csv: text in UTF-8, commas between cells; 4 rows, 4 votes" in dry.out
+    assert not (tmp_path / "out").exists()
+    assert "--out is missing" in command("analyse", tmp_path / "votes.csv").err
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json", "--width", "one")
     assert told.code == 0, told.err
+    report = html.unescape((tmp_path / "out" / "report.html").read_text()).replace("\u00a0", " ")
+    assert all(row["text"] in report for row in json.loads(told.out)["findings"])
     scores = {row["item"]: row["score"] for row in json.loads(told.out)["scores"] if row["dataset"] == "all"}
     assert scores["x"] == pytest.approx(np.log(2) / 2, abs=1e-6)  # two wins to one: the ties favour neither
     for name in ("analysis.json", "scores.csv", "triads.csv", "observers.csv", "report.html"):
@@ -319,7 +344,9 @@ def test_ratings_become_opinion_scores_and_a_report(command: Command, tmp_path: 
     (tmp_path / "ratings.csv").write_text(RATINGS)
     told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out")
     assert told.code == 0, told.err
-    assert [line.split()[:2] for line in told.out.splitlines()[:3]] == [["z", "4.50"], ["y", "3.50"], ["x", "1.50"]]
+    lines = [line.split() for line in told.out.splitlines() if line.startswith("  ")]
+    assert [line[:2] for line in lines] == [["z", "4.50"], ["y", "3.50"], ["x", "1.50"]]
+    assert "4 participants are few" in told.out
     for name in ("analysis.json", "rating_items.csv", "raters.csv", "report.html"):
         assert (tmp_path / "out" / name).stat().st_size > 0
 
@@ -427,12 +454,17 @@ def test_a_dataset_for_practice_is_left_out_of_the_trials_and_comes_back_with_th
 
 @pytest.mark.parametrize(
     ("options", "complaint"),
-    [("breaks = 3", "option 'breaks' is not known"), ("both_orders = 'yes'", "both_orders is 'yes'"), ("x", "options")],
+    [
+        ("breaks = 3", "option 'breaks' is not known"),
+        ("both_orders = 'yes'", "both_orders is 'yes'"),
+        ("x", "options"),
+        ("\xb0", "is no text in UTF-8; expected a TOML file"),
+    ],
 )
 def test_options_that_are_not_right_are_named_with_their_file(
     command: Command, stimuli: Path, tmp_path: Path, options: str, complaint: str
 ) -> None:
-    (tmp_path / "options.toml").write_text(options)
+    (tmp_path / "options.toml").write_text(options, encoding="latin-1")
     told = command("study", "create", stimuli, "--name", "Tiny", "--options", tmp_path / "options.toml")
     assert told.code == 1
     assert f"{tmp_path / 'options.toml'}: " in told.err
@@ -445,6 +477,7 @@ def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path)
     assert "the reference 'truth' is not among them" in told.err
 
 
+@pytest.mark.slow
 def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(command: Command, stimuli: Path) -> None:
     refused = command("study", "create", stimuli, "--name", "Rated", "--protocol", "DCR")
     assert refused.code == 1

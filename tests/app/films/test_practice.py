@@ -66,6 +66,21 @@ def test_the_reference_is_not_practised_with(stimulus_set: StimulusSet) -> None:
     assert names(choose_practice(stimulus_set, "box", (), "pm_fb").pairs) == ["box/id_fa box/id_fb"]
 
 
+def test_where_films_are_rated_against_a_reference_each_is_practised_after_the_studys_own(folder: Path) -> None:
+    stimulus_set = read_stimulus_set(folder)
+
+    def practised(reference: str, *wanted: PracticeFilms) -> list[str]:
+        return names(choose_practice(stimulus_set, "", wanted, reference, is_rated_against=True).pairs)
+
+    assert practised("pm_fb") == ["ball/pm_fb ball/id_fa"], "the reference comes first, whichever films differ most"
+    assert practised("id_fb") == ["ball/id_fb ball/id_fa", "ball/id_fb ball/pm_fb"]
+    named = PracticeFilms("box", "id_fa", "pm_fb")
+    assert practised("pm_fb", named) == ["box/pm_fb box/id_fa"]
+    assert practised("original", named) == ["box/id_fa box/pm_fb"], "the scene has no reference"
+    again = choose_practice(stimulus_set, "", (), "id_fb", is_rated_against=True)
+    assert practised("id_fb", *again.films) == names(again.pairs), "as in the exported study"
+
+
 def test_films_that_the_set_names_for_practice_come_before_those_of_the_trials(folder: Path) -> None:
     content = json.loads((folder / "manifest.json").read_text())
     box = [entry for entry in content["stimuli"] if entry["dataset"] == "box"]

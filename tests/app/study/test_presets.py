@@ -56,6 +56,7 @@ def test_the_online_preset_asks_nothing_aloud_and_measures_the_distance_without_
     assert options.spoken_questions == ()
     assert options.screening.distance == "blind spot"
     assert options.identical_pairs > 0
+    assert not options.phones
 
 
 def test_the_quick_preset_is_the_shortest_study() -> None:

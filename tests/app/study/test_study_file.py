@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from app.study.options import VOID_ON, StudyOptions, check_minimum_viewing, parse_options
 from app.study.questionnaire import DEFAULT_QUESTIONS
 from app.study.screening import ScreeningOptions
-from app.study.study_file import StudyFile, parse_study_file, write_study_file
+from app.study.study_file import StudyFile, parse_study_file, with_line, write_study_file
 
 SCREENING = {"tests": ["acuity"], "acuity_limit": 0.1, "distance": "fixed", "distance_cm": 90.0, "on_failure": "stop"}
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=30).map(str.strip)
@@ -41,7 +41,7 @@ files = st.builds(
     name=texts,
     stimuli=st.none() | texts,
     manifest_sha256=st.none() | st.just("0" * 64),
-    exposure_s=st.none() | st.floats(0.1, 1e4),
+    exposure_s=st.none() | st.floats(0.1, 3600),
     seed=st.none() | st.integers(0, 2**63 - 1),
     options=options,
 )
@@ -76,6 +76,22 @@ def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("name = 'x'\nparticipants = 3", 2),
+        ("name = 'x'\n[options]\nbreaks = 3", 3),
+        ("name = 'x'\n[options.screening]\n\ndistance = 'far'", 4),
+        ("seed = 3", None),  # what is missing stands in no line
+    ],
+)
+def test_a_complaint_names_the_line_of_its_setting(text: str, line: int | None) -> None:
+    with pytest.raises(ValueError, match="expected") as refused:
+        parse_study_file(text)
+    complaint = str(refused.value)
+    assert with_line(text, complaint) == (f"line {line}: {complaint}" if line else complaint)
+
+
+@pytest.mark.parametrize(
     ("name", "value"),
     [
         ("both_orders", 1),
@@ -94,6 +110,7 @@ def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
         ("pixels", "2:1"),
         ("abandoned_after_h", 0),
         ("abandoned_after_h", float("inf")),
+        ("abandoned_after_h", 10**400),  # more than a float holds
         ("reference", ["id"]),
     ],
 )
