@@ -13,28 +13,27 @@ from fastapi import Form, Request
 from fastapi.responses import Response
 
 from app.errors import ForbiddenError
-from app.web.gates import is_secure
+from app.web.gates import cookie, is_secure, set_cookie
 
 ENTRY_COOKIE = "entry"
 
 
 def entry_token(request: Request) -> str:
     """Return the token that this browser's forms carry; a new one if the browser has none."""
-    known = getattr(request.state, "entry_token", None) or request.cookies.get(ENTRY_COOKIE)
+    known = getattr(request.state, "entry_token", None) or cookie(request, ENTRY_COOKIE)
     request.state.entry_token = known or token_urlsafe(32)
     return str(request.state.entry_token)
 
 
 def remember_entry(request: Request, answer: Response) -> Response:
     """Set the cookie with the token that the page was given."""
-    token = entry_token(request)
-    answer.set_cookie(ENTRY_COOKIE, token, httponly=True, samesite="lax", secure=is_secure(request))
+    set_cookie(answer, ENTRY_COOKIE, entry_token(request), is_https=is_secure(request))
     return answer
 
 
 def is_own_form(request: Request, form_token: str) -> bool:
     """Whether our page in this browser sent the form."""
-    known = request.cookies.get(ENTRY_COOKIE, "")
+    known = cookie(request, ENTRY_COOKIE) or ""
     return bool(known) and compare_digest(form_token.encode(), known.encode())
 
 

@@ -12,6 +12,7 @@ from secrets import compare_digest
 from typing import Annotated
 
 from fastapi import Depends, Form, Header, Request
+from fastapi.responses import Response
 from limits import RateLimitItemPerMinute
 
 from app.errors import ForbiddenError, InvalidError, NoSessionError, NotFoundError, StudyError, UnauthorisedError
@@ -20,13 +21,14 @@ from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.engine import Database
 from app.store.experimenters import Experimenter, Role, is_session_open, open_session
 from app.store.invitations import Invitation, invitation_by_code
+from app.store.keys import digest
 from app.store.sessions import Session, end_overdue, session_by_token
 from app.store.studies import Study, study_by_id, study_by_slug
-from app.store.tokens import AUDIT, PERSONAL, READ, token_by_secret
+from app.store.tokens import AUDIT, JOBS, PEOPLE, PERSONAL, READ, STUDIES, token_by_secret
 from app.store.vote_writer import VoteWriter
 from app.study.language_pack import LanguagePack
 from app.study.text import check_text
-from app.web.throttle import WRONG_CODES, WRONG_TOKENS, Throttle
+from app.web.limits.throttle import PIECE, SENT_PIECES, WRONG_CODES, WRONG_TOKENS, Throttle
 
 log = logging.getLogger(__name__)
 
@@ -40,12 +42,17 @@ NOTED_IDS = (
 PARTICIPANT_COOKIE = "session"
 SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's cookie may name a newer one
 EXPERIMENTER_COOKIE = "experimenter"
-UPLOAD_PATH = re.compile(r"/admin/(stimuli|studies/[a-z0-9-]+)/upload")
+UPLOAD_PATH = re.compile(r"/admin/((stimuli|studies/[a-z0-9-]+)/upload|files/upload/[0-9a-f]{32})")
 DATA_PATHS = "/api/v1/"  # whole tables and archives
+NOT_SIGNED_IN = "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
+NO_TOKEN = (
+    "This takes a token, sent as the header `Authorization: Bearer TOKEN`. An owner makes one in the dashboard under "
+    "Tokens, or on the server by `reconstudy token add NAME`."
+)
 SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
     "viewer": (READ,),
-    "experimenter": (READ, PERSONAL, AUDIT),
-    "owner": (READ, PERSONAL, AUDIT),
+    "experimenter": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
+    "owner": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
 }
 
 
@@ -103,6 +110,27 @@ def is_secure(request: Request) -> bool:
     return settings(request).secure_cookies or request.url.scheme == "https"
 
 
+def cookie(request: Request, name: str) -> str | None:
+    """Return the value of a cookie that `set_cookie` has set."""
+    return request.cookies.get(_cookie_name(name, is_https=is_secure(request)))
+
+
+def set_cookie(answer: Response, name: str, value: str, *, is_https: bool, lasts_s: int | None = None) -> None:
+    """Set a cookie that no script can read; without `lasts_s` it ends with the browser."""
+    name = _cookie_name(name, is_https=is_https)
+    answer.set_cookie(name, value, max_age=lasts_s, httponly=True, samesite="lax", secure=is_https)
+
+
+def delete_cookie(request: Request, answer: Response, name: str) -> None:
+    """Delete a cookie that `set_cookie` has set."""
+    set_cookie(answer, name, "", is_https=is_secure(request), lasts_s=0)
+
+
+def _cookie_name(name: str, *, is_https: bool) -> str:
+    """Over https the prefix lets browsers take the cookie from this host alone, and from no other of its domain."""
+    return f"__Host-{name}" if is_https else name
+
+
 def vote_writer(request: Request) -> VoteWriter:
     writer: VoteWriter = request.app.state.votes
     return writer
@@ -115,9 +143,12 @@ def now(request: Request) -> datetime:
 
 async def participant_token(request: Request) -> str:
     """Read a participant's token from the bearer header or the cookie; the store decides whether it opens a session."""
-    token = _bearer(request) or request.cookies.get(PARTICIPANT_COOKIE)
+    token = _bearer(request) or cookie(request, PARTICIPANT_COOKIE)
     if not token:
         raise NoSessionError
+    n_bytes = int(request.headers.get("content-length", 0))  # digits alone: the server has read them
+    if n_bytes > PIECE:
+        throttle(request).count(SENT_PIECES, "sent", digest(token), cost=n_bytes // PIECE)
     return token
 
 
@@ -134,6 +165,36 @@ def participant(request: Request, token: Annotated[str, Depends(participant_toke
 def meant_session(request: Request) -> str | None:
     """Return the id of the session that a request is for; None where it names none."""
     return request.headers.get(SESSION_HEADER)
+
+
+ANYBODYS = re.compile(r"/admin(/(account(/.*)?|logout|jobs/[^/]+))?|GET /api/v1/studies")
+ACCOUNT = re.compile(r"/admin/(account(/.*)?|logout)")
+ALL_STUDIES = "/duplicate"  # ends addresses below a study that make another one
+
+
+def check_reach(request: Request, studies: tuple[str, ...] | None) -> None:
+    """Keep who may see some studies only from everything that belongs to none of them.
+
+    Parameters
+    ----------
+    request : of the person or token
+    studies : slugs of those that they see; None: all
+
+    Raises
+    ------
+    ForbiddenError
+    """
+    request.state.studies = studies
+    path = request.url.path
+    is_of_study = "slug" in request.path_params and not path.endswith(ALL_STUDIES)
+    if studies is None or is_of_study or ANYBODYS.fullmatch(path) or ANYBODYS.fullmatch(f"{request.method} {path}"):
+        return
+    raise ForbiddenError("You see some studies only, and this belongs to all of them. An owner can change that.")
+
+
+def is_seen(request: Request, study: Study) -> bool:
+    """Does the person or token of a request, which a gate has let in, see a study?"""
+    return request.state.studies is None or study.slug in request.state.studies
 
 
 @dataclass(frozen=True)
@@ -157,6 +218,7 @@ def reader(request: Request) -> Reader:
             throttle(request).count(WRONG_TOKENS, address(request))
             record_alone(database(request), STRANGER, Entry("token refused", subject=request.url.path), now(request))
             raise UnauthorisedError("This token is not known here, has expired or was revoked.")
+        check_reach(request, token.studies)
         who = Reader(f"token {token.name}", token.scopes)
     limit = RateLimitItemPerMinute(settings(request).api_requests_per_minute)
     throttle(request).count(limit, "api", who.name)
@@ -177,22 +239,57 @@ def may_read(scope: str) -> Callable[[Request], Reader]:
     return gate
 
 
+def may_change(scope: str) -> Callable[..., Reader]:
+    """Make the gate that lets in who may change something over REST.
+
+    It takes a token with a scope, or an experimenter's cookie with the session's form token as X-CSRF-Token.
+    """
+    may = may_read(scope)
+
+    def gate(request: Request, header: Annotated[str, Header(alias="X-CSRF-Token", max_length=100)] = "") -> Reader:
+        who = may(request)
+        if _bearer(request) is None:
+            _acting(request, "experimenter", header)
+        return who
+
+    return gate
+
+
 def experimenter(request: Request) -> Experimenter:
-    """Return the experimenter who is signed in by cookie, whatever their role."""
+    """Return the experimenter who is signed in by cookie, whatever their role, where they may be."""
+    person = _signed_in(request)
+    check_reach(request, person.studies)
+    if lacks_second_factor(request, person) and not ACCOUNT.fullmatch(request.url.path):
+        raise ForbiddenError("This server takes a second factor. Click your name above, and set one up.")
+    return person
+
+
+def lacks_second_factor(request: Request, person: Experimenter) -> bool:
+    """Whether the server asks everybody for a second factor, and this person has none yet."""
+    return settings(request).second_factor == "required" and not person.has_second_factor
+
+
+def _signed_in(request: Request) -> Experimenter:
     if (known := getattr(request.state, "person", None)) is not None:  # another gate of the same request has asked
         person: Experimenter = known
         return person
-    token = request.cookies.get(EXPERIMENTER_COOKIE)
+    token = cookie(request, EXPERIMENTER_COOKIE)
     session = open_session(database(request), token, now(request), may_renew=_is_quick(request)) if token else None
     if session is None:
-        raise UnauthorisedError(
-            "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
-        )
+        raise UnauthorisedError(NO_TOKEN if request.url.path.startswith(DATA_PATHS) else NOT_SIGNED_IN)
     request.state.person = session.experimenter
     request.state.form_token = session.form_token
     if session.renewed:
         request.state.renewed_token = session.renewed
     return session.experimenter
+
+
+def signed_in_person(request: Request) -> Experimenter | None:
+    """Return the experimenter who is signed in; None if nobody is, or the database does not answer."""
+    try:
+        return _signed_in(request)
+    except StudyError:
+        return None
 
 
 def is_still_signed_in(request: Request) -> bool:
@@ -271,9 +368,10 @@ def note_refusal(request: Request, action: str, reason: str) -> None:
 
 
 def study_called(request: Request, slug: str) -> Study:
+    """Return a study that the person or token of a request sees; another gate has let them in before."""
     with database(request).reading() as connection:
         study = study_by_slug(connection, slug)
-    if study is None:
+    if study is None or not is_seen(request, study):
         raise NotFoundError("There is no such study.")
     return study
 

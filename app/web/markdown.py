@@ -9,11 +9,12 @@ from typing import Any
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from app.study.image import IMAGE_NAME
 
 OUTWARD = re.compile(r"(https?://|mailto:)", re.IGNORECASE)
+COMMAND = re.compile(r"`([^`]+)`")
 SMALLEST_HEADING = 6
 
 
@@ -32,6 +33,11 @@ def render_markdown(text: str, images: Mapping[str, str] | None = None) -> Marku
     parser.add_render_rule("heading_close", _smaller_heading)
     parser.add_render_rule("image", _image)
     return Markup(parser.render(text, {"images": images or {}}))
+
+
+def with_code(sentence: str) -> Markup:
+    """Render a sentence of ours whose `commands` stand in backticks; anything else is shown as it is written."""
+    return Markup(COMMAND.sub(r"<code>\1</code>", str(escape(sentence))))
 
 
 def _is_allowed(url: str) -> bool:

@@ -24,6 +24,11 @@ from app.web.gates import Store, settings
 
 # The content of a name never changes. Private: shared caches must not serve a study's material to others.
 FOREVER = "private, max-age=31536000, immutable"
+# The policy of files that users brought: they are shown, and run nothing.
+SANDBOX = (
+    "sandbox allow-same-origin; default-src 'none'; img-src 'self' data:; media-src 'self'; "
+    "style-src 'self' 'unsafe-inline'; frame-ancestors 'self'"
+)
 FOR_A_WHILE = f"private, max-age={SIGNED_FOR_S // 2}"  # cache time of a signed URL, which expires
 
 log = logging.getLogger(__name__)
@@ -91,13 +96,13 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
     headers = {"ETag": f'"{tag}"', "Cache-Control": FOREVER}
     if is_known(request.headers.get("if-none-match", ""), tag):
         return Response(status_code=304, headers=headers)
+    path = settings(request).media_dir / film.file
     store: MediaStore | None = request.app.state.media_store
-    if store is not None:
+    if store is not None and not (film.codec == SINGLE and path.is_file()):  # a store's address would name a stimulus
         return RedirectResponse(store.address(film.file), headers={"Cache-Control": FOR_A_WHILE})
     if accel := settings(request).media_accel:
         headers["X-Accel-Redirect"] = accel + film.file
         return Response(headers=headers, media_type="video/mp4")
-    path = settings(request).media_dir / film.file
     try:
         status = path.stat()
     except FileNotFoundError as error:
@@ -107,8 +112,8 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
 
 
 def entity_tag(media: str, film: FilmFile) -> str:
-    """Digest of the content. A single stimulus's includes its name, lest browsers recognise it in other trials."""
-    return hashlib.sha256(f"{media} {film.sha256}".encode()).hexdigest() if film.codec == SINGLE else film.sha256
+    """Digest of the address and the content: nobody recognises by it in a trial what another one has shown."""
+    return hashlib.sha256(f"{media} {film.sha256}".encode()).hexdigest()
 
 
 def is_known(if_none_match: str, tag: str) -> bool:

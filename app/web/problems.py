@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -12,17 +12,21 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import entry_token, remember_entry
-from app.web.gates import note_refusal
+from app.web.gates import note_refusal, now, signed_in_person
+from app.web.request_log import route_of
 
-Typed = Sequence[tuple[str, str]]
+Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
+FormAgain = Callable[[Request, int, str], Awaitable[Response | None]]
 
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
+DASHBOARD = "/admin"
 PROGRAMS = (
     "/api/",
     "/media/",
@@ -32,7 +36,8 @@ PROGRAMS = (
     "/metrics",
 )  # prefixes of addresses that programs read
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
-NOT_SHOWN = ("form_token", "current", "password", "again", "seen")  # fields that hold secrets, or that nobody typed
+SECRET = ("form_token", "current", "password", "again")
+NOT_SHOWN = (*SECRET, "seen")  # fields that hold secrets, or that nobody typed
 FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 SENTENCES = {
@@ -51,8 +56,14 @@ def problem(
     return JSONResponse({**content, **(extra or {})}, status, headers=dict(headers or {}), media_type=PROBLEM)
 
 
-def install_problems(app: FastAPI) -> None:
-    """Let the app answer all errors that a route or the framework raises."""
+def install_problems(app: FastAPI, form_again: FormAgain) -> None:
+    """Let the app answer all errors that a route or the framework raises.
+
+    Parameters
+    ----------
+    form_again : takes a request, a status and a sentence; returns the refused form, filled, or None
+    """
+    app.state.form_again = form_again
     app.add_exception_handler(StudyError, _study_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
@@ -77,8 +88,10 @@ class UnforeseenErrors:
 
         try:
             await self.app(scope, receive, watch)
+        except ClientDisconnect:
+            log.info("%s %s: the client left", scope["method"], route_of(scope))
         except Exception:
-            log.exception("%s %s failed", scope["method"], scope["path"])
+            log.exception("%s %s failed", scope["method"], route_of(scope))
             if has_started:
                 raise
             await _answer(Request(scope), 500, SENTENCES[500])(scope, receive, send)
@@ -86,7 +99,9 @@ class UnforeseenErrors:
 
 async def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
-    return await run_in_threadpool(_refusal, request, error, await _typed(request))
+    answer = await run_in_threadpool(_refusal, request, error, await _typed(request))
+    again: Response | None = await request.app.state.form_again(request, error.status, error.detail)
+    return answer if again is None else again
 
 
 def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
@@ -103,9 +118,10 @@ def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
     return _answer(request, error.status, error.detail, headers, extra=extra, typed=typed)
 
 
-def _http_error(request: Request, error: Exception) -> Response:
+async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return _answer(request, error.status_code, SENTENCES.get(error.status_code, str(error.detail)), error.headers)
+    sentence = SENTENCES.get(error.status_code, str(error.detail))
+    return await run_in_threadpool(_answer, request, error.status_code, sentence, error.headers)
 
 
 async def _validation_error(request: Request, error: Exception) -> Response:
@@ -115,20 +131,30 @@ async def _validation_error(request: Request, error: Exception) -> Response:
     _log_refusal(request, 422, where)
     if not _is_page(request):
         return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
-    return _answer(request, 422, f"The form is not as expected: {where}.", typed=await _typed(request))
+    field = where.partition(".")[2].replace("_", " ") or where  # a reader of pages knows no "body" or "query"
+    sentence = f"The form is not as expected: {field}."
+    again: Response | None = await request.app.state.form_again(request, 422, sentence)
+    if again is not None:
+        return again
+    return await run_in_threadpool(_answer, request, 422, sentence, typed=await _typed(request))
 
 
 async def _typed(request: Request) -> Typed:
     """Long texts of a refused dashboard form, by field: the page shows them again, to be copied."""
-    is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
-    if not is_form or not _is_page(request) or not request.url.path.startswith("/admin"):
-        return ()
-    fields = (await request.form()).multi_items()  # cached, as the route has read it already
     return [
         (name, text)
-        for name, text in fields
-        if name not in NOT_SHOWN and isinstance(text, str) and len(text) >= FEWEST_TYPED
+        for name, text in await typed_fields(request)
+        if name not in NOT_SHOWN and len(text) >= FEWEST_TYPED
     ]
+
+
+async def typed_fields(request: Request) -> Typed:
+    """Return the fields of a dashboard form that a person sent, in order; none of anything else."""
+    is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
+    if not is_form or not _is_page(request) or not _is_dashboard(request):
+        return ()
+    fields = (await request.form()).multi_items()  # cached, as the route has read it already
+    return [(name, text) for name, text in fields if isinstance(text, str)]
 
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
@@ -136,6 +162,10 @@ def _log_refusal(request: Request, status: int, why: str) -> None:
     route = getattr(request.scope.get("route"), "path", "an unknown address")
     about = {name: request.path_params[name] for name in LOGGED_PARAMETERS if name in request.path_params}
     log.warning("%s %s %s refused: %d %s", request.method, route, about, status, why)
+
+
+def _is_dashboard(request: Request) -> bool:
+    return request.url.path.startswith(DASHBOARD)
 
 
 def _is_page(request: Request) -> bool:
@@ -154,10 +184,14 @@ def _answer(
 ) -> Response:
     if not _is_page(request):
         return problem(status, detail, extra=extra, headers=headers)
+    person = signed_in_person(request) if _is_dashboard(request) and status != 401 and status < 500 else None
     context: dict[str, Any] = {"title": HTTPStatus(status).phrase, "detail": detail, "typed": typed}
+    context |= {"experimenter": person}
     options = {"status_code": status, "headers": dict(headers or {})}
     templates = request.app.state.templates
-    if status == 401 and request.url.path.startswith("/admin"):
+    if person is not None:
+        context |= {"form_token": request.state.form_token, "now": now(request)}
+    if status == 401 and _is_dashboard(request):
         context["form_token"] = entry_token(request)
         return remember_entry(request, templates.TemplateResponse(request, "admin/sign_in.html", context, **options))
     page: Response = templates.TemplateResponse(request, "admin/problem.html", context, **options)

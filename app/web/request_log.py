@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.web.metrics import Metrics
 
 ID_HEADER = b"x-request-id"
+CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # what ends a line or moves a terminal's cursor
 VALID_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 NOWHERE = "unknown"  # the route in the log where an address matches none
 QUIET = ("/healthz", "/readyz", "/metrics")  # machines ask every few seconds: logged at debug level
@@ -71,6 +72,13 @@ def route_of(scope: Scope) -> str:
     return "/static" if scope["path"].startswith("/static/") else NOWHERE
 
 
+class PlainFormatter(logging.Formatter):
+    """Write a log record as one line, and a traceback below it: no text from outside can begin a line of its own."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (the library's name)
+        return CONTROLS.sub(lambda control: f"\\x{ord(control[0]):02x}", super().formatMessage(record))
+
+
 class JsonFormatter(logging.Formatter):
     """Write a log record as a line of JSON."""
 
@@ -91,7 +99,7 @@ class JsonFormatter(logging.Formatter):
 def start_logging(log_format: str) -> None:
     """Log to standard error with request ids, as plain lines or as JSON."""
     handler = logging.StreamHandler()
-    handler.setFormatter(JsonFormatter() if log_format == "json" else logging.Formatter(PLAIN_FORMAT))
+    handler.setFormatter(JsonFormatter() if log_format == "json" else PlainFormatter(PLAIN_FORMAT))
     handler.addFilter(_with_request_id)
     logging.basicConfig(level=logging.INFO if log_format == "json" else logging.WARNING, handlers=[handler], force=True)
     logging.getLogger("alembic").setLevel(logging.WARNING)  # announces itself at every start

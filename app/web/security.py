@@ -17,7 +17,7 @@ from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUEST
 from app.study.stages import INTERVIEW
 from app.study.study_file import LONGEST_FILE
 from app.study.wording import LONGEST_TEXT
-from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH
+from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH, set_cookie
 from app.web.problems import problem
 
 POLICY = (
@@ -48,7 +48,7 @@ LONG_TEXTS = (  # addresses that take more, and how many characters; a note incl
         re.compile(rf"/admin/studies/[a-z0-9-]+/participants/[^/]+/{INTERVIEW}"),
         MOST_SPOKEN_QUESTIONS * (LONGEST_QUESTION + 2 * LONGEST_ANSWER),
     ),
-    (re.compile(r"/admin/studies/[a-z0-9-]+/edit"), 2 * LONGEST_TEXT),
+    (re.compile(r"/admin/studies/([a-z0-9-]+/edit|new)"), 4 * LONGEST_TEXT),  # two documents, questions, all else
     (re.compile(r"/admin/studies/[a-z0-9-]+/edit/file"), LONGEST_FILE),
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts"), 5 * LONGEST_TEXT),  # two documents, and all of a language pack
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts/images"), LARGEST_IMAGE // LARGEST_LETTER),
@@ -59,9 +59,16 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 class SecurityHeaders:
     """Add security headers to every answer, and `no-store` where it does not say how long it may be cached."""
 
-    def __init__(self, app: ASGIApp, is_https: bool = False, media_origin: str | None = None) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        is_https: bool = False,
+        with_subdomains: bool = False,
+        media_origin: str | None = None,
+    ) -> None:
         self.app = app
-        always = HEADERS | ({"Strict-Transport-Security": "max-age=31536000"} if is_https else {})
+        strict = "max-age=31536000" + ("; includeSubDomains" if with_subdomains else "")
+        always = HEADERS | ({"Strict-Transport-Security": strict} if is_https else {})
         of_page = always | PAGE_HEADERS | {"Content-Security-Policy": policy(media_origin)}
         self.of_data = _encoded(always | {"Content-Security-Policy": DATA_POLICY, "Cache-Control": "no-store"})
         self.of_static = _encoded(of_page | {"Cache-Control": "no-cache"})
@@ -143,8 +150,7 @@ class RenewedSession:
 
 def set_experimenter_cookie(answer: Response, token: str, *, is_https: bool) -> None:
     """Set the cookie of an experimenter's session; no script can read it."""
-    lasts_s = int(SESSION_LASTS.total_seconds())
-    answer.set_cookie(EXPERIMENTER_COOKIE, token, max_age=lasts_s, httponly=True, samesite="lax", secure=is_https)
+    set_cookie(answer, EXPERIMENTER_COOKIE, token, is_https=is_https, lasts_s=int(SESSION_LASTS.total_seconds()))
 
 
 class BodyLimit:

@@ -24,7 +24,18 @@ const watch = () => {
   }
 };
 watch();
-document.body.addEventListener("htmx:afterSwap", watch);
+
+/** @returns {NodeListOf<HTMLDetailsElement>} */
+const foldable = () => document.querySelectorAll("details[id]");
+/** @type {Map<string, boolean>} */
+const open = new Map(); // what the reader has unfolded or folded, by id
+document.body.addEventListener("htmx:beforeSwap", () => {
+  for (const details of foldable()) open.set(details.id, details.open);
+});
+document.body.addEventListener("htmx:afterSwap", () => {
+  for (const details of foldable()) details.open = open.get(details.id) ?? details.open;
+  watch();
+});
 
 /** @type {Promise<Packages> | undefined} */
 let packages;

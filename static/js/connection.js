@@ -33,6 +33,7 @@ export class Refusal extends Error {
  */
 export async function request(url, options) {
   const response = await fetch(url, options).catch((cause) => {
+    options?.signal?.throwIfAborted();
     throw new Unreachable(`no answer from ${url}`, { cause });
   });
   if (response.ok) return response;

@@ -3,6 +3,7 @@
 import { Unreachable, patiently, request } from "./connection.js";
 
 const FEWEST_BYTES = 20_000; // of a film before its speed says anything
+const SURE_AFTER_MS = 3000; // of fetching a film; a line is slower in the beginning
 
 export class Films {
   constructor() {
@@ -19,6 +20,15 @@ export class Films {
     film.whole.catch(() => this.films.delete(key)); // who shows the film handles the error
     this.films.set(key, film);
     return film;
+  }
+
+  /** Forgets the films that are still on their way, and stops fetching them. */
+  stop() {
+    for (const [key, film] of this.films) {
+      if (!Number.isNaN(film.took_ms)) continue;
+      film.stop();
+      this.films.delete(key);
+    }
   }
 
   /** The film asked for last whose speed is known. @returns {Film | undefined} */
@@ -46,6 +56,16 @@ export class Film {
     });
   }
 
+  /** Is it made of this file? @param {string | null} url */
+  holds(url) {
+    return this.parts.some((part) => part.url === url);
+  }
+
+  /** Fetches no more; `whole` fails. */
+  stop() {
+    for (const part of this.parts) part.stopping.abort();
+  }
+
   /** Bytes so far. */
   get received() {
     return this.parts.reduce((sum, part) => sum + part.received, 0);
@@ -54,6 +74,11 @@ export class Film {
   /** Bytes in all; 0: unknown. */
   get size() {
     return this.parts.some((part) => part.size === 0) ? 0 : this.parts.reduce((sum, part) => sum + part.size, 0);
+  }
+
+  /** Has it been fetched for so long that the line's speed can be relied on? */
+  get isSpeedSure() {
+    return !Number.isNaN(this.took_ms) || performance.now() - this.begunAt > SURE_AFTER_MS;
   }
 
   /** The line's speed so far, megabits a second; NaN: not known yet. */
@@ -80,17 +105,20 @@ class Part {
     this.url = url;
     this.received = 0;
     this.size = 0;
+    this.stopping = new AbortController();
   }
 
   /** @returns {Promise<Blob>} */
   async download() {
-    const response = await request(this.url);
+    const { signal } = this.stopping;
+    const response = await request(this.url, { signal });
     this.received = 0;
     this.size = Number(response.headers.get("Content-Length") ?? 0);
     const reader = /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ (response.body).getReader();
     const pieces = [];
     for (;;) {
       const { done, value } = await reader.read().catch((cause) => {
+        signal.throwIfAborted();
         throw new Unreachable(`${this.url} broke off`, { cause });
       });
       if (done) break;

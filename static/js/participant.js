@@ -13,7 +13,7 @@ import { enterFullScreen, fill, stayOnSubmit } from "./page.js";
 import { OpenLook } from "./open-look.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
-import { beginSession, completeStage, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
+import { beginSession, completeStage, eraseOwnData, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { minutesTogether, roughly } from "./time-left.js";
@@ -50,6 +50,7 @@ let pageKey = ""; // under which the tab remembers the open page of the session'
 let agreedText = ""; // digest of the consent's text that was agreed to before the session began
 /** @type {import("./session.js").Ending | null} */
 let ending = null; // of the session
+let lighterKey = ""; // under which the browser remembers that the session's films are those for slow lines
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
 let isUnderWay = false; // see `guarded`
 let stopClock = () => {}; // of a break
@@ -130,7 +131,7 @@ function beginNow() {
     }
     await enterSession(session);
     if (session.stage === "introduction") await goTo(session);
-    else await resume(); // who comes back by a recruiting platform's link
+    else await goOn(session); // who comes back by a recruiting platform's link
   });
 }
 
@@ -141,8 +142,13 @@ function textsOfPage() {
 
 /** Goes on with the session that this browser has begun. */
 async function resume() {
-  const before = await patiently(readSession);
-  await enterSession(before);
+  const session = await patiently(readSession);
+  await enterSession(session);
+  await goOn(session);
+}
+
+/** Sends what is left in this browser and leads to where the session then is. @param {Session} before */
+async function goOn(before) {
   if (before.stage !== "withdrawn") {
     await openLook.settle(outbox);
     await outbox.emptied();
@@ -162,10 +168,20 @@ async function fetchFilms({ stage, stages }) {
   await trials.fetchAhead(practice.map(({ media }) => media));
 }
 
-/** Says on the last page of the instructions how long the waits will be, where the line is slow. @param {Session["study"]} study */
-function tellSlowLine({ exposure_s }) {
+/**
+ * Takes the films for slow lines where the study has them and others would be waited for; says on the last page of the
+ * instructions how long the waits will be. @param {Session} session
+ */
+function watchLine(session) {
   const notice = byId("slow-line");
-  const seconds = Math.ceil(trials.filmSeconds - exposure_s - VOTING_S); // the next film comes during a trial
+  const meanwhile = session.study.exposure_s + VOTING_S; // the next film comes during a trial
+  if (trials.shouldLighten(meanwhile + SHORTEST_WAIT_S)) {
+    inBrowser.set(lighterKey, "yes");
+    trials.lighten();
+    fetchFilms(session).catch(() => {}); // they are fetched when they are shown
+    return;
+  }
+  const seconds = Math.ceil(trials.filmSeconds - meanwhile);
   notice.hidden = !(seconds >= SHORTEST_WAIT_S);
   notice.textContent = fill(notice.dataset.slow, { seconds });
 }
@@ -258,6 +274,7 @@ async function endIntroduction(more = {}) {
     language: document.documentElement.lang,
     technique,
     line_mbit_s: trials.line_mbit_s,
+    lighter_films: trials.isLighter,
     ...display(),
     ...(given && { consent: given }),
     ...more,
@@ -342,15 +359,17 @@ function end(view) {
   showEnding(viewOf(view), ending);
 }
 
-/** Withdraws from the study; what was not sent is dropped. */
+/** Withdraws from the study, and deletes what was given where that was ticked; what was not sent is dropped. */
 function leaveForGood() {
+  const isErasing = required(HTMLInputElement, "#withdraw-erase").checked;
   required(HTMLDialogElement, "#withdraw").close();
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");
-  patiently(withdraw)
+  patiently(isErasing ? eraseOwnData : withdraw)
     .then(() => outbox.clear())
     .then(() => {
+      byId("erased").hidden = !isErasing;
       forgetDraft();
       openLook.forget();
       showAtTheEnd("withdrawn");
@@ -421,14 +440,16 @@ async function enterSession(session) {
   openLook = new OpenLook(session.session);
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;
+  lighterKey = `films for slow lines of ${session.session}`;
+  if (inBrowser.get(lighterKey)) trials.lighten();
   if (agreedText) inTab.set(consentKey, agreedText);
   if (questionnaire) restoreDraft(questionnaire, session.session);
   tellSession(session);
   if (ON_THE_WAY.has(session.stage)) {
     fetchFilms(session).catch(() => {}); // they are fetched when they are shown
     const timer = window.setInterval(() => {
-      tellSlowLine(session.study);
-      if (page.dataset.stage !== "introduction") clearInterval(timer);
+      if (page.dataset.stage === "introduction") watchLine(session);
+      else clearInterval(timer);
     }, 1000);
   }
   if (await claim(session.session, yieldToOther)) return;

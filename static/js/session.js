@@ -27,6 +27,7 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {object} Media one film that holds both stimuli, one above the other, or a single one
  * @property {string} url
  * @property {{url: string, type: string} | null} second the same film, for browsers that do not play the first
+ * @property {string | null} lighter the same film with fewer bytes, for slow lines; null where the study has none
  * @property {string[] | null} singles each strip alone, from the top, for browsers that play neither; null where the study has none
  * @property {"stacked" | "single"} layout single: one stimulus, called A
  * @property {"top" | "bottom"} a
@@ -65,6 +66,7 @@ import { Unreachable, request } from "./connection.js";
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
  * @property {Letter} first_shown
  * @property {Technique} technique
+ * @property {boolean} lighter_film whether the film with fewer bytes was shown
  * @property {number} [wait_ms] from when the participant was ready to the fixation
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
@@ -133,6 +135,11 @@ export function beginSession(slug, invitation, key, outside, texts) {
 /** @returns {Promise<Session>} */
 export function withdraw() {
   return call("PUT", "/session/withdrawal");
+}
+
+/** Withdraws, and has all that was given deleted for good. @returns {Promise<null>} */
+export function eraseOwnData() {
+  return call("PUT", "/session/erasure", { confirmed: true });
 }
 
 /** @returns {Promise<Session>} */

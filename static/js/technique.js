@@ -26,9 +26,14 @@ export async function bestTechnique({ second, fallback }) {
   return fallback === "two videos" && plays(SINGLE_H264) ? "two videos" : null;
 }
 
-/** What is to be fetched for a trial. @param {Technique} technique @param {import("./session.js").Media} media @returns {string[]} addresses */
-export function filmsOf(technique, { url, second, singles }) {
-  if (technique === "stacked") return [second && !plays(H264) ? second.url : url];
+/**
+ * What is to be fetched for a trial.
+ * @param {Technique} technique @param {import("./session.js").Media} media @param {boolean} isLighter the film with fewer bytes, where there is one
+ * @returns {string[]} addresses
+ */
+export function filmsOf(technique, { url, second, singles, lighter }, isLighter = false) {
+  if (technique === "stacked" && second && !plays(H264)) return [second.url];
+  if (technique === "stacked") return [isLighter && lighter ? lighter : url];
   if (!singles) throw new Error("the study has no film of each stimulus");
   return singles;
 }

@@ -12,6 +12,7 @@ import { newId } from "./outbox.js";
 import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
+import { labelTrial, pressedByEnter, showProgress } from "./trial-screen.js";
 import { display, dwell, hasSeenBoth, hasSeenEachFor, tenths } from "./viewing.js";
 import { askForAnswer } from "./vote-form.js";
 
@@ -28,8 +29,6 @@ import { askForAnswer } from "./vote-form.js";
  */
 
 const FIXATION_MS = 500;
-const LOADING_IS_TOLD_AFTER_MS = 400;
-const PROGRESS_EVERY_MS = 250;
 const REFERENCE_KEY = "r"; // or what lies in its place on keyboards of other alphabets
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
@@ -70,7 +69,7 @@ export class Trial {
     this.film = film;
     this.player = newPlayer(technique, required(HTMLElement, ".film", screen));
     /** @type {Vote["viewing"]} */
-    this.viewing = { first_shown: description.first_shown, technique, shown_ms: 0, response_ms: 0, switches: [], happened };
+    this.viewing = { first_shown: description.first_shown, technique, lighter_film: film.holds(description.media.lighter), shown_ms: 0, response_ms: 0, switches: [], happened };
     this.askedAt = NaN; // performance.now() when the participant was ready for it
     this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
     /** @type {Record<string, number>} of frames and stalls in earlier exposures of this trial */
@@ -364,48 +363,6 @@ export class Trial {
     if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
     this.#go("done", { vote: { id: newId(), ...answer, viewing: this.viewing } });
   }
-}
-
-/** @param {HTMLElement} screen @param {TrialDescription} description */
-function labelTrial(screen, { number, place, total, attempt, is_practice, free_exposure, media }) {
-  screen.classList.toggle("is-practice", is_practice);
-  screen.classList.toggle("is-free", free_exposure);
-  screen.classList.toggle("has-reference", media.reference);
-  screen.classList.toggle("is-alone", media.layout === "single");
-  for (const element of /** @type {NodeListOf<HTMLElement>} */ (screen.querySelectorAll("[data-label]"))) {
-    const { label, labelAgain, labelPractice } = element.dataset;
-    const numbered = fill(label, { number: place, total });
-    const more = is_practice ? labelPractice : attempt > 1 ? labelAgain : "{label}";
-    element.textContent = fill(more, { label: numbered });
-  }
-  required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
-}
-
-/** Gives a button the focus, and lets Enter press it, too. @param {HTMLButtonElement} button @param {AbortSignal} signal @param {() => void} action */
-function pressedByEnter(button, signal, action) {
-  button.focus({ preventScroll: true });
-  button.addEventListener("click", action, { signal });
-  document.addEventListener("keydown", (event) => {
-    if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
-  }, { signal });
-}
-
-/** Shows how far the loading is, once it lasts. @param {HTMLElement} screen @param {import("./films.js").Film} film @param {AbortSignal} signal */
-function showProgress(screen, film, signal) {
-  const loading = required(HTMLElement, ".loading", screen);
-  const bar = required(HTMLProgressElement, "progress", loading);
-  const left = required(HTMLElement, "[data-left]", loading);
-  left.textContent = "";
-  loading.classList.remove("is-told");
-  bar.value = 0;
-  const update = () => {
-    loading.classList.add("is-told");
-    bar.value = film.size ? film.received / film.size : 0;
-    const seconds = Math.ceil(film.secondsLeft);
-    if (seconds > 0) left.textContent = fill(left.dataset.left, { seconds });
-    after(PROGRESS_EVERY_MS, signal, update);
-  };
-  after(LOADING_IS_TOLD_AFTER_MS, signal, update);
 }
 
 /** @param {Event} event */

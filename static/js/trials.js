@@ -33,6 +33,8 @@ export class Trials {
     /** About how long each stage takes. @type {Partial<Record<import("./session.js").Stage, number>>} */
     this.minutes = {};
     this.films = new Films();
+    this.isLighter = false; // whether films with fewer bytes are shown, because the line is slow
+    this.hasLighter = false; // whether there are such films, as far as is known
     /** The trial after the present one, in case the server cannot be reached. @type {TrialDescription | null} */
     this.ahead = null;
     /** @type {Trial | null} */
@@ -98,20 +100,42 @@ export class Trials {
     const number = this.n_fetches;
     const isOver = () => this.isAbandoned || number !== this.n_fetches;
     try {
+      this.#lookForLighter(first);
       for (const media of first) if (!isOver()) await this.#filmOf(media).whole;
       if (isOver()) return;
       const next = await readFilmsAhead();
       if (isOver()) return;
-      this.films.keepOnly([...first, ...next].map((media) => filmsOf(this.#knownTechnique(), media)));
+      this.#lookForLighter(next);
+      this.films.keepOnly([...first, ...next].map((media) => this.#urlsOf(media)));
       for (const media of next) if (!isOver()) await this.#filmOf(media).whole;
     } catch {
       // What could not be fetched ahead is fetched when it is shown.
     }
   }
 
+  /** @param {import("./session.js").Media[]} medias */
+  #lookForLighter(medias) {
+    const technique = this.#knownTechnique();
+    const isOther = (/** @type {import("./session.js").Media} */ media) => filmsOf(technique, media, true)[0] !== filmsOf(technique, media)[0];
+    this.hasLighter ||= medias.some(isOther);
+  }
+
+  /** Shows films with fewer bytes from now on; what is on its way is not fetched any further. */
+  lighten() {
+    this.isLighter = true;
+    this.n_fetches += 1; // ends a fetching ahead
+    this.films.stop();
+  }
+
   /** Seconds that the line needs for a film; NaN: not known yet. */
   get filmSeconds() {
     return this.films.latest?.seconds ?? NaN;
+  }
+
+  /** Should lighter films be shown, which the study has? @param {number} longest_s that a film may take to come */
+  shouldLighten(longest_s) {
+    const isTooSlow = this.films.latest?.isSpeedSure && this.filmSeconds >= longest_s;
+    return Boolean(isTooSlow && this.hasLighter && !this.isLighter);
   }
 
   /** The line's speed, to a tenth; null: not known yet. */
@@ -201,7 +225,12 @@ export class Trials {
 
   /** @param {import("./session.js").Media} media */
   #filmOf(media) {
-    return this.films.get(filmsOf(this.#knownTechnique(), media));
+    return this.films.get(this.#urlsOf(media));
+  }
+
+  /** @param {import("./session.js").Media} media */
+  #urlsOf(media) {
+    return filmsOf(this.#knownTechnique(), media, this.isLighter);
   }
 
   /** @returns {Technique} */

@@ -7,12 +7,13 @@ import { isSettling, settle } from "./settling.js";
 /** @typedef {Pick<import("./session.js").Vote, "choice" | "rating">} Answer a choice, or a rating */
 
 const DIGIT = /^(?:Digit|Numpad)(\d)$/; // keys by their place: on French keyboards digits need the shift key otherwise
+const KEY_OF_TEN = "X"; // or what lies in its place on keyboards of other alphabets
 
-/** What keys do to a slider that has not the focus. @type {Record<string, (slider: HTMLInputElement) => void>} */
+/** What keys do to a slider that has not the focus, as browsers do it to one that has. @type {Record<string, (slider: HTMLInputElement) => void>} */
 const SLIDER_KEYS = {
-  ArrowLeft: (slider) => slider.stepDown(),
+  ArrowLeft: (slider) => (isFromRight(slider) ? slider.stepUp() : slider.stepDown()),
   ArrowDown: (slider) => slider.stepDown(),
-  ArrowRight: (slider) => slider.stepUp(),
+  ArrowRight: (slider) => (isFromRight(slider) ? slider.stepDown() : slider.stepUp()),
   ArrowUp: (slider) => slider.stepUp(),
   Home: (slider) => (slider.value = slider.min),
   End: (slider) => (slider.value = slider.max),
@@ -81,7 +82,7 @@ function answerByKey(event, form) {
     event.preventDefault();
     form.requestSubmit();
   } else {
-    chooseByDigit(event.code, form);
+    chooseByKey(event, form);
   }
 }
 
@@ -92,10 +93,16 @@ function moveSlider(slider, move) {
   for (const type of ["input", "change"]) slider.dispatchEvent(new Event(type, { bubbles: true }));
 }
 
-/** @param {string} code of a key @param {HTMLFormElement} form */
-function chooseByDigit(code, form) {
-  const digit = DIGIT.exec(code)?.[1];
-  const radio = digit && form.querySelector(`input[aria-keyshortcuts="${digit}"]`);
+/** In languages that are written from right to left the lowest grade is on the right. @param {HTMLInputElement} slider */
+function isFromRight(slider) {
+  return getComputedStyle(slider).direction === "rtl";
+}
+
+/** @param {KeyboardEvent} event @param {HTMLFormElement} form */
+function chooseByKey({ key, code }, form) {
+  const isTen = key.toUpperCase() === KEY_OF_TEN || code === `Key${KEY_OF_TEN}`;
+  const shortcut = isTen ? KEY_OF_TEN : DIGIT.exec(code)?.[1];
+  const radio = shortcut && form.querySelector(`input[aria-keyshortcuts="${shortcut}"]`);
   if (!(radio instanceof HTMLInputElement)) return;
   radio.focus({ preventScroll: true });
   radio.click();

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
-from typing import Any
 
+from app.store.counted_votes import VoteState
 from app.store.engine import Database
 from app.web.analyst.results import analysis_of, rows_of
 
@@ -18,7 +18,6 @@ PATIENCE_S = 0.5  # a page waits so long for flags, as it should appear within a
 
 LONG_AGO = datetime.min.replace(tzinfo=UTC)
 
-Votes = frozenset[tuple[Any, ...]]
 FlagsOf = Mapping[str, tuple[str, ...]]
 
 
@@ -27,7 +26,7 @@ class _Known:
     """The flags of a study, and the votes from which they were computed."""
 
     flags: FlagsOf = field(default_factory=dict)
-    votes: Votes | None = frozenset()  # None: the computation failed
+    votes: VoteState | None = None  # None: there is no computation, or it failed
     work: Future[FlagsOf] | None = None
     begun_at: datetime = LONG_AGO
     again_at: datetime = LONG_AGO
@@ -50,17 +49,17 @@ class Flags:
     ) -> None:
         self._worker.shutdown(cancel_futures=True)
 
-    def of(self, study_id: int, people: Sequence[Mapping[str, Any]], now: datetime, patience_s: float = 0.0) -> FlagsOf:
+    def of(self, study_id: int, votes: VoteState, now: datetime, patience_s: float = 0.0) -> FlagsOf:
         """Return the present flags by participant; compute newer ones if something has changed.
 
         Parameters
         ----------
-        people : rows of `participants_votes` or `participant_records`
+        votes : their state now
         patience_s : how long to wait for newer flags
         """
         with self._lock:
             known = self._known.setdefault(study_id, _Known())
-            self._compute_again(study_id, known, _votes_of(people), now)
+            self._compute_again(study_id, known, votes, now)
             work = known.work
         if work is not None:
             wait([work], patience_s)
@@ -73,8 +72,8 @@ class Flags:
             known = self._known.get(study_id)
             return known is not None and known.work is not None and not known.work.done()
 
-    def _compute_again(self, study_id: int, known: _Known, votes: Votes, now: datetime) -> None:
-        if known.work is None and votes != known.votes and now >= known.again_at:
+    def _compute_again(self, study_id: int, known: _Known, votes: VoteState, now: datetime) -> None:
+        if known.work is None and votes.n_votes and votes != known.votes and now >= known.again_at:
             known.votes, known.begun_at = votes, now
             known.work = self._worker.submit(_compute, self._database, study_id)
 
@@ -86,12 +85,6 @@ class Flags:
                 known.votes = None
             known.flags = work.result()
         return known.flags
-
-
-def _votes_of(people: Sequence[Mapping[str, Any]]) -> Votes:
-    """Return facts that change whenever the counted votes do: votes are added, or all erased, and never altered."""
-    facts = ("participant", "n_votes", "reason", "withdrawn_at")
-    return frozenset(tuple(row[name] for name in facts) for row in people if row["n_votes"])
 
 
 def _compute(database: Database, study_id: int) -> FlagsOf:

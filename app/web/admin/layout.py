@@ -1,8 +1,9 @@
-"""Render the frame of the experimenter's pages (navigation, head, tabs, paging); redirect and read texts of forms."""
+"""Render the frame of the experimenter's pages (navigation, head, tabs); redirect and read texts of forms."""
 
 from __future__ import annotations
 
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
@@ -19,7 +20,7 @@ TABS: tuple[tuple[str, str, Role], ...] = (
     ("/participants", "Participants", "experimenter"),
     ("/votes", "Votes", "experimenter"),
     ("/design", "Design", "viewer"),
-    ("/stimuli", "Stimuli", "viewer"),
+    ("/stimuli", "Films", "viewer"),
     ("/invitations", "Invitations", "experimenter"),
     ("/texts", "Texts", "experimenter"),
     ("/edit", "Settings", "experimenter"),
@@ -50,15 +51,27 @@ def study_page(
     """Render a page of a study, under its name and tabs."""
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
-    tabs = [(path, name) for path, name, role in TABS if person.may(role)]
     base = f"/admin/studies/{study.slug}"
-    frame = {"study": study, "progress": progress, "tabs": tabs, "base": base}
+    frame = {"study": study, "progress": progress, "tabs": _tabs(request.url.path, person, base), "base": base}
     return page(request, template, person, {**frame, **(context or {})}, status_code)
 
 
-def turns(at: int, size: int, *, has_more: bool) -> dict[str, int | None]:
-    """Return where the previous and next pages of a long list begin; None where there is none."""
-    return {"before": max(0, at - size) if at else None, "after": at + size if has_more else None}
+def _tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]]:
+    """Return the tabs of a study that a person may open; `is_current` marks that of the page at `path`."""
+    shown = [(base + tab, name) for tab, name, role in TABS if person.may(role)]
+    return [
+        {
+            "address": address,
+            "name": name,
+            "is_current": path == address or (address != base and path.startswith(f"{address}/")),
+        }
+        for address, name in shown
+    ]
+
+
+def attachment(name: str) -> str:
+    """Return the header that lets the browser save an answer under a name, in any script (RFC 6266)."""
+    return f"attachment; filename*=utf-8''{quote(name)}" if quote(name) != name else f'attachment; filename="{name}"'
 
 
 def see(path: str) -> Response:

@@ -12,6 +12,8 @@ from typing import IO, Any
 
 from app.operations.manage import study_file_of
 from app.store.audit import audit_records
+from app.store.comments import comment_records, tag_records
+from app.store.demographics import demographic_records
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.images import image_content, image_digests
@@ -20,14 +22,15 @@ from app.store.participants import participant_records, questionnaire_records
 from app.store.screening import screening_records
 from app.store.sessions import shown_wordings
 from app.store.studies import Study, study_by_id
-from app.store.trials import trial_records
+from app.store.trial_records import trial_records
 from app.store.vote_records import vote_records
 from app.study.options import parse_options
 from app.study.study_file import write_study_file
 from app.web.analyst.columns import TABLES
 from app.web.analyst.formats import PART, write_csv
-from app.web.analyst.results import prepare_results, rows_of
+from app.web.analyst.results import inputs_of, prepare_results, rows_of
 
+ANALYSIS_TABLES = ("scores", "ratings", "comparisons", "triads", "observers")
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
 
 
@@ -39,7 +42,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         with database.snapshot() as connection:
             study = study_by_id(connection, study_id)
-            assert study is not None, "studies are never deleted"
+            assert study is not None, "its caller has just found it"
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
             files.write("study.toml", write_study_file(study_file_of(study)))
@@ -48,18 +51,30 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             )
             for name, sha256 in image_digests(connection, study.id).items():
                 files.write_bytes(f"images/{name}", image_content(connection, sha256) or b"")
-            analysed = prepare_results(connection, study.id)
+            prepared = prepare_results(connection, inputs_of(connection, study.id))
             for name, rows in _tables(connection, study.id):
                 files.write_table(name, rows, list(TABLES[name]))
             _write_items(files, conditions_of(connection, study.id))
-        analysis = analysed().analysis
-        for name in ("scores", "ratings", "comparisons", "triads", "observers"):
+        analysis = prepared.results().analysis
+        for name in ANALYSIS_TABLES:
             rows = rows_of(analysis or {}, name)
             columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
             files.write_table(name, rows, list(columns))
         if analysis is not None:
-            files.write("analysis.json", json.dumps(analysis, indent=2, allow_nan=False) + "\n")
+            _write_analysis(files, analysis, study.name)
         files.write("SHA256SUMS", files.checksums)
+
+
+def _write_analysis(files: _Files, analysis: Mapping[str, Any], source: str) -> None:
+    """Write the analysis as `reconstudy analyse` does: its tables, every figure, the report, and analysis.json."""
+    from app.analysis.report import COLUMNS, report_files, table_csv
+
+    for name, columns in COLUMNS.items():
+        if name not in ANALYSIS_TABLES and analysis.get(name):
+            files.write(f"{name}.csv", table_csv(analysis[name], columns))
+    for path, content in report_files(analysis, source=source):
+        files.write_bytes(path, content)
+    files.write("analysis.json", json.dumps(analysis, indent=2, allow_nan=False) + "\n")
 
 
 class _Files:
@@ -112,6 +127,9 @@ def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Itera
     yield "participants", participant_records(connection, study_id)
     yield "screening", screening_records(connection, study_id)
     yield "questionnaire", questionnaire_records(connection, study_id)
+    yield "comments", comment_records(connection, study_id)
+    yield "comment_tags", tag_records(connection, study_id)
+    yield "demographics", demographic_records(connection, study_id)
     yield "validation", measurement_records(connection, study_id)
     yield "audit", audit_records(connection, study_id=study_id)
 
@@ -130,7 +148,8 @@ def _dictionary(study: Study) -> str:
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
         "study again from its stimulus set; `texts.json` has all texts that participants have read, `images` what they "
-        "show; the project's documentation describes `analysis.json`.\n"
+        "show; `report.html` says what was found, with every figure in `figures` as SVG, PNG and PDF; the project's "
+        "documentation describes `analysis.json`.\n"
     ]
     if noted := parse_options(study.options).lab_sheet.rows():
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)

@@ -6,6 +6,7 @@ Columns = dict[str, str]
 
 PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset (a scene)"
+LIGHTER_FILM = "whether the film with fewer bytes was shown, which the study has for slow lines; of both alike"
 TECHNIQUE = "how A and B were kept in step: stacked, webcodecs or two videos; empty where the client did not say"
 BOTH_SEEN = "true if A and B were both on screen"
 PRESS_TO_PICTURE = "median time from a press to the presented picture, milliseconds; empty where not recorded"
@@ -37,6 +38,7 @@ VOTES: Columns = {
     "protocol": PROTOCOL,
     "rating": RATING,
     "reference": REFERENCE,
+    "lighter_film": LIGHTER_FILM,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
@@ -65,6 +67,7 @@ TRIALS: Columns = {
     "press_to_picture_ms": PRESS_TO_PICTURE,
     "technique": TECHNIQUE,
     "frame_locked": FRAME_LOCKED,
+    "lighter_film": LIGHTER_FILM,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",
     "viewing": "the whole viewing record, as JSON",
 }
@@ -80,6 +83,7 @@ PARTICIPANTS: Columns = {
     "finished_at": "when it finished",
     "last_vote_at": "when the last vote arrived",
     "withdrawn_at": "when the participant withdrew",
+    "group": "group that chance has assigned; empty where the study has none",
     "language": "language of all texts of the session; empty: begun by another client than the page",
     "texts_sha256": "SHA-256 of these texts, which are in the archive's texts.json",
     "erased_at": "when the participant's data were erased",
@@ -93,6 +97,34 @@ QUESTIONNAIRE: Columns = {
     "answered_at": "when the interview was completed, or the spoken answer noted",
     "source": "written by the participant, or spoken",
     "experimenter": "who noted a spoken answer",
+}
+COMMENTS: Columns = {
+    "participant": PARTICIPANT,
+    "source": "written in the questionnaire, spoken in the interview, or noted on a trial",
+    "question": "the question as it was asked, or the number of the trial with its dataset",
+    "comment": "the comment",
+    "tags": "tags that experimenters have given it, as a list",
+    "written_at": "when it was given or noted",
+    "experimenter": "who noted it; empty if the participant wrote it",
+    "dataset": "dataset of the trial",
+    "trial": "id of the trial",
+}
+COMMENT_TAGS: Columns = {
+    "tag": "name of the tag",
+    "n_comments": "comments that bear it",
+    "n_participants": "participants who gave these comments",
+}
+DEMOGRAPHICS: Columns = {
+    "among": "counted: neither excluded nor withdrawn; everybody: the excluded, too",
+    "question": "name of the question",
+    "text": "the question as it was asked",
+    "answer": "option, step of the scale, or left out; empty in the row that sums up a number or scale",
+    "n": "participants who gave this answer, or any",
+    "share": "their share of those who completed the questionnaire",
+    "mean": "mean of a number or scale",
+    "sd": "its standard deviation in the sample; empty for one participant",
+    "minimum": "smallest answer",
+    "maximum": "largest answer",
 }
 SCORES: Columns = {
     "comparison": "all conditions, or the levels of a factor",
@@ -108,6 +140,15 @@ SCORES: Columns = {
     "losses": "votes for the other item",
     "ties": "votes without preference",
     "status": "ok, separated (no finite maximum) or disconnected",
+    "jod": "score / ln 3: one JOD is preferred by 75 %",
+    "jod_low": "lower end of its 95 % interval",
+    "jod_high": "upper end",
+    "jod_thurstone": "score of Thurstone's Case V in JOD; empty with an order effect or without a finite maximum",
+    "jod_thurstone_low": "lower end of its 95 % interval",
+    "jod_thurstone_high": "upper end",
+    "preference_to_mean": "share of decided votes against a condition of the mean score",
+    "preference_to_mean_low": "lower end of its 95 % interval",
+    "preference_to_mean_high": "upper end",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -146,7 +187,8 @@ TRIADS: Columns = {
     "circular_expected_ties": "expected circular triads if ties were broken at random",
     "circular_max": "largest possible number of circular triads",
     "zeta": "coefficient of consistence, 1 - circular / circular_max",
-    "p_value": "probability of as few circular triads under random votes",
+    "p_value": "probability of as few circular triads under random votes on the same pairs, ties in the same places",
+    "circular_by_chance": "expected circular triads under random votes",
 }
 OBSERVERS: Columns = {
     "participant": PARTICIPANT,
@@ -171,6 +213,25 @@ AUDIT: Columns = {
     "study": "study concerned",
     "subject": "object or person concerned",
     "detail": "more, as JSON",
+}
+JOBS: Columns = {
+    "job": "id",
+    "kind": "kind of job, as /api/v1/jobs/kinds lists them",
+    "arguments": "value of each field of its form, as JSON",
+    "output": "what it makes or changes, SHELF/NAME; sets are stimulus sets, the rest lies in the intake folder",
+    "state": "queued, running, done, failed or cancelled",
+    "is_cancelling": "true if it was cancelled and has not stopped yet",
+    "step": "what is being done",
+    "done": "how much of the step is done",
+    "total": "how much the step is",
+    "left_s": "estimate of what is left of the step, seconds; empty where there is none",
+    "detail": "why it failed",
+    "actor": "who queued it",
+    "worker": "machine and process that runs it or ran it last",
+    "attempt": "how often it was begun",
+    "created_at": "time when it was queued",
+    "started_at": "time when it was begun last; empty before",
+    "ended_at": "time when it ended; empty before",
 }
 STUDIES: Columns = {
     "slug": "name in addresses",
@@ -208,12 +269,23 @@ SCREENING: Columns = {
     "experimenter": "who entered it",
     "details": "more, as JSON",
 }
+KINDS = {  # of columns of votes, trials, participants and the audit log that are no text
+    **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
+    **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
+    **dict.fromkeys(("n_trials", "n_votes", "n_voided"), "int"),
+    **dict.fromkeys(("response_ms", "press_to_picture_ms", "shown_ms", "mean_response_ms"), "float"),
+    **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
+    **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at"), "time"),
+}
 TABLES: dict[str, Columns] = {
     "votes": VOTES,
     "trials": TRIALS,
     "participants": PARTICIPANTS,
     "screening": SCREENING,
     "questionnaire": QUESTIONNAIRE,
+    "comments": COMMENTS,
+    "comment_tags": COMMENT_TAGS,
+    "demographics": DEMOGRAPHICS,
     "scores": SCORES,
     "ratings": RATINGS,
     "comparisons": COMPARISONS,

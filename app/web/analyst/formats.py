@@ -10,12 +10,15 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from importlib.metadata import version
 from itertools import count, islice
 from tempfile import SpooledTemporaryFile
 from typing import IO, Annotated, Any, Literal
 
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
+
+from app.files import without_formula
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -24,8 +27,8 @@ MEDIA_TYPES: dict[Format, str] = {"json": "application/json", "csv": CSV, "parqu
 MOST_ROWS = 1_000_000  # of a page
 IN_MEMORY = 1024 * 1024  # bytes of a table; the rest waits on disk
 PART = 256 * 1024  # bytes sent at once
+ROWS_SENT_AT_ONCE = 500
 ROWS_AT_ONCE = 20_000  # of a Parquet file, as Python objects
-FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of a spreadsheet's formula
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,26 @@ def table_request(
 ChosenFormat = Annotated[TableRequest, Depends(table_request)]
 
 
-def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: TableRequest, name: str) -> Response:
+def table(
+    rows: Iterable[Mapping[str, Any]],
+    columns: Iterable[str],
+    chosen: TableRequest,
+    name: str,
+    digest: str | None = None,
+    n_rows: int | None = None,
+) -> Response:
     """Return rows as a JSON array of objects, as CSV with a header, or as Parquet, with the same columns.
 
     `X-Total-Count` gives the number of rows in all, which tells the client of a page when it has them. Rows are read
-    one by one, and a temporary file takes what exceeds a little memory: a million votes need no more memory than
-    ten.
+    one by one, and a temporary file takes what exceeds a little memory.
+
+    Parameters
+    ----------
+    rows : of the whole table
+    columns : their names, in order
+    name : of the file, without its ending
+    digest : of what the rows follow from, for the entity tag; None: the tag is that of the content
+    n_rows : in all; None: all are read to count them
     """
     columns, numbers = list(columns), count()
     counted = (row for row, _ in zip(rows, numbers, strict=False))
@@ -71,11 +88,101 @@ def table(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], chosen: Tab
     page = islice(counted, chosen.offset, end)
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
     WRITERS[chosen.format](content, page, columns)
-    deque(counted, maxlen=0)  # the rows after the page
-    headers = {"X-Total-Count": str(next(numbers))}
+    if n_rows is None:
+        deque(counted, maxlen=0)  # the rows after the page
+        n_rows = next(numbers)
+    headers = {"X-Total-Count": str(n_rows)}
     if chosen.format != "json":
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
-    return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers, beside=headers["X-Total-Count"])
+    beside = headers["X-Total-Count"]
+    return streamed(content, MEDIA_TYPES[chosen.format], chosen, headers, beside=beside, digest=digest)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A long table in the database, of which only what is sent is read.
+
+    Parameters
+    ----------
+    revision : changes whenever a row may have changed
+    n_rows : in all
+    read : offset, limit (None: to the end) -> rows
+    kinds : of columns that are no text, for Parquet: `bool`, `int`, `float` or `time`
+    """
+
+    revision: Any
+    n_rows: Callable[[], int]
+    read: Callable[[int, int | None], Iterable[Mapping[str, Any]]]
+    kinds: Mapping[str, str]
+
+
+def stored_table(stored: Stored, columns: Iterable[str], chosen: TableRequest, name: str) -> Response:
+    """Return a page of a long table as `table` does: sent while it is read, and not read at all if it is known."""
+    columns = list(columns)
+    tag = table_digest(chosen, name, [columns, stored.revision])
+    if is_known(chosen, tag):
+        return unchanged(tag)
+    headers = {"X-Total-Count": str(stored.n_rows()), **_own_headers(tag)}
+    if chosen.format != "json":
+        headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
+    rows = stored.read(chosen.offset, chosen.limit)
+    parts = {"json": _json_parts, "csv": _csv_parts}.get(chosen.format)
+    content = parts(rows, columns) if parts else _parquet_parts(rows, columns, stored.kinds)
+    return StreamingResponse(content, media_type=MEDIA_TYPES[chosen.format], headers=headers)
+
+
+def table_digest(chosen: TableRequest, name: str, facts: Any) -> str:
+    """Return the digest of a table that follows from facts, in the format and page that a client asks for."""
+    asked = [version("reconstudy"), name, chosen.format, chosen.limit, chosen.offset]
+    return hashlib.sha256(json.dumps([asked, facts], default=str).encode()).hexdigest()
+
+
+def _csv_parts(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[bytes]:
+    yield csv_text((), columns).encode()
+    for batch in _batches(rows, ROWS_SENT_AT_ONCE):
+        out = io.BytesIO()
+        write_csv(out, batch, columns, has_header=False)
+        yield out.getvalue()
+
+
+def _json_parts(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[bytes]:
+    before = b"["
+    for batch in _batches(rows, ROWS_SENT_AT_ONCE):
+        out = io.BytesIO()
+        write_json(out, batch, columns)
+        yield before + out.getvalue()[1:-1]
+        before = b","
+    yield b"[]" if before == b"[" else b"]"
+
+
+def _parquet_parts(
+    rows: Iterable[Mapping[str, Any]], columns: Sequence[str], kinds: Mapping[str, str]
+) -> Iterator[bytes]:
+    """Write a Parquet file of columns of known kinds, batch by batch, and send it when it is whole."""
+    import pyarrow
+    import pyarrow.parquet
+
+    types = {
+        "bool": pyarrow.bool_(),
+        "int": pyarrow.int64(),
+        "float": pyarrow.float64(),
+        "time": pyarrow.timestamp("us", "UTC"),
+    }
+    schema = pyarrow.schema([(name, types.get(kinds.get(name, ""), pyarrow.string())) for name in columns])
+    content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
+    with pyarrow.parquet.ParquetWriter(content, schema) as writer:
+        for batch in _batches(rows, ROWS_AT_ONCE):
+            arrays = [
+                pyarrow.array([_nested_as_text(row.get(field.name)) for row in batch], field.type) for field in schema
+            ]
+            writer.write_table(pyarrow.table(arrays, schema=schema))
+    yield from _parts(content)
+
+
+def _batches(rows: Iterable[Mapping[str, Any]], size: int) -> Iterator[list[Mapping[str, Any]]]:
+    rows = iter(rows)
+    while batch := list(islice(rows, size)):
+        yield batch
 
 
 def streamed(
@@ -84,15 +191,19 @@ def streamed(
     chosen: TableRequest,
     headers: Mapping[str, str],
     beside: str = "",
+    digest: str | None = None,
 ) -> Response:
     """Return a temporary file's content with its digest as entity tag, or 304 if the client has it; close it when sent.
 
-    `beside` enters the entity tag.
+    Parameters
+    ----------
+    beside : enters the entity tag
+    digest : the entity tag's, where it is known
     """
     content.seek(0)
     whole = hashlib.file_digest(content, "sha256")
     whole.update(beside.encode())
-    digest = whole.hexdigest()
+    digest = digest or whole.hexdigest()
     if is_known(chosen, digest):
         content.close()
         return unchanged(digest)
@@ -102,10 +213,10 @@ def streamed(
     )
 
 
-def json_object(content: Mapping[str, Any], chosen: TableRequest) -> Response:
-    """Return an object as JSON with its digest as entity tag; 304 if the client has it."""
+def json_object(content: Mapping[str, Any], chosen: TableRequest, digest: str | None = None) -> Response:
+    """Return an object as JSON with its digest, or a given one, as entity tag; 304 if the client has it."""
     text = json_bytes(content)
-    digest = hashlib.sha256(text).hexdigest()
+    digest = digest or hashlib.sha256(text).hexdigest()
     if is_known(chosen, digest):
         return unchanged(digest)
     return Response(text, media_type=MEDIA_TYPES["json"], headers=_own_headers(digest))
@@ -121,7 +232,7 @@ def unchanged(digest: str) -> Response:
 
 
 def _own_headers(digest: str) -> dict[str, str]:
-    return {"ETag": _tag(digest), "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
+    return {"ETag": _tag(digest), "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
 
 
 def _tag(digest: str) -> str:
@@ -146,11 +257,14 @@ def csv_text(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> str:
     return out.getvalue().decode()
 
 
-def write_csv(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> None:
+def write_csv(
+    out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Sequence[str], *, has_header: bool = True
+) -> None:
     """Write CSV to a file, as `csv_text`."""
     text = io.TextIOWrapper(out, encoding="utf-8", newline="")
     writer = csv.writer(text)
-    writer.writerow(columns)
+    if has_header:
+        writer.writerow(columns)
     for row in rows:
         writer.writerow([_cell(row.get(column)) for column in columns])
     text.detach()
@@ -186,11 +300,15 @@ WRITERS: dict[Format, Callable[[IO[bytes], Iterable[Mapping[str, Any]], Sequence
 
 
 def _array(pyarrow: Any, values: Sequence[Any]) -> Any:
-    plain = [json.dumps(value) if isinstance(value, (dict, list, tuple)) else value for value in values]
+    plain = [_nested_as_text(value) for value in values]
     try:
         return pyarrow.array(plain)
     except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
         return pyarrow.array([None if value is None else str(_plain(value)) for value in plain], pyarrow.string())
+
+
+def _nested_as_text(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, (dict, list, tuple)) else value
 
 
 def _joined(pyarrow: Any, parts: Sequence[Any]) -> Any:
@@ -224,7 +342,7 @@ def _cell(value: Any) -> Any:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"'{value}" if value.startswith(FORMULA) else value
+        return without_formula(value)
     return json.dumps(value) if isinstance(value, (dict, list, tuple)) else _plain(value)
 
 

@@ -43,6 +43,7 @@ TRIAL: dict[str, Any] = {
     "media": {
         "url": "/media/4h8s2p6y0r3j",
         "second": None,
+        "lighter": None,
         "singles": None,
         "layout": "stacked",
         "a": "bottom",
@@ -72,7 +73,47 @@ VIEWING: dict[str, Any] = {
     "display": {"window_width": 1920, "window_height": 1080, "device_pixel_ratio": 1.0, "full_screen": True},
 }
 VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
+JOB: dict[str, Any] = {
+    "job": "4h8s2p6y0r3jWq1x",
+    "kind": "reconstruct",
+    "arguments": {"capture": "ball", "name": "ball", "temporal": True},
+    "output": "runs/ball",
+    "state": "running",
+    "is_cancelling": False,
+    "step": "matching",
+    "done": 12,
+    "total": 72,
+    "left_s": 95.0,
+    "detail": "",
+    "actor": "Eva",
+    "worker": "laboratory 4711 9f2c",
+    "attempt": 1,
+    "created_at": "2026-03-02T10:15:00+00:00",
+    "started_at": "2026-03-02T10:15:01+00:00",
+    "ended_at": None,
+}
+JOB_KINDS: dict[str, Any] = {
+    "kinds": [
+        {
+            "kind": "check",
+            "title": "Check a capture",
+            "help": "Lists everything that is wrong with a recording, with pictures of each sensor.",
+            "fields": [
+                {
+                    "field": "capture",
+                    "type": "Entry",
+                    "label": "Capture",
+                    "help": "recording in the capture format",
+                    "required": True,
+                    "default": None,
+                    "choices": ["ball"],
+                }
+            ],
+        }
+    ]
+}
 EXAMPLES: dict[str, Any] = {
+    "JobBody": {"kind": "reconstruct", "arguments": {"capture": "ball"}},
     "TurnedAwayBody": {"invitation": "k7m2p9xq4wva", "why": "phone"},
     "AdmissionBody": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
     "Resumption": {"resume_code": "maple-otter-93", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},
@@ -87,6 +128,7 @@ EXAMPLES: dict[str, Any] = {
     },
     "ComprehensionBody": {"answer": "wait"},
     "ComprehensionView": {"understood": True},
+    "ErasureBody": {"confirmed": True},
     "StageData": {"data": {"answers": {"age": 34, "sex": "female"}}},
     "ScreeningView": {
         "tests": [
@@ -127,21 +169,60 @@ EXAMPLES: dict[str, Any] = {
     "TroubleBody": {"why": "PIPELINE_ERROR_DECODE: the film cannot be decoded"},
     "VoidBody": {"reason": "hidden", "viewing": VIEWING},
 }
+STUDY_VIEW: dict[str, Any] = {
+    "slug": "temple",
+    "name": "Temple",
+    "state": "paused",
+    "exposure_s": 15.0,
+    "created_at": "2026-02-27T08:30:00+00:00",
+    "n_datasets": 6,
+    "n_conditions": 6,
+    "n_pairs": 90,
+    "n_started": 0,
+    "n_finished": 0,
+    "n_votes": 0,
+    "revision": 1,
+    "seed": 4711,
+    "options": {"break_every": 25},
+}
+EXAMPLES |= {
+    "NewStudyBody": {
+        "name": "Temple",
+        "stimulus_set": "temple",
+        "preset": "paper",
+        "options": {"break_every": 30},
+        "exposure_s": 15.0,
+        "seed": 4711,
+    },
+    "EditBody": {"revision": 1, "name": "Temple, second round", "options": {"break_every": 20}},
+    "StateBody": {"state": "open"},
+    "CopyBody": {"name": "Temple, again"},
+    "ManagedStudyView": STUDY_VIEW,
+    "InvitationsBody": {"places": 1, "number": 20},
+    "InvitationView": {"code": "k7m2p9xq4wva", "places": 1, "n_used": 0, "path": "/s/k7m2p9xq4wva"},
+    "ExclusionBody": {"reason": "looked away from the screen"},
+    "ExclusionView": {
+        "participant": "P007",
+        "reason": "looked away from the screen",
+        "excluded_by": "token lab",
+        "excluded_at": "2026-03-02T09:00:00+00:00",
+    },
+}
 ROW: dict[str, Any] = {  # of any table, by column
     "participant": "P001",
     "session": "3n8v5k2d9x7q",
     "language": "en",
     "texts_sha256": "5d41402abc4b2a76b9719d911017c592f0e4d4b0b0f5d3f9a3f1c2e7d8b6a901",
     "dataset": "ball",
-    "item": "pm_fb",
-    "item_a": "pm_fb",
-    "item_b": "id_fa",
-    "first_shown": "pm_fb",
+    "item": "approach_2",
+    "item_a": "approach_2",
+    "item_b": "approach_1",
+    "first_shown": "approach_2",
     "choice": "a",
     "rating": None,
     "protocol": "PC",
     "reference": False,
-    "condition": "pm_fb",
+    "condition": "approach_2",
     "is_reference": False,
     "n_ratings": 22,
     "n": 22,
@@ -168,6 +249,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "n_switches": 2,
     "technique": "stacked",
     "frame_locked": True,
+    "lighter_film": False,
     "n_mismatches": 0,
     "both_seen": True,
     "looks_before": 0,
@@ -191,6 +273,19 @@ ROW: dict[str, Any] = {  # of any table, by column
     "answered_at": "2026-03-01T12:31:07+00:00",
     "source": "written",
     "experimenter": None,
+    "comment": "The faces looked like wax.",
+    "tags": ["faces", "texture"],
+    "written_at": "2026-03-01T12:31:07+00:00",
+    "tag": "faces",
+    "n_comments": 9,
+    "n_participants": 7,
+    "among": "counted",
+    "text": "How old are you?",
+    "share": 0.5,
+    "mean": 36.6,
+    "minimum": 19,
+    "maximum": 59,
+    "group": "near",
     "comparison": "all",
     "score": 0.93,
     "se": 0.12,
@@ -201,15 +296,25 @@ ROW: dict[str, Any] = {  # of any table, by column
     "losses": 22,
     "ties": 7,
     "status": "ok",
+    "jod": 0.85,
+    "jod_low": 0.56,
+    "jod_high": 1.13,
+    "jod_thurstone": 0.82,
+    "jod_thurstone_low": 0.55,
+    "jod_thurstone_high": 1.09,
+    "preference_to_mean": 0.72,
+    "preference_to_mean_low": 0.65,
+    "preference_to_mean_high": 0.78,
     "n_items": 6,
     "complete": True,
     "circular": 1,
     "circular_expected_ties": 1.25,
     "circular_max": 8,
     "zeta": 0.875,
+    "circular_by_chance": 5.0,
     "p_value": 0.021,
     "flags": ["never switched in 9 of 90 trials"],
-    "approach": "pm_fb",
+    "approach": "approach_2",
     "measure": "accuracy",
     "value": 3.41,
     "direction": "less is better",
@@ -256,8 +361,8 @@ STUDY = {
 } | {
     **{name: ROW[name] for name in ("n_pairs", "n_started", "n_finished", "n_votes")},
     "datasets": ["ball", "box"],
-    "conditions": [{"item": "pm_fb", "levels": {"depth": "pm", "fusion": "fb"}}],
-    "factors": {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]},
+    "conditions": [{"item": "approach_2", "levels": {"light": "side", "pose": "far"}}],
+    "factors": {"light": ["front", "side", "back"], "pose": ["near", "far"]},
     "protocol": "PC",
     "scale": 5,
     "reference": "",
@@ -268,11 +373,16 @@ ANALYSIS = {
     "scores": [
         {name: ROW[name] for name in ("comparison", "dataset", "item", "score", "se", "ci_low", "ci_high", "status")}
     ],
+    "findings": [
+        {"about": "best", "text": "approach_2 is best: it has the highest score, +1.08 (95 % interval +0.83 to …"}
+    ],
     "warnings": ["ball: 12 votes is few for 15 pairs"],
 }
 
 
 def example_row(columns: Iterable[str]) -> dict[str, Any]:
     """Return an example of a table's row."""
+    if "job" in columns:
+        return JOB
     row = {name: ROW.get(name) for name in columns}
     return row | {"source": MEASURED_BY} if {"measure", "source"} <= set(row) else row

@@ -5,24 +5,31 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.intake.reports import better_by_measure, by_measure
+from app.store.counted_votes import VoteState, vote_state
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
-from app.store.participants import participants_votes, questionnaire_records
+from app.store.participants import assigned_groups, participants_votes, questionnaire_records
 from app.store.studies import Study, study_by_id
-from app.store.vote_records import vote_records
-from app.study.groupings import groupings
+from app.study.groupings import groupings, without_small_groups
 from app.study.options import StudyOptions, parse_options
-from app.study.protocols import CCR, RATED
-from app.web.once import Shared
+from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
+from app.web.analyst.study_votes import read_votes_table
+from app.web.once import Latest, Shared
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from app.analysis.votes_table import VotesTable
 
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
-WITHDRAWN = "withdrawn"
+ASSIGNED = "assigned group"  # beside the questions that participants are grouped by
 TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
 FIGURE_TABLES = {  # in analysis.json, of figures of ratings
     "opinion_scores": "rating_items",
@@ -49,13 +56,42 @@ class Results:
     @cached_property
     def charts(self) -> dict[str, tuple[str, Any]]:
         """Caption and chart of every figure that there is something in, by name."""
-        from app.analysis.report import named_charts
+        from app.analysis.figures import named_charts
 
         charts = named_charts(self.analysis) if self.analysis is not None else ()
         return {name: (caption, chart) for name, caption, chart in charts if chart is not None}
 
 
 _results: Shared[Results] = Shared(RESULTS_KEPT)
+_latest: Latest[Results] = Latest("reconstudy-results")
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """All that an analysis follows from, without the votes themselves.
+
+    Parameters
+    ----------
+    digest : SHA-256 of all of it
+    state : of the votes
+    settings : fields of `AnalysisSettings`, for votes on pairs
+    """
+
+    study_id: int
+    digest: str
+    state: VoteState
+    settings: Mapping[str, Any]
+    options: StudyOptions
+    with_excluded: bool
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """An analysis whose votes have been read; what it makes needs no connection any more."""
+
+    digest: str
+    results: Callable[[], Results]
+    score_rows: Callable[[], Sequence[Mapping[str, Any]]]
 
 
 def results_of(database: Database, study_id: int, *, with_excluded: bool = False) -> Results:
@@ -66,8 +102,22 @@ def results_of(database: Database, study_id: int, *, with_excluded: bool = False
     with_excluded : count participants whom the experimenter has excluded, too; who has withdrawn is never counted
     """
     with database.snapshot() as connection:
-        analysed = prepare_results(connection, study_id, with_excluded=with_excluded)
-    return analysed()
+        prepared = prepare_results(connection, inputs_of(connection, study_id, with_excluded=with_excluded))
+    return prepared.results()
+
+
+def results_soon(
+    database: Database, study_id: int, patience_s: float, *, with_excluded: bool = False
+) -> tuple[Results | None, bool]:
+    """Return the results of the votes so far and True, or the latest results known and False if they take longer.
+
+    Parameters
+    ----------
+    patience_s : how long to wait; the work then goes on without the caller
+    with_excluded : as in `results_of`
+    """
+    key = (str(database.engine.url), study_id, with_excluded)
+    return _latest.get(key, lambda: results_of(database, study_id, with_excluded=with_excluded), patience_s)
 
 
 def grouped_results_of(database: Database, study: Study) -> Results:
@@ -78,9 +128,14 @@ def grouped_results_of(database: Database, study: Study) -> Results:
         people = {row["participant"] for row in counted}
         answers = questionnaire_records(connection, study.id)
         written = [row for row in answers if row["source"] == "written" and row["participant"] in people]
-        groups = groupings(parse_options(study.options).questions, written)
-        analysed = prepare_results(connection, study.id, groups=groups)
-    return analysed()
+        options = parse_options(study.options)
+        groups = groupings(options.questions, written)
+        if not any(group.datasets for group in options.groups):  # else there is nothing that two groups have judged
+            assigned = assigned_groups(connection, study.id)
+            assigned = without_small_groups({label: name for label, name in assigned.items() if label in people})
+            groups |= {ASSIGNED: assigned} if len(set(assigned.values())) > 1 else {}
+        prepared = prepare_results(connection, inputs_of(connection, study.id, groups=groups))
+    return prepared.results()
 
 
 def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, Any]]:
@@ -95,18 +150,14 @@ def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     return results_of(database, study_id).analysis
 
 
-def prepare_results(
+def inputs_of(
     connection: Transaction,
     study_id: int,
     *,
     with_excluded: bool = False,
     groups: Mapping[str, Mapping[str, str]] | None = None,
-) -> Callable[[], Results]:
-    """Read what an analysis is made of; the function that is returned makes it, and needs no connection any more.
-
-    The digest is of how many votes each participant has and of when the vote on their last trial came, because votes
-    are added to or all erased, never altered. The votes themselves, of which 60 000 take seconds, are read only if that
-    digest is new.
+) -> Inputs:
+    """Return what an analysis of the votes so far follows from.
 
     Parameters
     ----------
@@ -114,66 +165,104 @@ def prepare_results(
     groups : question -> participant -> group, to compare groups by
     """
     study = study_by_id(connection, study_id)
-    assert study is not None, "studies are never deleted"
+    assert study is not None, "its caller has just found it"
     options = parse_options(study.options)
-    votes = participants_votes(connection, study_id)
-    if with_excluded:
-        votes = [row | {"reason": None} for row in votes]
+    state = vote_state(connection, study_id)
     measured = measurement_records(connection, study_id)
-    inputs: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "factors": items_factors(conditions_of(connection, study_id)),
         "measures": by_measure(measured),
         "better": better_by_measure(measured),
         "groups": groups or {},
+        "random_effects": options.random_effects,
     }
-    known = json.dumps([votes, inputs, options.protocol, options.scale], sort_keys=True, default=str)
+    counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
+    known = json.dumps([study_id, counted, settings, options.protocol, options.scale], sort_keys=True, default=str)
     digest = hashlib.sha256(known.encode()).hexdigest()
-    if (begun := _results.begun(digest)) is not None:
-        return begun.result
-    rows = list(vote_records(connection, study_id))
-    if with_excluded:
-        rows = [row | {"excluded": row["reason"] == WITHDRAWN} for row in rows]
-    return lambda: _results.get(digest, lambda: Results(digest, _analysed(rows, inputs, options) if rows else None))
+    return Inputs(study_id, digest, state, settings, options, with_excluded)
 
 
-def _analysed(
-    rows: Sequence[Mapping[str, Any]], inputs: Mapping[str, Any], options: StudyOptions
-) -> Mapping[str, Any] | None:
-    """Analyse votes as the study's protocol asks; None where no rating counts.
+def prepare_results(connection: Transaction, inputs: Inputs) -> Prepared:
+    """Read the votes of an analysis, in the transaction of its inputs; not if it is known or being made."""
+    if (begun := _results.begun(inputs.digest)) is not None:
+        return Prepared(inputs.digest, begun.result, lambda: _score_rows(begun.result()))
+    read = read_votes_table(connection, inputs.study_id, inputs.state, with_excluded=inputs.with_excluded)
+    if read is None:
+        return Prepared(inputs.digest, _kept(inputs, lambda: None), list)
+    votes, rating = read
+    if inputs.options.protocol != PC:
+        rated = _kept(inputs, lambda: _analysed_ratings(votes, rating, inputs))
+        return Prepared(inputs.digest, rated, lambda: _score_rows(rated()))
+    return Prepared(inputs.digest, _kept(inputs, lambda: _analysed(votes, inputs)), lambda: _scored(votes, inputs))
+
+
+def _kept(inputs: Inputs, analyse: Callable[[], Mapping[str, Any] | None]) -> Callable[[], Results]:
+    return lambda: _results.get(inputs.digest, lambda: Results(inputs.digest, analyse()))
+
+
+def _score_rows(results: Results) -> Sequence[Mapping[str, Any]]:
+    return rows_of(results.analysis or {}, "scores")
+
+
+def _analysed(votes: VotesTable, inputs: Inputs) -> Mapping[str, Any]:
+    from app.analysis import AnalysisSettings, analyse
+
+    return analyse(votes, AnalysisSettings(**inputs.settings))
+
+
+def _scored(votes: VotesTable, inputs: Inputs) -> Sequence[Mapping[str, Any]]:
+    """Fit the scores alone, which takes a tenth of an analysis; those of a known analysis are the same."""
+    from app.analysis import AnalysisSettings
+    from app.analysis.analyse import scored
+
+    return scored(votes, AnalysisSettings(**inputs.settings))
+
+
+def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: Inputs) -> Mapping[str, Any] | None:
+    """Analyse ratings as the study's protocol asks; None where none counts.
 
     Parameters
     ----------
-    rows : votes
-    inputs : fields of `AnalysisSettings`, for votes on pairs
-    options : the study's
+    votes : all of the study
+    rating : float64 (N,), one for each vote
+    inputs : settings of the analysis, and the study's options; of ratings only the measures are used
     """
-    from app.analysis import AnalysisSettings, analyse, votes_from_rows
+    from app.analysis import AnalysisSettings
     from app.analysis.ratings.analyse_ratings import analyse_ratings
     from app.analysis.ratings.comparisons import analyse_comparisons
+    from app.analysis.ratings.score_sets import opinion_score_sets
     from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
-    from app.analysis.report import NO_VOTES
+    from app.analysis.report import NO_VOTES, add_measures
 
-    counted = counted_ratings(rows)
+    options = inputs.options
+    counted, ratings = counted_ratings(votes, rating)
     if options.protocol in RATED and options.grades:
-        if not counted:
+        if not len(counted):
             return None
-        table = rating_table(counted, options.protocol, (options.grades.low, options.grades.high))
-        tables = analyse_ratings(table)
+        reference = options.reference if options.protocol in WITH_REFERENCE else ""
+        scale = (options.grades.low, options.grades.high)
+        table = rating_table(counted, ratings, options.protocol, scale, reference)
         settings = {"protocol": options.protocol, "scale": options.scale}
-        return _with_tables(NO_VOTES | {"settings": settings, "warnings": []}, tables)
-    analysis = analyse(votes_from_rows(rows), AnalysisSettings(**inputs))
-    if options.protocol == CCR and counted:
-        return _with_tables(analysis, analyse_comparisons(comparison_table(counted)))
+        rated = _with_tables(NO_VOTES | {"settings": settings, "warnings": []}, analyse_ratings(table))
+        chosen = AnalysisSettings(measures=inputs.settings["measures"], better=inputs.settings["better"])
+        add_measures(rated, opinion_score_sets(table), chosen)
+        return rated
+    analysis = _analysed(votes, inputs)
+    if options.protocol == CCR and len(counted):
+        return _with_tables(analysis, analyse_comparisons(comparison_table(counted, ratings)))
     return analysis
 
 
 def _with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Return an analysis with tables of ratings, and their warnings among its own."""
+    """Return an analysis with tables of ratings, and their warnings and findings among its own."""
+    from app.analysis.findings.ratings import rating_findings
+
     warnings = [*analysis["warnings"], *(row["warning"] for row in tables["rating_warnings"])]
     return {
         **analysis,
         **{name: rows for name, rows in tables.items() if name != "rating_warnings"},
         "warnings": warnings,
+        "findings": [*analysis["findings"], *rating_findings(tables)],
     }
 
 
@@ -196,6 +285,13 @@ def figures_of(results: Results) -> list[tuple[str, str]]:
     return [(name, caption) for name, (caption, _) in results.charts.items()]
 
 
+def code_of(results: Results, name: str) -> Mapping[str, str]:
+    """Return the code that draws a figure anew from the analysis, by its language."""
+    from app.analysis.figure_code import figure_code
+
+    return figure_code(name, results.analysis) if results.analysis is not None else {}
+
+
 def figure(results: Results, name: str, kind: str) -> bytes | None:
     """Write a figure as a file; None if there is no such figure.
 
@@ -203,7 +299,7 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
     ----------
     kind : a key of FIGURE_TYPES, or `vega` for a specification
     """
-    from app.analysis.charts import chart_pdf, chart_png, chart_svg, chart_vega
+    from app.analysis.drawing import chart_svg, chart_vega, svg_pdf, svg_png
 
     _, chart = results.charts.get(name, ("", None))
     if chart is None or results.analysis is None:
@@ -212,7 +308,8 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
         return _figure_csv(results.analysis, name).encode()
     if kind == "vega":
         return chart_vega(chart).encode()
-    return chart_svg(chart).encode() if kind == "svg" else chart_png(chart) if kind == "png" else chart_pdf(chart)
+    svg = chart_svg(chart)
+    return svg.encode() if kind == "svg" else svg_png(svg) if kind == "png" else svg_pdf(svg)
 
 
 def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:

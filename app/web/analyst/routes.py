@@ -3,32 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict
+from functools import cache
 from tempfile import SpooledTemporaryFile
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 
 from app.operations.manage import study_summary
-from app.store.audit import audit_records
+from app.store import tables
+from app.store.audit import audit_records, audit_state
+from app.store.comments import comment_records, tag_names, tag_records
+from app.store.counted_votes import vote_state
+from app.store.demographics import demographic_records
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database, Transaction
 from app.store.measurements import measurement_records
-from app.store.participants import participant_records, questionnaire_records
-from app.store.screening import screening_records
+from app.store.participants import n_participants, participant_records, questionnaire_records, session_state
+from app.store.screening import n_screening_records, screening_records
 from app.store.studies import Study, all_studies, progress_by_study, progress_of
+from app.store.table_state import Tables, table_state
 from app.store.tokens import AUDIT as AUDIT_SCOPE
 from app.store.tokens import PERSONAL, READ
-from app.store.trials import trial_records
-from app.store.vote_records import vote_records
+from app.store.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
+from app.store.vote_records import vote_row
 from app.study.options import parse_options
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
-from app.web.analyst.formats import IN_MEMORY, ChosenFormat, TableRequest, flattened, json_object, streamed, table
+from app.web.analyst.formats import (
+    IN_MEMORY,
+    ChosenFormat,
+    Stored,
+    TableRequest,
+    flattened,
+    is_known,
+    json_object,
+    stored_table,
+    streamed,
+    table,
+    table_digest,
+    unchanged,
+)
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
-from app.web.analyst.results import analysis_of, rows_of
-from app.web.gates import AStudy, Store, may_read
+from app.web.analyst.results import inputs_of, prepare_results, rows_of
+from app.web.gates import AStudy, Store, is_seen, may_read
 
 EMPTY_TABLES = (
     "scores",
@@ -45,9 +65,17 @@ EMPTY_TABLES = (
 EMPTY_ANALYSIS: dict[str, Any] = {
     "schema_version": 1,
     **{name: [] for name in EMPTY_TABLES},
+    "findings": [],
     "warnings": ["there are no votes yet"],
     "settings": {},
 }
+
+PEOPLE_AT_ONCE = 200
+ENTRIES_AT_ONCE = 2000
+ANSWERS = (tables.stage_record, tables.spoken_answer)  # what the table of answers follows from
+TAGGED = (*ANSWERS, tables.trial_comment, tables.comment_tagging)
+PEOPLE = (*ANSWERS, tables.session, tables.exclusion)
+SCREENED = (tables.screening_display, tables.screening_test, tables.screening_item, tables.screening_entry)
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 READING, PERSONAL_TOO, AUDITING = ([Depends(may_read(scope))] for scope in (READ, PERSONAL, AUDIT_SCOPE))
@@ -57,10 +85,10 @@ OfDataset = Annotated[str | None, Query(alias="dataset", max_length=200, descrip
 
 
 @router.get("/studies", responses=table_answers(columns.STUDIES), dependencies=READING)
-def studies(database: Store, chosen: ChosenFormat) -> Response:
-    """List all studies, the newest first."""
+def studies(request: Request, database: Store, chosen: ChosenFormat) -> Response:
+    """List all studies that the token may see, the newest first."""
     with database.reading() as connection:
-        listed = all_studies(connection)
+        listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
     rows = [study_summary(study, progress[study.id]) for study in listed]
     return table(rows, columns.STUDIES, chosen, "studies")
@@ -94,9 +122,8 @@ def votes(
     dataset: OfDataset = None,
 ) -> Response:
     """List all votes; `item_a` is the condition labelled A in that trial."""
-    with database.reading() as connection:
-        rows = _of(vote_records(connection, study.id), participant, dataset)
-        return table(rows, columns.VOTES, chosen, f"{study.slug}-votes")
+    sought = SoughtRows(participant, None, dataset)
+    return _trial_table(database, study, chosen, sought, "votes")
 
 
 @router.get("/studies/{slug}/trials", responses=table_answers(columns.TRIALS), dependencies=READING)
@@ -109,27 +136,60 @@ def trials(
     dataset: OfDataset = None,
 ) -> Response:
     """List all planned trials, also those without a vote, with the viewing behaviour."""
-    with database.reading() as connection:
-        rows = _of(trial_records(connection, study.id, session), participant, dataset)
-        return table(rows, columns.TRIALS, chosen, f"{study.slug}-trials")
+    return _trial_table(database, study, chosen, SoughtRows(participant, session, dataset), "trials")
 
 
 @router.get("/studies/{slug}/participants", responses=table_answers(columns.PARTICIPANTS), dependencies=PERSONAL_TOO)
 def participants(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List all participants who have begun, with progress and exclusions."""
-    return _records(participant_records, database, study, chosen, "participants")
+    with database.snapshot() as connection:
+        votes_now = asdict(vote_state(connection, study.id))
+        revision = [votes_now, trial_state(connection, study.id), session_state(connection, study.id)]
+
+    def n_rows() -> int:
+        with database.reading() as connection:
+            return n_participants(connection, study.id)
+
+    def read(offset: int, limit: int | None) -> Iterator[dict[str, Any]]:
+        left = n_rows() if limit is None else limit
+        while left > 0:
+            with database.reading() as connection:
+                people = participant_records(connection, study.id, limit=min(left, PEOPLE_AT_ONCE), offset=offset)
+            yield from people
+            left, offset = left - PEOPLE_AT_ONCE, offset + PEOPLE_AT_ONCE
+
+    stored = Stored(revision, n_rows, read, columns.KINDS)
+    return stored_table(stored, columns.PARTICIPANTS, chosen, f"{study.slug}-participants")
 
 
 @router.get("/studies/{slug}/screening", responses=table_answers(columns.SCREENING), dependencies=PERSONAL_TOO)
 def screening(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the screening's results, a row per participant and test. It is a screening, not a diagnosis."""
-    return _records(screening_records, database, study, chosen, "screening")
+    return _records(screening_records, database, study, chosen, "screening", SCREENED, n_screening_records)
 
 
 @router.get("/studies/{slug}/questionnaire", responses=table_answers(columns.QUESTIONNAIRE), dependencies=PERSONAL_TOO)
 def questionnaire(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the answers of the interview, a row per participant and question."""
-    return _records(questionnaire_records, database, study, chosen, "questionnaire")
+    return _records(questionnaire_records, database, study, chosen, "questionnaire", ANSWERS)
+
+
+@router.get("/studies/{slug}/comments", responses=table_answers(columns.COMMENTS), dependencies=PERSONAL_TOO)
+def comments(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List free answers of the questionnaire, notes of interviews and on trials, with their tags."""
+    return _records(comment_records, database, study, chosen, "comments", TAGGED)
+
+
+@router.get("/studies/{slug}/comment_tags", responses=table_answers(columns.COMMENT_TAGS), dependencies=PERSONAL_TOO)
+def comment_tags(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Count the comments that bear each tag."""
+    return _records(tag_records, database, study, chosen, "comment_tags", TAGGED)
+
+
+@router.get("/studies/{slug}/demographics", responses=table_answers(columns.DEMOGRAPHICS), dependencies=PERSONAL_TOO)
+def demographics(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """Sum up who took part, by the closed questions of the questionnaire."""
+    return _records(demographic_records, database, study, chosen, "demographics", PEOPLE)
 
 
 @router.get("/studies/{slug}/scores", responses=table_answers(columns.SCORES), dependencies=READING)
@@ -165,23 +225,28 @@ def observers(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
 @router.get("/studies/{slug}/validation", responses=table_answers(columns.MEASUREMENTS), dependencies=READING)
 def validation(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the objective measures attached to the study, which the analysis compares with the scores."""
-    return _records(measurement_records, database, study, chosen, "validation")
+    return _records(measurement_records, database, study, chosen, "validation", (tables.measurement,))
 
 
 @router.get("/studies/{slug}/analysis", responses=object_answers(ANALYSIS, tables_too=True), dependencies=READING)
 def analysis(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Analyse the votes so far; as CSV or Parquet, a row per value."""
-    content = _analysis(database, study)
+    with database.snapshot() as connection:
+        inputs = inputs_of(connection, study.id)
+        digest = table_digest(chosen, "analysis", inputs.digest)
+        if is_known(chosen, digest):
+            return unchanged(digest)
+        prepared = prepare_results(connection, inputs)
+    content = prepared.results().analysis or EMPTY_ANALYSIS
     if chosen.format != "json":
-        return table(flattened(content), ("key", "value"), chosen, f"{study.slug}-analysis")
-    return json_object(content, chosen)
+        return table(flattened(content), ("key", "value"), chosen, f"{study.slug}-analysis", digest)
+    return json_object(content, chosen, digest)
 
 
 @router.get("/studies/{slug}/audit", responses=table_answers(columns.AUDIT), dependencies=AUDITING)
 def audit_of_study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List what experimenters did in a study, the latest first."""
-    with database.reading() as connection:
-        return table(audit_records(connection, study_id=study.id), columns.AUDIT, chosen, f"{study.slug}-audit")
+    return _audit_table(database, chosen, f"{study.slug}-audit", study.id, "")
 
 
 @router.get("/audit", responses=table_answers(columns.AUDIT), dependencies=AUDITING)
@@ -191,8 +256,7 @@ def audit(
     search: Annotated[str, Query(max_length=100, description="part of the actor, action or subject")] = "",
 ) -> Response:
     """List everything that was done or refused on this server, the latest first."""
-    with database.reading() as connection:
-        return table(audit_records(connection, search=search), columns.AUDIT, chosen, "audit")
+    return _audit_table(database, chosen, "audit", None, search)
 
 
 @router.get(
@@ -212,9 +276,26 @@ def archive(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     return streamed(content, "application/zip", chosen, headers)
 
 
-def _of(rows: Iterable[dict[str, Any]], participant: str | None, dataset: str | None) -> Iterator[dict[str, Any]]:
-    wanted = {"participant": participant, "dataset": dataset}
-    return (row for row in rows if all(value is None or row[key] == value for key, value in wanted.items()))
+def _trial_table(
+    database: Database, study: Study, chosen: TableRequest, sought: SoughtRows, name: Literal["votes", "trials"]
+) -> Response:
+    """Send trials, or only those with a vote as votes."""
+    is_voted = name == "votes"
+    with database.snapshot() as connection:
+        trials_now = () if is_voted else trial_state(connection, study.id)
+        revision = [asdict(sought), asdict(vote_state(connection, study.id)), trials_now]
+
+    @cache
+    def counts() -> list[tuple[int, int]]:
+        with database.reading() as connection:
+            return rows_by_session(connection, study.id, sought, is_voted=is_voted)
+
+    def read(offset: int, limit: int | None) -> Iterable[dict[str, Any]]:
+        rows = trial_page(database, study.id, sought, counts(), is_voted=is_voted, offset=offset, limit=limit)
+        return (vote_row(row) for row in rows) if is_voted else rows
+
+    stored = Stored(revision, lambda: sum(n for _, n in counts()), read, columns.KINDS)
+    return stored_table(stored, columns.TABLES[name], chosen, f"{study.slug}-{name}")
 
 
 def _records(
@@ -223,18 +304,46 @@ def _records(
     study: Study,
     chosen: TableRequest,
     name: str,
+    sources: Tables,
+    count: Callable[[Transaction, int], int] | None = None,
 ) -> Response:
+    """Send the rows of a short table, unless the client has them and the stored tables behind them are as they were."""
+    with database.snapshot() as connection:
+        state = table_state(connection, study.id, sources)
+        facts = [study.id, study.options, tag_names(connection, study.id), state]
+        digest = table_digest(chosen, name, facts)
+        if is_known(chosen, digest):
+            return unchanged(digest)
+        n_rows = count(connection, study.id) if count else None
+        return table(read(connection, study.id), columns.TABLES[name], chosen, f"{study.slug}-{name}", digest, n_rows)
+
+
+def _audit_table(database: Database, chosen: TableRequest, name: str, study_id: int | None, search: str) -> Response:
+    """Send a page of the audit log, whose entries are never altered."""
     with database.reading() as connection:
-        return table(read(connection, study.id), columns.TABLES[name], chosen, f"{study.slug}-{name}")
+        n, newest = audit_state(connection, study_id=study_id, search=search)
+
+    def read(offset: int, limit: int | None) -> Iterator[dict[str, Any]]:
+        end = n if limit is None else min(n, offset + limit)
+        for first in range(offset, end, ENTRIES_AT_ONCE):
+            size = min(ENTRIES_AT_ONCE, end - first)
+            with database.reading() as connection:
+                yield from audit_records(
+                    connection, study_id=study_id, search=search, until=newest, limit=size, offset=first
+                )
+
+    stored = Stored([study_id, search, n, newest], lambda: n, read, columns.KINDS)
+    return stored_table(stored, columns.AUDIT, chosen, name)
 
 
 def _results(database: Database, study: Study, chosen: TableRequest, name: str) -> Response:
-    """Send rows of the analysis: the documented columns, then any others of the rows."""
-    rows = rows_of(_analysis(database, study), name)
+    """Send rows of the analysis: the documented columns, then any others of the rows. Scores are fitted alone."""
+    with database.snapshot() as connection:
+        inputs = inputs_of(connection, study.id)
+        digest = table_digest(chosen, name, inputs.digest)
+        if is_known(chosen, digest):
+            return unchanged(digest)
+        prepared = prepare_results(connection, inputs)
+    rows = prepared.score_rows() if name == "scores" else rows_of(prepared.results().analysis or {}, name)
     names = dict.fromkeys([*columns.TABLES[name], *(key for row in rows for key in row)])
-    return table(rows, names, chosen, f"{study.slug}-{name}")
-
-
-def _analysis(database: Database, study: Study) -> Mapping[str, Any]:
-    analysis = analysis_of(database, study.id)
-    return EMPTY_ANALYSIS if analysis is None else analysis
+    return table(rows, names, chosen, f"{study.slug}-{name}", digest)

@@ -7,7 +7,8 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
 
-from app.store.designs import STRIPS, PracticePair
+from app.films.strips import LIGHTER
+from app.store.designs import SECOND_FILM, STRIPS, PracticePair
 from app.store.sessions import Done, Session
 from app.store.trials import MOST_ATTEMPTS, NextTrial
 from app.study.options import FullScreen, Pixels, StudyOptions
@@ -15,7 +16,7 @@ from app.study.protocols import CCR, Protocol
 from app.study.technique import Technique
 from app.study.trial import Disturbance, Half, Interruption
 from app.study.valid_vote import without_unknowns
-from app.web.participant.session import UUID, Strict
+from app.web.participant.session_bodies import UUID, Strict
 
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: a trial that was left open overnight still counts
 MOST_SWITCHES = 2000
@@ -41,6 +42,7 @@ class SecondView(BaseModel):
 class MediaView(BaseModel):
     url: str = Field(description="H.264")
     second: SecondView | None = Field(description="for browsers that do not play H.264, where the study has it")
+    lighter: str | None = Field(description="with fewer bytes, for slow lines; null where the study has none")
     singles: list[str] | None = Field(
         description="each strip alone, from the top, for browsers that play neither; null where the study has none"
     )
@@ -137,6 +139,7 @@ class ViewingBody(TypedDict):
 
     first_shown: Label
     technique: NotRequired[Annotated[Technique | None, Field(description="how A and B were kept in step")]]
+    lighter_film: NotRequired[Annotated[bool | None, Field(description="was the film shown that is for slow lines?")]]
     shown_ms: Milliseconds
     response_ms: Milliseconds
     switches: Annotated[list[SwitchBody], Field(max_length=MOST_SWITCHES)]
@@ -221,7 +224,7 @@ def trial_media(session: Session, current: NextTrial) -> MediaView:
         current,
         "top" if current.a_half == "top" else "bottom",
         has_reference=bool(session.options.reference_beside),
-        singles_of=current.public_id,  # differs between sessions, so that a stimulus cannot be recognised
+        name=current.public_id,  # of this trial alone, so that neither a pair nor a stimulus is recognised
     )
 
 
@@ -248,7 +251,7 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         void_on=list(options.disturbances),
         full_screen=options.full_screen,
         minimum_window=list(options.minimum_window),
-        media=_media_view(options, pair, a_half, has_reference=False, singles_of=pair.media),
+        media=_media_view(options, pair, a_half, has_reference=False, name=pair.media),
     )
 
 
@@ -257,15 +260,16 @@ def _grades_view(options: StudyOptions) -> GradesView | None:
 
 
 def _media_view(
-    options: StudyOptions, shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, singles_of: str
+    options: StudyOptions, shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, name: str
 ) -> MediaView:
     strips = STRIPS if has_reference else STRIPS[:1] if options.is_shown_alone else STRIPS[:2]
     return MediaView(
-        url=media_url(shown.media),
-        second=SecondView(url=media_url(shown.second_media), type=FILM_TYPES[shown.second_codec])
-        if shown.second_media and shown.second_codec
+        url=media_url(name),
+        second=SecondView(url=media_url(f"{name}.{SECOND_FILM}"), type=FILM_TYPES[shown.second_codec])
+        if shown.second_codec
         else None,
-        singles=[media_url(f"{singles_of}.{strip}") for strip in strips] if shown.has_singles else None,
+        lighter=media_url(f"{name}.{LIGHTER}") if shown.has_lighter else None,
+        singles=[media_url(f"{name}.{strip}") for strip in strips] if shown.has_singles else None,
         layout="single" if options.is_shown_alone else "stacked",
         a=a_half,
         width=shown.width,

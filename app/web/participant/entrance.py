@@ -9,16 +9,17 @@ from typing import Literal
 
 from fastapi import Request
 
+from app.store.admission import WhyClosed, why_closed
 from app.store.designs import has_single_films, largest_film
 from app.store.engine import Transaction
 from app.store.images import image_digests
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.recruits import recruit_of_session, session_of_outside_id
-from app.store.sessions import Session, WhyClosed, session_by_token, why_closed
+from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id
 from app.study.options import StudyOptions, parse_options
 from app.study.recruiting import Arrival
-from app.web.gates import PARTICIPANT_COOKIE, database, now
+from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +42,7 @@ class Entrance:
     no_consent_url: str  # where to go without consent; empty: nowhere
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
     film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
+    is_preview: bool  # does this browser hold an experimenter's walk through the study?
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
@@ -55,7 +57,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         study = study_by_id(connection, invitation.study_id) if invitation else None
         if invitation is None or study is None:
             return None
-        token = request.cookies.get(PARTICIPANT_COOKIE)
+        token = cookie(request, PARTICIPANT_COOKIE)
         session = session_by_token(connection, token) if token else None
         images = image_digests(connection, study.id)
         has_singles = has_single_films(connection, study.id)
@@ -82,6 +84,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         no_consent_url=options.outside.address("no_consent", arrival),
         full_url=options.outside.address("full", arrival),
         film_size=film_size,
+        is_preview=session is not None and state == "mine" and session.is_preview,
     )
 
 

@@ -10,24 +10,42 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
+from app.errors import InvalidError, NotFoundError
+from app.store.admission import begin_preview
 from app.store.invitations import invitation_of_session
-from app.store.sessions import resume_session
+from app.store.participants import forget_preview_votes
+from app.store.sessions import resume_session, session_by_token
+from app.store.studies import study_by_id
 from app.study.language_pack import LanguagePack, nested_texts
+from app.study.privacy import collected
 from app.study.stage_data import consent_to_send
 from app.study.wording import offered_languages, wording
-from app.web.form_token import entry_token, is_own_form, remember_entry
-from app.web.gates import Store, address, languages, note_refusal, throttle
+from app.web.form_token import entry_token, is_own_form, own_form, remember_entry
+from app.web.gates import (
+    PARTICIPANT_COOKIE,
+    Now,
+    Store,
+    address,
+    cookie,
+    delete_cookie,
+    is_secure,
+    languages,
+    note_refusal,
+    set_cookie,
+    throttle,
+)
+from app.web.limits.throttle import WRONG_CODES
 from app.web.markdown import render_markdown
 from app.web.participant.bodies import FILM_TYPES
 from app.web.participant.entrance import Entrance, entrance
 from app.web.participant.session import remember
-from app.web.throttle import WRONG_CODES
 
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
+LEAVE = "leave"  # in place of a stage: the end of a preview
 STATUS_OF_MESSAGE = {
     "unknown": 404,
     "unknown_resume_code": 404,
@@ -85,6 +103,28 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
     )
 
 
+@router.get("/s/{code}/privacy")
+def privacy_page(request: Request, code: str) -> Response:
+    """Say what the study of an invitation does with participants' data, also after it is closed."""
+    throttle(request).check(WRONG_CODES, address(request))
+    study = entrance(request, code)
+    offered = _offered(request, study) if study else {}
+    if study is None or not offered:
+        throttle(request).count(WRONG_CODES, address(request))
+        return _page(request, "participant/message.html", 404, message="unknown", leads_to="")
+    language = _language(request, offered)
+    shown = wording(offered[language], study.options, study.title)
+    return _page(
+        request,
+        "participant/privacy.html",
+        200,
+        offered,
+        texts=shown.texts,
+        options=study.options,
+        collected=collected(study.options),
+    )
+
+
 def _offered(request: Request, study: Entrance | None) -> Mapping[str, LanguagePack]:
     """Return the packs that a page can be shown in: the study's; else the reviewed ones and one chosen before."""
     packs = languages(request)
@@ -92,6 +132,33 @@ def _offered(request: Request, study: Entrance | None) -> Mapping[str, LanguageP
         return {tag: packs[tag] for tag in offered_languages(study.options, packs)}
     chosen = _chosen(request)
     return {tag: pack for tag, pack in packs.items() if pack.status == "reviewed" or tag in chosen}
+
+
+@router.post("/s/{code}/preview", dependencies=[Depends(own_form)])
+def steer_preview(
+    request: Request, code: str, stage: Annotated[str, Form(max_length=40)], database: Store, now: Now
+) -> Response:
+    """Jump to a stage of a preview, or leave it (LEAVE); what was entered so far is forgotten.
+
+    The preview's own cookie says that an experimenter asks: nobody else holds one.
+    """
+    token = cookie(request, PARTICIPANT_COOKIE) or ""
+    with database.reading() as connection:
+        session = session_by_token(connection, token)
+        study = study_by_id(connection, session.study_id) if session and session.is_preview else None
+    if session is None or study is None:
+        raise NotFoundError("There is no preview in this browser. Begin one from the study's page.")
+    if stage == LEAVE:
+        with database.writing() as connection:
+            forget_preview_votes(connection, study.id)
+        answer = RedirectResponse(f"/admin/studies/{study.slug}", status_code=303)
+        delete_cookie(request, answer, PARTICIPANT_COOKIE)
+        return answer
+    if stage not in session.options.way:
+        raise InvalidError(f"The study has no stage {stage!r}; expected one of {', '.join(session.options.way)}.")
+    answer = RedirectResponse(f"/s/{quote(code, safe='')}", status_code=303)
+    remember(request, answer, begin_preview(database, study, now, stage))
+    return answer
 
 
 @router.post("/resume")
@@ -149,7 +216,7 @@ def _page(
     )
     remember_entry(request, page)
     if request.query_params.get("language") == language:
-        page.set_cookie(LANGUAGE_COOKIE, language, samesite="lax")
+        set_cookie(page, LANGUAGE_COOKIE, language, is_https=is_secure(request))
     return page
 
 
@@ -160,7 +227,7 @@ def _language(request: Request, offered: Mapping[str, LanguagePack]) -> str:
 
 
 def _chosen(request: Request) -> list[str]:
-    chosen = (request.query_params.get("language"), request.cookies.get(LANGUAGE_COOKIE))
+    chosen = (request.query_params.get("language"), cookie(request, LANGUAGE_COOKIE))
     return [tag for tag in chosen if tag is not None]
 
 

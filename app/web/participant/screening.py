@@ -39,7 +39,7 @@ from app.study.viewing import (
     pixel_mm,
 )
 from app.web.gates import Now, Participant, SignedIn, Store
-from app.web.participant.session import Strict
+from app.web.participant.session_bodies import Strict
 
 log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1/session/screening", tags=["participants"])

@@ -6,20 +6,24 @@ import json
 import logging
 from dataclasses import asdict
 from datetime import datetime, timedelta
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi.responses import JSONResponse
+from limits import RateLimitItemPerMinute
 
 from app.errors import ChangedError, ConflictError, InvalidError, NotFoundError
+from app.operations.erasure import erase_participant
+from app.store.admission import Admission, admit
+from app.store.audit import PARTICIPANT, Actor
 from app.store.engine import Database, Transaction
 from app.store.images import image_digests
 from app.store.keys import resume_code
+from app.store.own_data import own_data
+from app.store.participants import person_of_session
 from app.store.recruits import recruit_of_session
 from app.store.sessions import (
-    Admission,
     Session,
-    admit,
     complete_stage,
     done_of,
     last_answer_at,
@@ -31,29 +35,47 @@ from app.store.studies import Study, study_by_id
 from app.study.comprehension import is_understood
 from app.study.duration import stage_minutes
 from app.study.options import parse_options
-from app.study.protocols import Protocol
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
-from app.study.recruiting import MOST_KEPT, Ending
+from app.study.recruiting import Ending
 from app.study.stage_data import InvalidStageError, check_stage_data, consent_to_send
 from app.study.stages import FINISHED, INTERVIEW, SCREENED_OUT, TRIAL, IllegalMoveError
-from app.study.wording import DEBRIEFING, Wording, first_language, offered_languages, own_texts, wording
+from app.study.wording import DEBRIEFING, NAME, Wording, first_language, offered_languages, own_texts, wording
 from app.web.gates import (
     PARTICIPANT_COOKIE,
     Now,
     Participant,
     Store,
     address,
+    cookie,
     invitation_to,
     is_secure,
     languages,
+    set_cookie,
+    settings,
     throttle,
 )
+from app.web.limits.connections import network_of
+from app.web.limits.throttle import REMARKS, WRONG_CODES
 from app.web.markdown import render_markdown
-from app.web.throttle import WRONG_CODES
+from app.web.participant.session_bodies import (
+    OWN_DATA,
+    AdmissionBody,
+    AskedView,
+    ComprehensionBody,
+    ComprehensionView,
+    EndingView,
+    ErasureBody,
+    OpenedSessionView,
+    ProgressView,
+    Resumption,
+    SessionView,
+    StageData,
+    StudyView,
+    TurnedAwayBody,
+)
 
 COOKIE_LASTS_S = 30 * 24 * 3600  # longer than a participant may take to come back
 LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
-UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LARGEST_KEPT_LETTER = 6  # bytes of a character in UTF-8, or escaped in JSON: \u0007
 LARGEST_INTERVIEW = MOST_QUESTIONS * (LARGEST_KEPT_LETTER * LONGEST_ANSWER + 100)  # bytes, with the questions' names
 LARGEST_STAGE_DATA = 200 * 1024  # bytes, of any other stage; pages send a few hundred
@@ -64,114 +86,6 @@ log = logging.getLogger(__name__)
 router = APIRouter(prefix="/api/v1", tags=["participants"])
 
 Slug = Annotated[str, Path(max_length=64, pattern=r"^[a-z0-9-]+$", examples=["temple"])]
-LinkName = Annotated[str, Field(max_length=40)]
-LinkValue = Annotated[str, Field(max_length=100)]
-Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples=["k7m2p9xq4wva"])]
-
-
-class Strict(BaseModel):
-    """A request body: no other keys, no conversion of types."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class AdmissionBody(Strict):
-    invitation: Code
-    key: Annotated[str, Field(pattern=UUID)] | None = Field(
-        default=None, description="random, made by the client: the same key again opens the same session"
-    )
-    outside: dict[LinkName, LinkValue] = Field(
-        default={},
-        max_length=MOST_KEPT + 1,
-        description="parameters of a recruiting platform's link, by name; needed where the study knows people by them: "
-        "the same id again opens the same session",
-        examples=[{"PROLIFIC_PID": "5f2a9c0de1b7a4001c3d8e90"}],
-    )
-    language: Annotated[str, Field(max_length=40)] | None = Field(
-        default=None, description="of the texts that the participant reads; null: the client has texts of its own"
-    )
-    texts_sha256: Annotated[str, Field(max_length=64)] | None = Field(
-        default=None, description="digest of the texts that the page has shown so far; 412 where they have changed"
-    )
-
-
-class TurnedAwayBody(AdmissionBody):
-    why: Literal["films", "phone", "screen", "full_screen"] = Field(
-        default="films", description="what this device lacks for the study, or that it is a phone"
-    )
-
-
-class Resumption(Strict):
-    resume_code: Code
-    key: Annotated[str, Field(pattern=UUID)] | None = Field(
-        default=None, description="random, made by the client: the same code with it leads to the same session again"
-    )
-
-
-class StageData(Strict):
-    data: dict[str, Any] = Field(default={}, examples=[{"language": "en"}])
-
-
-class ComprehensionBody(Strict):
-    answer: Annotated[str, Field(max_length=40, examples=["wait"])]
-
-
-class ComprehensionView(BaseModel):
-    understood: bool = Field(description="else the instructions are to be read once more")
-
-
-class StudyView(BaseModel):
-    slug: str
-    title: str
-    exposure_s: float
-
-
-class ProgressView(BaseModel):
-    done: int
-    total: int
-
-
-class EndingView(BaseModel):
-    """Where a participant of a recruiting platform goes at the end."""
-
-    code: str | None = Field(description="completion code, to be shown; null where there is none")
-    url: str | None = Field(description="https address to go to; null where there is none")
-    after_s: int = Field(description="seconds after which the page goes there by itself; 0: never")
-
-
-class SessionView(BaseModel):
-    """A session's stage and progress."""
-
-    session: str = Field(
-        description="its id; a request with it in the header Session-Id is refused (401) where the token is another's"
-    )
-    study: StudyView
-    stage: str
-    stages: list[str]
-    progress: ProgressView
-    minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
-    language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")
-    was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
-    resume_code: str = Field(description="lets its participant go on in another browser")
-    debriefing: str | None = Field(description="Markdown for the end; null before it, as it may tell what is compared")
-    debriefing_html: str | None = Field(description="the same as HTML; raw HTML in it is escaped")
-    ending: EndingView | None = Field(description="null before the end, and where the study says nothing of it")
-
-
-class AskedView(BaseModel):
-    """What a study asks besides votes, for clients other than its own page."""
-
-    consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
-    comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
-    practice: int = Field(description="how many rounds of practice are to be sent, where the study has a practice")
-    protocol: Protocol = Field(
-        description="how to judge; in ACR and ACR-HR other answers to the comprehension are right"
-    )
-    questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
-
-
-class OpenedSessionView(SessionView):
-    token: str = Field(description="a bearer token for clients without cookies")
 
 
 @router.post("/studies/{slug}/sessions", status_code=201)
@@ -185,6 +99,8 @@ def begin(
     begun before leads to its session: 200; the older token ends. 422: the study needs an outside id.
     """
     invitation = invitation_to(request, slug, admission.invitation)
+    limit = RateLimitItemPerMinute(settings(request).sessions_per_minute)
+    throttle(request).count(limit, "begin", network_of(address(request)))
     with database.reading() as connection:
         study = study_by_id(connection, invitation.study_id)
     assert study is not None, "an invitation is to a study"
@@ -193,7 +109,7 @@ def begin(
     except ValueError as error:
         raise InvalidError(f"Please open the link on the platform that invited you: {error}.") from error
     shown = _wording(request, database, study, admission)
-    held = request.cookies.get(PARTICIPANT_COOKIE)
+    held = cookie(request, PARTICIPANT_COOKIE)
     admitted = admit(database, invitation, Admission(admission.key, arrival, held, shown), now)
     response.status_code = 201 if admitted.is_new else 200
     return _opened(request, response, database, admitted.token, now)
@@ -230,6 +146,7 @@ def turn_away(slug: Slug, body: TurnedAwayBody, request: Request) -> None:
     """Say that a browser cannot show a study's films, for the log; its invitation stays unused."""
     invitation_to(request, slug, body.invitation)
     browser = request.headers.get("user-agent", "")[:200]
+    throttle(request).count(REMARKS, "remark", address(request))
     log.warning("study %s: turned away (%s): %r", slug, body.why, browser)
 
 
@@ -287,6 +204,31 @@ def leave(signed_in: Participant, database: Store, now: Now) -> SessionView:
     return SessionView(**_view(database, _reread(database, signed_in.token), signed_in.token, now))
 
 
+@router.put("/session/erasure", status_code=204)
+def erase_own(body: ErasureBody, request: Request, signed_in: Participant, database: Store, now: Now) -> None:  # noqa: ARG001 (it confirms)
+    """Withdraw, and have everything that was given deleted for good; the session ends, and nothing leads back to it."""
+    session = signed_in.session
+    if session.is_preview:  # nothing of it is kept
+        withdraw(database, session, now)
+        return
+    with database.reading() as connection:
+        person = person_of_session(connection, session.public_id)
+        study = study_by_id(connection, session.study_id)
+    assert person is not None, "the session is theirs"
+    assert study is not None, "the session is in it"
+    erase_participant(settings(request), database, study, person, Actor(0, PARTICIPANT, now))
+    log.info("session %s: erased by its participant", session.public_id)
+
+
+@router.get("/session/export", responses={200: {"content": {"application/json": OWN_DATA}}})
+def export(signed_in: Participant, database: Store) -> JSONResponse:
+    """Download all that the participant gave, with A and B as they were shown; experimenters' notes are not in it."""
+    with database.reading() as connection:
+        content = own_data(connection, signed_in.session)
+    headers = {"Content-Disposition": f'attachment; filename="{signed_in.session.slug}-{content["participant"]}.json"'}
+    return JSONResponse(content, headers=headers)
+
+
 @router.put("/session/stages/{stage}")
 def complete(
     stage: Annotated[str, Path(max_length=40)],
@@ -336,14 +278,14 @@ def _check_size(stage: str, data: dict[str, Any]) -> None:
 
 def remember(request: Request, response: Response, token: str) -> None:
     """Set the cookie of a participant's session; no script can read it."""
-    response.set_cookie(
-        PARTICIPANT_COOKIE, token, max_age=COOKIE_LASTS_S, httponly=True, samesite="lax", secure=is_secure(request)
-    )
+    set_cookie(response, PARTICIPANT_COOKIE, token, is_https=is_secure(request), lasts_s=COOKIE_LASTS_S)
 
 
 def _opened(request: Request, response: Response, database: Database, token: str, now: datetime) -> OpenedSessionView:
     remember(request, response, token)
-    return OpenedSessionView(**_view(database, _reread(database, token), token, now), token=token)
+    is_page = not {"origin", "sec-fetch-site"}.isdisjoint(request.headers)  # which has the cookie, and tells no script
+    told = None if is_page else token
+    return OpenedSessionView(**_view(database, _reread(database, token), token, now), token=told)
 
 
 def _reread(database: Database, token: str) -> Session:
@@ -359,10 +301,12 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         answered_at = last_answer_at(connection, session.id)
         ending = _ending(connection, session)
         images = image_digests(connection, session.study_id) if session.stage == FINISHED else {}
-    debriefing = _debriefing(session) if session.stage == FINISHED else None
+    said = own_texts(session.options, session.language or first_language(session.options))
+    debriefing = str(said.get(DEBRIEFING, "")) if session.stage == FINISHED else None
+    title = str(said.get(NAME, session.name))
     return {
         "session": session.public_id,
-        "study": StudyView(slug=session.slug, title=session.name, exposure_s=session.exposure_s),
+        "study": StudyView(slug=session.slug, title=title, exposure_s=session.exposure_s),
         "stage": session.stage,
         "stages": list(session.options.way),
         "progress": ProgressView(done=done.n_done, total=done.n_total),
@@ -374,11 +318,6 @@ def _view(database: Database, session: Session, token: str, now: datetime) -> di
         "debriefing_html": None if debriefing is None else str(render_markdown(debriefing, images)),
         "ending": ending,
     }
-
-
-def _debriefing(session: Session) -> str:
-    texts = own_texts(session.options, session.language or first_language(session.options))
-    return str(texts.get(DEBRIEFING, ""))
 
 
 def _ending(connection: Transaction, session: Session) -> EndingView | None:

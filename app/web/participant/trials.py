@@ -5,14 +5,15 @@ from __future__ import annotations
 import logging
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Request, Response
 
 from app.errors import ConflictError, GoneError
 from app.store.designs import practice_pairs
 from app.store.sessions import done_of
 from app.store.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
-from app.web.gates import Now, Participant, Store
+from app.web.gates import Now, Participant, Store, throttle
+from app.web.limits.throttle import REMARKS
 from app.web.participant.bodies import (
     MediaView,
     OneTrialView,
@@ -84,6 +85,9 @@ def void(
 
 
 @router.put("/trials/{trial}/trouble", status_code=204)
-def note_trouble(trial: Annotated[str, Path(max_length=32)], body: TroubleBody, signed_in: Participant) -> None:
+def note_trouble(
+    trial: Annotated[str, Path(max_length=32)], body: TroubleBody, request: Request, signed_in: Participant
+) -> None:
     """Say that a trial's film could not be shown, for the log; nothing changes, and the trial comes again."""
+    throttle(request).count(REMARKS, "remark", signed_in.session.public_id)
     log.warning("session %s: the film of trial %r was not shown: %r", signed_in.session.public_id, trial, body.why)

@@ -25,7 +25,7 @@ def ask(app: Any, path: str = "/", headers: Mapping[str, str] | None = None) -> 
 
     async def request() -> httpx.Response:
         transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return await client.get(path, headers=headers)
 
     with ThreadPoolExecutor(1) as pool:  # the browser tests leave an event loop in this one

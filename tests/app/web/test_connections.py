@@ -44,7 +44,7 @@ def ask_while_held(settings: Settings, n_held: int, method: str, path: str, **re
         transport = httpx.ASGITransport(app=app)
         async with (
             app.router.lifespan_context(app),
-            httpx.AsyncClient(transport=transport, base_url="http://x") as client,
+            httpx.AsyncClient(transport=transport, base_url="http://localhost") as client,
         ):
             with ExitStack() as readers:
                 for _ in range(n_held):

@@ -24,13 +24,13 @@ def url(participant: httpx.Client) -> str:
     return str(participant.get("/api/v1/session/trials/next").json()["media"]["url"])
 
 
-def test_a_video_is_served_whole_with_its_digest_as_etag(client: httpx.Client, url: str) -> None:
+def test_a_video_is_served_whole(client: httpx.Client, url: str) -> None:
     answer = client.get(url)
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "video/mp4"
     assert answer.headers["accept-ranges"] == "bytes"
     assert answer.headers["cache-control"] == "private, max-age=31536000, immutable"
-    assert answer.headers["etag"] == f'"{hashlib.sha256(answer.content).hexdigest()}"'
+    assert answer.headers["etag"] != f'"{hashlib.sha256(answer.content).hexdigest()}"', "it would link trials"
     assert int(answer.headers["content-length"]) == len(answer.content)
 
 

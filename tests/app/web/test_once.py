@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 
-from app.web.once import Shared
+from app.web.once import Latest, Shared
 
 WAIT_S = 10
 
@@ -51,3 +51,19 @@ def test_a_failure_is_told_and_tried_again() -> None:
         with pytest.raises(ValueError, match="no level"):
             shared.get("votes", fail)
     assert shared.get("votes", lambda: "scores") == "scores"
+
+
+def test_what_takes_long_goes_on_while_the_latest_is_shown() -> None:
+    latest, may_end = Latest[int]("test"), threading.Event()
+    assert latest.get("study", lambda: 1, WAIT_S) == (1, True)
+
+    def slow() -> int:
+        assert may_end.wait(WAIT_S)
+        return 2
+
+    assert latest.get("study", slow, 0.0) == (1, False)
+    assert latest.get("study", lambda: 3, 0.0) == (1, False), "another one waits for the work that goes on"
+    assert latest.get("other", lambda: 4, 0.0) == (None, False)
+    may_end.set()
+    assert latest.get("study", lambda: 5, WAIT_S) in ((2, True), (5, True))
+    assert latest.get("study", lambda: 6, WAIT_S) == (6, True)

@@ -18,7 +18,13 @@ from app.settings import Settings
 from app.store.engine import open_database
 from tests.seeded_studies import Voter, seed_voters
 
-MIDDLEWARE = {"app.web.metrics", "app.web.problems", "app.web.request_log", "app.web.security"}  # every request's
+MIDDLEWARE = {  # every request's
+    "app.web.limits.hosts",
+    "app.web.metrics",
+    "app.web.problems",
+    "app.web.request_log",
+    "app.web.security",
+}
 PATH = {
     "app.web.gates",
     "app.web.participant.votes",
@@ -57,7 +63,9 @@ def modules_entered(settings: Settings, voter: Voter, vote_body: Callable[..., d
         bearer = {"Authorization": f"Bearer {voter.token}"}
         async with (
             app.router.lifespan_context(app),
-            httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://x", headers=bearer) as client,
+            httpx.AsyncClient(
+                transport=httpx.ASGITransport(app=app), base_url="http://localhost", headers=bearer
+            ) as client,
         ):
             for trial, first_shown in voter.trials[:2]:  # what is done once was done for the first
                 body = vote_body({"first_shown": first_shown})

@@ -101,7 +101,10 @@ def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Pat
             os.kill(first[0], signal.SIGKILL)
             supervisor.send_signal(signal.SIGHUP)
             tally = sending.result()
-            assert not set(started_workers(supervisor)) & set(first)
+            second = started_workers(supervisor)
+            assert not set(second) & set(first)
+        with until_ended(*second):
+            supervisor.kill()  # nobody is left who holds the port
     assert tally.statuses.keys() <= {200, 201}
     assert len(tally.acknowledged) == N_VOTES
     database = open_database(url)

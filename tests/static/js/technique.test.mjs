@@ -46,6 +46,17 @@ test("the pair's film is fetched in H.264 where that plays, else in its second t
   assert.deepEqual(filmsOf("stacked", { ...MEDIA, second: null }), ["/pair.mp4"]);
 });
 
+test("the film for slow lines is fetched where it is wanted, exists and plays", () => {
+  const media = { ...MEDIA, lighter: "/pair.lighter" };
+  beBrowser({ plays: [PAIR, SECOND] });
+  assert.deepEqual(filmsOf("stacked", media, true), ["/pair.lighter"]);
+  assert.deepEqual(filmsOf("stacked", media), ["/pair.mp4"]);
+  assert.deepEqual(filmsOf("stacked", { ...media, lighter: null }, true), ["/pair.mp4"]);
+  assert.deepEqual(filmsOf("webcodecs", media, true), media.singles);
+  beBrowser({ plays: [SECOND] });
+  assert.deepEqual(filmsOf("stacked", media, true), ["/pair.webm"]);
+});
+
 test("the fallbacks fetch a film of each stimulus, and say when there is none", () => {
   for (const technique of ["webcodecs", "two videos"]) {
     assert.deepEqual(filmsOf(technique, MEDIA), MEDIA.singles);

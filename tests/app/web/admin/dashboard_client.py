@@ -6,6 +6,7 @@ import html
 import io
 import re
 import threading
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+from playwright.sync_api import Page
 
 from app.operations import manage
 from app.settings import Settings
@@ -36,6 +38,13 @@ class Dashboard(httpx.Client):
     def act(self, path: str, **fields: Any) -> httpx.Response:
         return self.post(path, data={"form_token": self.form_token, **fields})
 
+    def results(self, path: str, **params: str) -> str:
+        """The results page once the newest votes are analysed: it waits a moment for them, then shows older results."""
+        until = time.monotonic() + LONGEST_WORK_S
+        while "being analysed;" in (page := self.get(path, params=params).text) and time.monotonic() < until:
+            time.sleep(0.1)
+        return page
+
     def enter(self, path: str, **fields: Any) -> httpx.Response:
         """Send a form for who has no session: sign-in or set-up."""
         if "entry" not in self.cookies:
@@ -46,14 +55,21 @@ class Dashboard(httpx.Client):
 @contextmanager
 def signed_in(server: str, settings: Settings, name: str, role: Role | None = None) -> Iterator[Dashboard]:
     with Dashboard(server) as dashboard:
-        dashboard.get(manage.add_experimenter(settings, name, role)["path"])
+        dashboard.enter(manage.add_experimenter(settings, name, role)["path"])
         yield dashboard
+
+
+def sign_in(page: Page, settings: Settings, name: str = "Dora Example") -> None:
+    """Sign an owner in by a new link, in a real browser."""
+    page.goto(manage.add_experimenter(settings, name)["path"])
+    page.get_by_role("button", name="Sign in").click()
+    page.wait_for_url("**/admin")
 
 
 def ends(dashboard: Dashboard, path: str) -> httpx.Response:
     """Wait for the end of some work, which a thread of this process does; the page that comes then."""
     for thread in threading.enumerate():
-        if thread.name == f"job-{path.rpartition('/')[2]}":
+        if thread.name == f"task-{path.rpartition('/')[2]}":
             thread.join(LONGEST_WORK_S)
     answer = dashboard.get(path)
     assert 'http-equiv="refresh"' not in answer.text, f"{path}: the work does not end"

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud, Mesh, write_cloud, write_measured, write_mesh
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh_files import write_cloud, write_measured, write_mesh
 
 RED, GREEN = (200, 30, 30), (30, 160, 60)
 

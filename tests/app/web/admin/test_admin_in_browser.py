@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, Route
+from playwright.sync_api import Browser, Page, Route, expect
 
-from app.operations import manage
+from app.operations.create import copy_study
 from app.settings import Settings
 from app.simulation.participants import simulate
+from app.study.wording import LONGEST_NAME
+from app.web.admin.participants.invitations_page import LONGEST_LABEL
+from tests.app.web.admin.dashboard_client import sign_in
 
 pytestmark = [
     pytest.mark.browser,
@@ -30,7 +35,7 @@ def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
     complaints: list[str] = []
     page = browser.new_page(base_url=server, viewport=TELEPHONE)
     page.on("console", lambda message: complaints.append(message.text))
-    page.goto(manage.add_experimenter(settings, "Dora Example")["path"])
+    sign_in(page, settings)
     yield page
     page.close()
     assert complaints == []
@@ -45,13 +50,29 @@ STUDY_PAGES = (
     "/models",
     "/participants",
     "/participants/P001",
+    "/participants/comments",
+    "/participants/demographics",
     "/votes",
     "/design",
     "/stimuli",
     "/invitations",
     "/edit",
 )
-PAGES = ("", "/studies/new", "/sets", "/users", "/tokens", "/audit", "/settings", "/account")
+NEW_STUDY = "/studies/new?stimulus_set=tiny&preset=paper"
+PAGES = (
+    "",
+    "/studies/new",
+    NEW_STUDY,
+    "/sets",
+    "/sets/tiny",
+    "/work",
+    "/work/new/reconstruct",
+    "/users",
+    "/tokens",
+    "/audit",
+    "/settings",
+    "/account",
+)
 LARGEST_PAGE = 500_000  # bytes of document, styles and scripts, before figures, films and models
 WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")]
     .filter((entry) => ["navigation", "link", "script"].includes(entry.initiatorType) && !entry.name.includes("/vega"))
@@ -59,9 +80,10 @@ WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEn
 
 
 def test_every_page_fits_a_telephone_is_accessible_and_light(
-    page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
+    page: Page, server: str, token: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
 ) -> None:
     study = new_study()
+    long_word = f"/admin/studies/{copy_study(settings, study['slug'], 'x' * LONGEST_NAME)['study']}"
     abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
     simulate(server, study["slug"], study["invitation"], token, 3, abilities)
     base = f"/admin/studies/{study['slug']}"
@@ -69,7 +91,9 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
         f"{server}/api/v1/studies/{study['slug']}/trials", headers={"Authorization": f"Bearer {token}"}
     ).json()[0]["trial"]
     paths = [*(f"/admin{path}" for path in PAGES), *(base + path for path in STUDY_PAGES), f"{base}/votes/{trial}"]
-    for path in paths:
+    paths += [f"{long_word}/{tab}" for tab in ("texts", "edit")]
+    for number, path in enumerate(paths):
+        page.emulate_media(color_scheme="dark" if number % 2 else "light")
         page.goto(path)
         page.locator("h1").wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"], path
@@ -78,21 +102,46 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
         assert page.evaluate(WEIGHT) < LARGEST_PAGE, path
 
 
+def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: Settings) -> None:
+    dark: dict[str, Any] = {"color_scheme": "dark", "timezone_id": "Asia/Tokyo"}
+    page = browser.new_page(base_url=server, viewport=TELEPHONE, **dark)
+    sign_in(page, settings, "Yuki Example")
+    audit_log = page.get_by_role("link", name="Audit log")
+    expect(audit_log).to_be_hidden()
+    page.get_by_role("button", name="Menu").click()
+    audit_log.click()
+    first = page.locator("tbody time").first
+    expect(first).not_to_contain_text("UTC")
+    at = datetime.fromisoformat(str(first.get_attribute("datetime")))
+    expect(first).to_have_text(at.astimezone(ZoneInfo("Asia/Tokyo")).strftime("%Y-%m-%d %H:%M"))
+    assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == "rgb(22, 25, 27)"
+    page.goto("/admin/users")
+    page.get_by_label("Name").fill("Yuki Example")
+    page.locator("label select[name=role]").select_option("viewer")
+    page.get_by_role("button", name="Make a sign-in link").click()
+    expect(page.get_by_role("alert")).to_contain_text("Yuki Example is here already.")
+    expect(page.get_by_label("Name")).to_have_value("Yuki Example")
+    expect(page.locator("label select[name=role]")).to_have_value("viewer")
+    page.goto("/s/nobody-invited")
+    assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") != "rgb(22, 25, 27)"
+    page.close()
+
+
 FIRST_CONTENT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
-SOON_MS = 1000
+SOON_MS, MOST_LOOKS = 1000, 5  # the best of them: other work on this machine is not the page's
 POLLED_EVERY_MS = 11_000  # the results, and a little more
 
 
 def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
     for path in ("/admin", base, f"{base}/results", f"{base}/participants", f"{base}/design"):
-        times = []
-        for _ in range(5):  # the best of five: other work on this machine is not the page's
+        times: list[float] = []
+        while min(times, default=SOON_MS) >= SOON_MS:
+            assert len(times) < MOST_LOOKS, (path, times)
             page.goto(path)
             page.locator("h1").wait_for()
             page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
             times.append(float(page.evaluate(FIRST_CONTENT)))
-        assert min(times) < SOON_MS, (path, times)
 
 
 def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
@@ -111,12 +160,12 @@ def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     browser: Browser, server: str, settings: Settings
 ) -> None:
     page = browser.new_page(base_url=server)
-    page.goto(manage.add_experimenter(settings, "Dora Example")["path"])
+    sign_in(page, settings)
     page.goto("/admin/sets")
     page.route("**/upload", lambda route: route.fulfill(status=413, content_type="text/html", body="<h1>413</h1>"))
     page.get_by_label("Zip file").set_input_files({"name": "set.zip", "mimeType": "application/zip", "buffer": b"PK"})
     page.get_by_role("button", name="Upload").click()
-    page.get_by_text("The server refused the file (413").wait_for(timeout=5000)
+    page.get_by_text("The server refused the file (413").wait_for()
     assert page.get_by_role("button", name="Upload").is_enabled()
     page.close()
 
@@ -125,7 +174,7 @@ def test_a_figure_whose_numbers_cannot_be_had_stays_the_picture_that_it_was(
     browser: Browser, server: str, settings: Settings, taken: dict[str, Any]
 ) -> None:
     page = browser.new_page(base_url=server, viewport={"width": 1366, "height": 3000})
-    page.goto(manage.add_experimenter(settings, "Dora Example")["path"])
+    sign_in(page, settings)
     refused: list[str] = []
 
     def refuse_the_first(route: Route) -> None:
@@ -136,7 +185,9 @@ def test_a_figure_whose_numbers_cannot_be_had_stays_the_picture_that_it_was(
             route.continue_()
 
     page.route("**/figures/*.vega*", refuse_the_first)
-    page.goto(f"/admin/studies/{taken['slug']}/results")
+    with page.expect_request("**/figures/*.vega*"):
+        page.goto(f"/admin/studies/{taken['slug']}/results")
+    page.locator("#figures ~ details > summary").first.click()
     page.locator(".plot-ground svg").first.wait_for()
     figure = page.locator(f"figure[data-vega='{refused[0].removeprefix(server)}']")
     assert figure.locator("img").is_visible()
@@ -158,7 +209,7 @@ def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_ou
     with browser.new_context(base_url=server) as context:
         overview, results, other = (context.new_page() for _ in range(3))
         results.clock.install()
-        other.goto(manage.add_experimenter(settings, "Dora Example")["path"])
+        sign_in(other, settings)
         base = f"/admin/studies/{study['slug']}"
         with overview.expect_response("**/live"):
             overview.goto(base)
@@ -167,4 +218,22 @@ def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_ou
         other.wait_for_url("/")
         results.clock.fast_forward(POLLED_EVERY_MS)
         for page in (results, overview):
-            page.get_by_role("heading", name="Sign in").wait_for(timeout=10_000)
+            page.get_by_role("heading", name="Sign in").wait_for()
+
+
+def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: Page, study: dict[str, Any]) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.goto(f"/admin/studies/{study['slug']}/invitations")
+    page.get_by_label("Label for you alone").fill("x" * LONGEST_LABEL)
+    page.get_by_role("button", name="Make invitations").click()
+    page.get_by_text("x" * LONGEST_LABEL).wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
+    page.get_by_role("button", name="Copy").last.click()
+    expect(page.get_by_role("button", name="Copied")).to_be_visible()
+    assert page.evaluate("navigator.clipboard.readText()").endswith(f"/s/{study['invitation']}")
+    page.goto(f"/admin/studies/{study['slug']}/invitations/print")
+    assert page.locator(".card-qr svg").first.bounding_box() is not None
+    assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
+    page.evaluate("window.print = () => { document.title = 'printed'; }")
+    page.get_by_role("button", name="Print").click()
+    expect(page).to_have_title("printed")

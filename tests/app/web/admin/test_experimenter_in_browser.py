@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import threading
 import zipfile
@@ -77,6 +78,7 @@ def set_up(page: Page, path: str) -> None:
 
 def create(page: Page) -> None:
     page.get_by_role("link", name="New study").click()
+    page.get_by_role("button", name="Next: all settings").click()
     page.get_by_label("Name shown to participants").fill("Spring")
     page.get_by_label("Seconds a pair or film is shown").fill("0.4")
     page.get_by_role("button", name="Create").click()
@@ -150,7 +152,7 @@ def download(page: Page) -> None:
     expect(page.locator(".plot svg").first).to_be_visible()  # drawn by the browser, under the strict policy
     for kind, head in (("SVG", b"<svg"), ("PNG", b"\x89PNG"), ("PDF", b"%PDF"), ("CSV", b"comparison,")):
         with page.expect_download() as downloading:
-            page.get_by_role("link", name=f"Scores of all items with 95 % intervals. as {kind}").click()
+            page.get_by_role("link", name=re.compile(f"Scores of all conditions .* as {kind}")).click()
         assert downloading.value.path().read_bytes().startswith(head)
     page.get_by_role("link", name="Overview").click()
     with page.expect_download() as downloading:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
+from app.store.counted_votes import VoteState
 from app.web.admin import flags as of_flags
 from app.web.admin.flags import AT_MOST_EVERY, Flags
 from tests.app.web.admin.dashboard_client import Dashboard, until
@@ -56,33 +58,33 @@ def flags(tmp_path: Path, analysis: Analysis) -> Iterator[Flags]:
     database.dispose()
 
 
-def people(n_votes: int = 1, **changes: Any) -> list[dict[str, Any]]:
-    return [{"participant": "P001", "n_votes": n_votes, "reason": None, "withdrawn_at": None} | changes]
+def votes(n_votes: int = 1, **changes: Any) -> VoteState:
+    return replace(VoteState(n_votes, "newest", {}, (), ()), **changes)
 
 
-def shown(flags: Flags, who: list[dict[str, Any]], at: datetime) -> str:
-    return " ".join(flags.of(STUDY, who, at, WAIT_S).get("P001", ()))
+def shown(flags: Flags, state: VoteState, at: datetime) -> str:
+    return " ".join(flags.of(STUDY, state, at, WAIT_S).get("P001", ()))
 
 
 def test_nothing_is_looked_for_again_while_nothing_changes(flags: Flags, analysis: Analysis) -> None:
-    assert shown(flags, [], NOW) == ""
+    assert shown(flags, votes(0), NOW) == ""
     for minutes in range(60):
-        assert shown(flags, people(), NOW + timedelta(minutes=minutes)) == "look 1"
+        assert shown(flags, votes(), NOW + timedelta(minutes=minutes)) == "look 1"
     assert analysis.n_begun == 1
 
 
-@pytest.mark.parametrize("change", [{"n_votes": 2}, {"reason": "looked away"}, {"withdrawn_at": NOW}])
+@pytest.mark.parametrize("change", [{"n_votes": 2}, {"excluded": {"P001": "looked away"}}, {"withdrawn": ("P001",)}])
 def test_a_change_is_looked_into_before_long(flags: Flags, change: dict[str, Any]) -> None:
-    assert shown(flags, people(), NOW) == "look 1"
-    assert shown(flags, people(**change), SOON) == "look 1"
-    assert shown(flags, people(**change), LATER) == "look 2"
+    assert shown(flags, votes(), NOW) == "look 1"
+    assert shown(flags, votes(**change), SOON) == "look 1"
+    assert shown(flags, votes(**change), LATER) == "look 2"
 
 
 def test_who_watches_does_not_wait_for_a_long_look_nor_begin_another(flags: Flags, analysis: Analysis) -> None:
     analysis.may_end.clear()
-    assert [flags.of(STUDY, people(n_votes), LATER) for n_votes in (1, 2, 3)] == [{}] * 3
+    assert [flags.of(STUDY, votes(n_votes), LATER) for n_votes in (1, 2, 3)] == [{}] * 3
     analysis.may_end.set()
-    assert shown(flags, people(4), LATER) == "look 1"
+    assert shown(flags, votes(4), LATER) == "look 1"
 
 
 def test_a_look_that_fails_is_told_and_made_again(flags: Flags, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,25 +94,29 @@ def test_a_look_that_fails_is_told_and_made_again(flags: Flags, monkeypatch: pyt
     with monkeypatch.context() as patch:
         patch.setattr(of_flags, "analysis_of", fails)
         with pytest.raises(ValueError, match="no level"):
-            shown(flags, people(), NOW)
-    assert shown(flags, people(), SOON) == ""
-    assert shown(flags, people(), LATER) == "look 1"
+            shown(flags, votes(), NOW)
+    assert shown(flags, votes(), SOON) == ""
+    assert shown(flags, votes(), LATER) == "look 1"
 
 
-@pytest.mark.slow
-def test_participants_are_shown_while_what_is_unusual_is_looked_for(
-    experimenter: Dashboard,
-    client: httpx.Client,
-    analysis: Analysis,
-    vote_body: Callable[..., dict[str, Any]],
-    new_study: Callable[[], dict[str, Any]],
-) -> None:
+@pytest.fixture
+def voted(
+    client: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: Callable[[], dict[str, Any]]
+) -> dict[str, Any]:
+    """A study with one vote, of which no page has shown what is unusual yet."""
     study = new_study()
     session = begin(client, study["slug"], study["invitation"])
     trial = next_trial(client, session["token"])
     assert trial is not None
     client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).raise_for_status()
-    pages = [f"/admin/studies/{study['slug']}/participants{which}" for which in ("", "/P001")]
+    return study
+
+
+@pytest.mark.slow
+def test_participants_are_shown_while_what_is_unusual_is_looked_for(
+    experimenter: Dashboard, analysis: Analysis, voted: dict[str, Any]
+) -> None:
+    pages = [f"/admin/studies/{voted['slug']}/participants{which}" for which in ("", "/P001")]
     analysis.may_end.clear()
     for page in pages:
         assert "are being checked for anything unusual" in experimenter.get(page).text
@@ -122,11 +128,11 @@ def test_participants_are_shown_while_what_is_unusual_is_looked_for(
 
 
 def test_an_open_overview_shows_what_is_unusual_and_looks_once(
-    experimenter: Dashboard, analysis: Analysis, taken: dict[str, Any]
+    experimenter: Dashboard, analysis: Analysis, voted: dict[str, Any]
 ) -> None:
-    page = f"/admin/studies/{taken['slug']}"
+    page = f"/admin/studies/{voted['slug']}"
     assert "look 1" in experimenter.get(page).text
     for _ in range(2):
-        with experimenter.stream("GET", f"{page}/live", timeout=10) as stream:
+        with experimenter.stream("GET", f"{page}/live", timeout=30) as stream:
             until(stream.iter_lines(), "look 1")
     assert analysis.n_begun == 1

@@ -21,7 +21,7 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.studies import study_by_slug
-from app.store.trials import trial_records
+from app.store.trial_records import trial_records
 from app.store.vote_records import keep_votes, vote_records
 from app.web.analyst import archive, routes
 from app.web.analyst.formats import IN_MEMORY
@@ -86,10 +86,15 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
             for name in ("votes", "trials", "participants")
         }
         analysis = json.loads(written.read("test/analysis.json"))
+        report = written.read("test/report.html").decode()
+        figures = {f"test/figures/scores.{kind}" for kind in ("svg", "png", "pdf")}
+        assert figures <= set(written.namelist())
+        assert all(f"{name}\n".removeprefix("test/") in written.read("test/SHA256SUMS").decode() for name in figures)
     assert len(tables["votes"]) == 1
     assert sum(bool(row["choice"]) for row in tables["trials"]) == 1
     assert [row["n_votes"] for row in tables["participants"]] == ["1"]
     assert sum(row["n_votes"] for row in analysis["observers"]) == 1
+    assert analysis["findings"][0]["text"].split(",")[0] in report
 
 
 def test_an_archive_describes_the_study_of_which_its_tables_are(

@@ -16,9 +16,11 @@ import pytest
 
 from app.analysis.report import analyse_ratings_file
 from app.operations.create import create_study
+from app.operations.manage import attach_results
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.study.options import parse_options
+from app.web.admin.results.scores_view import decimal
 from tests.app.web.admin.dashboard_client import Dashboard
 
 pytestmark = pytest.mark.slow
@@ -41,8 +43,8 @@ def rated(settings: Settings, stimulus_set: Path, server: str, token: str, analy
     return make
 
 
-def test_mean_opinion_scores_are_means_of_the_votes_everywhere(
-    rated: Rated, analyst: httpx.Client, experimenter: Dashboard, tmp_path: Path
+def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measures_everywhere(
+    rated: Rated, analyst: httpx.Client, experimenter: Dashboard, settings: Settings, tmp_path: Path
 ) -> None:
     path, votes = rated(protocol="ACR-HR", reference="pm_fb", repeated_pairs=1)
     rows = analyst.get(f"{path}/ratings").json()
@@ -67,6 +69,12 @@ def test_mean_opinion_scores_are_means_of_the_votes_everywhere(
         (row["condition"], row["mos"], row["dmos"]) for row in rows
     ]
     page = path.replace("/api/v1", "/admin")
+    attached = tmp_path / "measures.csv"
+    values = [
+        f"{dataset},{item},sharpness,{value},higher" for dataset in ("ball", "box") for item, value in QUALITIES.items()
+    ]
+    attached.write_text("\n".join(["dataset,approach,measure,value,better", *values, ""]), encoding="utf-8")
+    attach_results(settings, [attached], path.rsplit("/", 1)[1])
     for tab in ("", "/results", "/votes", "/design", "/stimuli", "/participants", "/objective", "/edit"):
         assert experimenter.get(f"{page}{tab}").status_code == 200, tab
     results = experimenter.get(f"{page}/results").text
@@ -74,6 +82,15 @@ def test_mean_opinion_scores_are_means_of_the_votes_everywhere(
     assert "DMOS" in results
     assert experimenter.get(f"{page}/figures/opinion_scores.svg").text.startswith("<svg")
     assert len(experimenter.get(f"{page}/figures/opinion_scores.csv").text.splitlines()) == 1 + len(rows)
+    from_server = analyst.get(f"{path}/analysis").json()
+    measured = analyse_ratings_file(exported, tmp_path / "measured", measures=attached)
+    assert from_server["measures"] == measured["measures"]
+    assert [row["n"] for row in measured["measures"]] == [3, 3, 6]
+    against = experimenter.get(f"{page}/objective/scores").text
+    assert "its error in grades" in against
+    assert "sharpness" in against
+    assert f"<td>{decimal(rows[0]['mos'])}</td>" in against
+    assert "score (grades)" in experimenter.get(f"{page}/figures/measure_sharpness.svg").text
 
 
 def test_comparisons_have_scores_by_strength_beside_those_by_choice(

@@ -41,7 +41,7 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
     assert summary.items() <= found.items()
 
 
-LATER = "press_to_picture_ms,protocol,rating,reference"
+LATER = "press_to_picture_ms,protocol,rating,reference,lighter_film"
 
 
 def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, Any]) -> None:

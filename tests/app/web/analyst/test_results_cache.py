@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 from datetime import timedelta
 from typing import Any
 
+import numpy as np
 import pytest
-from sqlalchemy import Connection
+from sqlalchemy import Connection, update
 
+from app.analysis import votes_from_rows
+from app.analysis.votes_table import A, B, VotesTable
 from app.intake.reports import Measure
 from app.store.engine import Database
 from app.store.measurements import replace_measurements
 from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
 from app.store.studies import Study, all_studies
+from app.store.tables import study as study_table
 from app.store.tables import vote
 from app.store.vote_records import keep_votes, vote_records
 from app.web.analyst import results
-from app.web.analyst.results import Results, grouped_results_of, results_of
+from app.web.analyst.results import grouped_results_of, results_of
+from app.web.analyst.study_votes import read_votes_table
 from tests.seeded_studies import NOW, seed_voters
 
 
@@ -27,17 +32,17 @@ def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """How often all votes were read since this was asked last; not analysed, as that takes long."""
     reads: list[int] = []
 
-    def noted(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+    def noted(connection: Connection, study_id: int, *arguments: Any, **options: Any) -> Any:
         reads.append(study_id)
-        return vote_records(connection, study_id)
+        return read_votes_table(connection, study_id, *arguments, **options)
 
     def count() -> int:
         n = len(reads)
         reads.clear()
         return n
 
-    monkeypatch.setattr(results, "vote_records", noted)
-    monkeypatch.setattr(results, "_analysed", lambda rows, inputs, _options: {"rows": rows, **inputs})
+    monkeypatch.setattr(results, "read_votes_table", noted)
+    monkeypatch.setattr(results, "_analysed", lambda votes, inputs: {"votes": votes, **inputs.settings})
     return count
 
 
@@ -53,6 +58,7 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
         lambda connection: exclude(connection, first, "slept", "Eva", NOW),
         lambda connection: replace_measurements(connection, study.id, [_measure(1.0)], NOW),
         lambda connection: replace_measurements(connection, study.id, [_measure(2.0)], NOW),
+        lambda connection: connection.execute(update(study_table).values(options={"random_effects": "participants"})),
         lambda connection: withdraw_participant(connection, first, NOW),
         lambda connection: erase(connection, second, NOW),
     ]
@@ -81,7 +87,7 @@ def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n
     keep_votes(database, [replace(later, choice="b", received_at=NOW + timedelta(days=1))])
     after = results_of(database, study.id)
     assert after != before
-    assert _rows(after) != _rows(before)
+    assert [made.analysis and made.analysis["votes"].choice.tolist() for made in (before, after)] == [[A], [B]]
     assert n_read() == 2
 
 
@@ -102,7 +108,10 @@ def _looked_at(database: Database, study: Study, n_read: Callable[[], int]) -> s
     now = results_of(database, study.id)
     assert n_read() <= 1
     with database.reading() as connection:
-        assert _rows(now) == list(vote_records(connection, study.id))
+        rows = list(vote_records(connection, study.id))
+    assert (now.analysis is None) == (not rows)
+    if rows:
+        assert_same(now.analysis["votes"], votes_from_rows(rows))
     assert results_of(database, study.id) is now
     assert n_read() == 0
     counting_all = results_of(database, study.id, with_excluded=True)
@@ -114,8 +123,15 @@ def _looked_at(database: Database, study: Study, n_read: Callable[[], int]) -> s
     return now.digest
 
 
-def _rows(made: Results) -> list[dict[str, Any]]:
-    return list(made.analysis["rows"]) if made.analysis is not None else []
+def assert_same(votes: VotesTable, expected: VotesTable) -> None:
+    """Every name and column is the same, to the last bit."""
+    for field in fields(VotesTable):
+        column, wanted = getattr(votes, field.name), getattr(expected, field.name)
+        if isinstance(wanted, tuple):
+            assert column == wanted, field.name
+        else:
+            assert column.dtype == wanted.dtype, field.name
+            np.testing.assert_array_equal(column, wanted, field.name)
 
 
 def _measure(value: float) -> Measure:

@@ -15,8 +15,10 @@ import pytest
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.web.admin.objective_view import SHOWN, measure_lines, report_view
+from app.web.admin.results.objective_view import SHOWN, measure_lines, report_view
 from tests.app.web.admin.dashboard_client import signed_in
+
+pytestmark = pytest.mark.slow
 
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
 ACCURACY = {"id_fa": 3.0, "id_fb": 2.0, "pm_fb": 1.0}
@@ -184,7 +186,6 @@ def test_a_report_that_names_no_approach_is_shown_for_the_study_as_a_whole(
         manage.attach_results(settings, [folder, folder], study["slug"])
 
 
-@pytest.mark.slow
 def test_measures_stand_beside_the_scores(
     server: str,
     token: str,
@@ -202,9 +203,7 @@ def test_measures_stand_beside_the_scores(
     assert overall["spearman"] < -0.8
     assert overall["better"] == "lower"
     assert overall["pairs_correct"] in (None, 1.0)  # less is better
-    path = manage.add_experimenter(settings, "measures")["path"]
-    with httpx.Client(base_url=server, timeout=60, follow_redirects=True) as browser:
-        browser.get(path)
+    with signed_in(server, settings, "measures") as browser:
         page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
         assert "Objective measures" in page
         assert "with 3 conditions the smallest p-value is 0.17" in page
@@ -261,5 +260,8 @@ def test_what_cannot_be_attached_is_refused(
 def test_a_missing_report_or_study_is_named(settings: Settings, study: dict[str, Any], report: Path) -> None:
     with pytest.raises(ValueError, match="there is no such report"):
         manage.attach_results(settings, [report / "absent"], study["slug"])
+    (table := report / "measures.xlsx").write_bytes(b"PK")
+    with pytest.raises(ValueError, match="expected the folder of a report"):
+        manage.attach_results(settings, [table], study["slug"])
     with pytest.raises(ValueError, match="no study 'nowhere'"):
         manage.attach_results(settings, [report], "nowhere")

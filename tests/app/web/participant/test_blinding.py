@@ -106,6 +106,45 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_de
     crawler.assert_silent()
 
 
+@pytest.mark.slow
+def test_two_trials_of_a_dataset_differ_in_nothing_but_their_pictures(
+    client: httpx.Client, settings: Settings, tmp_path: Path
+) -> None:
+    sources = {"id_fa": tiny_stimuli.flat("gray"), "id_fb": "testsrc=size=64x48", "pm_fb": "mandelbrot=size=64x48"}
+    for approach, source in sources.items():
+        tiny_stimuli.encode(tmp_path / f"ball/{approach}.mp4", source)
+    entries = [tiny_stimuli.stimulus(tmp_path, "ball", approach) for approach in sources]
+    stimuli = tiny_stimuli.write_manifest(tmp_path, entries)
+    options = StudyOptions(fallback="two videos", lighter_films=True, identical_pairs=2, repeated_pairs=2)
+    study = create.create_study(settings, stimuli, f"Blind {uuid4().hex[:6]}", options=options)
+    admission = {"invitation": study["invitation"], "key": str(uuid4())}
+    session = client.post(f"/api/v1/studies/{study['slug']}/sessions", json=admission).json()
+    pass_stages(client, session)
+    heard: dict[str, list[httpx.Response]] = {"url": [], "lighter": [], "singles": []}
+    told = []
+    while (trial := next_trial(client, session["token"])) is not None:
+        media = trial["media"]
+        told.append({**trial, "media": media | dict.fromkeys((*heard, "a"))})
+        for kind in heard:
+            heard[kind] += [client.get(url) for url in ([media[kind]] if isinstance(media[kind], str) else media[kind])]
+        vote(client, session["token"], trial, "b", np.random.default_rng(1))
+    of_each_trial = {"trial", "number", "place", "first_shown", "next_media", "following"}
+    assert len({str({k: v for k, v in each.items() if k not in of_each_trial}) for each in told}) == 1
+    for answers in heard.values():
+        assert len({answer.content for answer in answers}) < len(answers), "some show the same"
+        assert len({answer.headers["etag"] for answer in answers}) == len({str(answer.url) for answer in answers})
+        assert len(answers) == len({str(answer.url) for answer in answers})
+        unlike = {"etag", "date", "x-request-id"}
+        heads = {str(sorted((k, v) for k, v in answer.headers.items() if k not in unlike)) for answer in answers}
+        assert len(heads) == 1, "sizes and times among them"
+
+
+def test_a_name_that_tells_a_condition_is_pointed_out(settings: Settings, stimulus_set: Path) -> None:
+    assert "notes" not in create.create_study(settings, stimulus_set, f"Statues {uuid4().hex[:6]}")
+    (note,) = create.create_study(settings, stimulus_set, f"ID_FA and others {uuid4().hex[:6]}")["notes"]
+    assert "holds id_fa, and participants see it" in note
+
+
 def test_a_crawler_hears_what_is_told(client: httpx.Client, crawler: Crawler, study: dict[str, Any]) -> None:
     client.get(f"/s/{study['invitation']}?walrus")
     with pytest.raises(AssertionError, match="walrus"):

@@ -268,17 +268,18 @@ def test_the_form_changes_how_people_come_even_after_some_have(
     enters(client, study, "p-1")
     path = f"/admin/studies/{study['slug']}/edit"
     fields = {
-        "revision": "1", "name": study["name"], "recruiting": "true", "outside_id": "RID", "keep": "SID, WAVE",
-        "resume": "same browser", "code": "DONE", "complete_url": "https://example.org/?r={RID}&c={code}",
-        "redirect_after_s": "0", "most_finished": "20", "most_under_way": "5", "open_until": "", "minutes": "45",
+        "revision": "1", "name": study["name"], "outside.id": "RID", "outside.keep": "SID, WAVE",
+        "outside.resume": "same browser", "outside.code": "DONE", "outside.redirect_after_s": "0",
+        "outside.complete_url": "https://example.org/?r={RID}&c={code}", "limits.finished": "20",
+        "limits.under_way": "5", "limits.open_until": "", "limits.minutes": "45", "field": "outside.random_codes",
     }  # fmt: skip
     refused = experimenter.act(path, **fields)
     assert refused.status_code == 422
     assert "complete_url holds {RID}, expected {id}, {SID}, {WAVE}, {code}" in refused.text
-    fields["complete_url"] = "https://example.org/?r={id}&c={code}"
+    fields["outside.complete_url"] = "https://example.org/?r={id}&c={code}"
     saved = experimenter.act(path, **fields)
     assert saved.status_code == 200
-    for text in ('name="outside_id" maxlength="40" value="RID"', 'value="SID WAVE"', 'value="45"'):
+    for text in ('name="outside.id" maxlength="1000" value="RID"', 'value="SID WAVE"', 'value="45"'):
         assert text in saved.text
 
 

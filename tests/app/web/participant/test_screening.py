@@ -127,7 +127,9 @@ def test_an_entered_result_counts_instead_of_a_test_that_was_not_taken(
         assert "Nothing was entered" in refused.text
         eva.act(f"{page}/screening", **chart, result="20/40", logmar="0.3", verdict="failed")
         shown = eva.act(f"{page}/screening", **chart, result="20/20, with glasses", logmar="0", verdict="passed").text
-        assert shown.index("20/20, with glasses (0 logMAR)") < shown.index("20/40 (0.3 logMAR)")
+        last = "Acuity: passed by Landolt C chart at 4 m, read as 20/20, with glasses (0.00 logMAR (20/20))."
+        first = "Acuity: failed by Landolt C chart at 4 m, read as 20/40 (0.30 logMAR (20/40))."
+        assert shown.index(first) < shown.index(last)
         assert "screening result entered" in eva.get("/admin/audit").text
     assert client.put("/api/v1/session/stages/screening", json={"data": {}}).json()["stage"] == "trial"
     on_screen, first, second = rows(analyst, study)

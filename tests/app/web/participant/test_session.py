@@ -54,6 +54,8 @@ def test_a_token_serves_where_there_are_no_cookies(client: httpx.Client, study: 
     token = client.post(sessions(study), json={"invitation": study["invitation"]}).json()["token"]
     bearer = {"Authorization": f"Bearer {token}"}
     assert httpx.get(f"{server}/api/v1/session", headers=bearer).status_code == 200
+    page = {"Origin": server}
+    assert client.post(sessions(study), json={"invitation": study["invitation"]}, headers=page).json()["token"] is None
 
 
 @pytest.mark.parametrize("path", ["/api/v1/session", "/api/v1/session/trials/next"])
@@ -150,6 +152,7 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     assert media.keys() == {
         "url",
         "second",
+        "lighter",
         "singles",
         "layout",
         "a",
@@ -265,7 +268,7 @@ def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: 
         trial = participant.get("/api/v1/session/trials/next").json()
         assert trial["number"] == number
         assert (trial["next_media"] is None) == (number == 6)
-        seen.add(trial["media"]["url"])
+        seen.add(participant.get(trial["media"]["url"]).content)
         answer = participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
         assert answer.status_code == 201
     assert len(seen) == 6
@@ -335,7 +338,9 @@ def test_an_interrupted_trial_comes_once_more_at_the_end(
         assert trial["place"] == (number + 1 if number < 6 else first["place"]), "its own number"
         if number < 6:
             participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
-    assert trial["media"]["url"] == first["media"]["url"]
+    assert trial["media"]["url"] != first["media"]["url"]
+    again, before = (participant.get(shown["media"]["url"]).content for shown in (trial, first))
+    assert again == before, "the same pair"
     again = f"/api/v1/session/trials/{trial['trial']}"
     assert is_problem(participant.put(f"{again}/void", json=record), 409)
     assert participant.put(f"{again}/vote", json=vote_body(trial)).status_code == 201

@@ -210,8 +210,8 @@ def test_a_vote_tells_analysts_how_the_pair_was_shown(
 
 
 @pytest.mark.slow
-def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, create: Create) -> None:
-    study = create(second_codec="vp9", optional_stages=["practice"])
+def test_a_second_codec_and_a_lighter_film_are_offered_and_served(client: httpx.Client, create: Create) -> None:
+    study = create(second_codec="vp9", lighter_films=True, optional_stages=["practice"])
     assert "vp09.00.51.08" in client.get(f"/s/{study['invitation']}").text
     begin(client, study["slug"], study["invitation"])
     trials = [client.get("/api/v1/session/trials/next").json(), *client.get("/api/v1/session/practice").json()]
@@ -221,3 +221,6 @@ def test_a_second_codec_is_offered_to_browsers_and_served(client: httpx.Client, 
         film = client.get(second["url"])
         assert film.status_code == 200
         assert b"vp09" in film.content
+        whole, lighter = (client.get(trial["media"][name]) for name in ("url", "lighter"))
+        assert lighter.status_code == 200
+        assert lighter.headers["etag"] != whole.headers["etag"]

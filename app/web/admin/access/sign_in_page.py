@@ -1,0 +1,146 @@
+"""Sign experimenters in and out: the set-up link, sign-in links, passwords with a second factor."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Form, Path, Request
+from fastapi.responses import Response
+
+from app.errors import InvalidError, UnauthorisedError
+from app.store.audit import STRANGER, Entry, record, record_alone
+from app.store.engine import Database
+from app.store.experimenters import (
+    begin_experimenter_session,
+    experimenter_by_link,
+    experimenter_named,
+    finish_set_up,
+    is_set_up_link,
+    password_of,
+    sign_out,
+    spend_link,
+)
+from app.web.admin.access.account_page import browser_of, signed_in, signed_out
+from app.web.admin.access.passwords import is_password, new_password_hash
+from app.web.admin.access.second_factor import is_let_in
+from app.web.admin.layout import see
+from app.web.form_token import entry_token, own_form, remember_entry
+from app.web.gates import EXPERIMENTER_COOKIE, Myself, Now, Store, address, cookie, signed_in_person, throttle
+from app.web.limits.throttle import SIGN_INS, SIGN_INS_AS
+
+Secret = Annotated[str, Path(max_length=100)]
+Name = Annotated[str, Form(min_length=1, max_length=100)]
+Password = Annotated[str, Form(max_length=1000)]
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@router.get("/setup/{secret}")
+def set_up_page(secret: Secret, request: Request, database: Store, now: Now) -> Response:
+    throttle(request).count(SIGN_INS, address(request))
+    _check_set_up_link(database, secret, now)
+    context = {"secret": secret, "form_token": entry_token(request)}
+    return remember_entry(request, request.app.state.templates.TemplateResponse(request, "admin/set_up.html", context))
+
+
+@router.post("/setup/{secret}", dependencies=[Depends(own_form)])
+def set_up(
+    secret: Secret, request: Request, name: Name, password: Password, again: Password, database: Store, now: Now
+) -> Response:
+    throttle(request).count(SIGN_INS, address(request))
+    _check_set_up_link(database, secret, now)  # first: who has no link learns nothing of names
+    kept = new_password_hash(name.strip(), password, again)
+    with database.writing() as connection:
+        if experimenter_named(connection, name.strip()):
+            raise InvalidError("There is somebody of this name already. Please choose another one.")
+        experimenter_id = finish_set_up(connection, secret, name.strip(), kept, now)
+        if experimenter_id is None:
+            raise UnauthorisedError("This set-up link was used meanwhile.")
+        token = begin_experimenter_session(connection, experimenter_id, now, browser_of(request))
+        record(connection, name.strip(), Entry("server set up", subject=name.strip()), now)
+    return signed_in(request, token)
+
+
+def _check_set_up_link(database: Database, secret: str, now: datetime) -> None:
+    with database.reading() as connection:
+        is_valid = is_set_up_link(connection, secret, now)
+    if not is_valid:
+        record_alone(database, STRANGER, Entry("set-up refused", detail={"by": "link"}), now)
+        raise UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
+
+
+@router.get("/login/{secret}")
+def link_page(secret: Secret, request: Request, database: Store, now: Now) -> Response:
+    """Ask whether to use a sign-in link: programs that follow links in messages, to look at them, do not use it up.
+
+    Who is signed in and opens a link that was used, for example as a bookmark, gets the dashboard.
+    """
+    throttle(request).check(SIGN_INS, address(request))
+    with database.reading() as connection:
+        person = experimenter_by_link(connection, secret, now)
+    if person is None and signed_in_person(request) is not None:
+        return see("/admin")
+    if person is None:
+        raise _link_refused(request, database, now)
+    context = {"secret": secret, "name": person.name, "form_token": entry_token(request)}
+    shown = request.app.state.templates.TemplateResponse(request, "admin/sign_in_by_link.html", context)
+    return remember_entry(request, shown)
+
+
+@router.post("/login/{secret}", dependencies=[Depends(own_form)])
+def sign_in_by_link(secret: Secret, request: Request, database: Store, now: Now) -> Response:
+    throttle(request).check(SIGN_INS, address(request))
+    with database.writing() as connection:
+        person = spend_link(connection, secret, now)
+        token = begin_experimenter_session(connection, person.id, now, browser_of(request)) if person else None
+        if person:
+            record(connection, person.name, Entry("signed in", detail={"by": "link"}), now)
+    if token is None:
+        raise _link_refused(request, database, now)
+    return signed_in(request, token)
+
+
+def _link_refused(request: Request, database: Database, now: datetime) -> UnauthorisedError:
+    throttle(request).count(SIGN_INS, address(request))
+    record_alone(database, STRANGER, Entry("sign-in refused", detail={"by": "link"}), now)
+    return UnauthorisedError(
+        "This sign-in link is not valid any more: a link works once, for a day. An owner makes a new one under People, "
+        "or `reconstudy admin add NAME` prints one."
+    )
+
+
+@router.post("/sign-in", dependencies=[Depends(own_form)])
+def sign_in(
+    request: Request,
+    name: Name,
+    password: Password,
+    database: Store,
+    now: Now,
+    code: Annotated[str, Form(max_length=40)] = "",
+) -> Response:
+    throttle(request).count(SIGN_INS, address(request))
+    throttle(request).count(SIGN_INS_AS, address(request), name.strip().lower())  # a stranger locks out nobody else
+    with database.reading() as connection:
+        known = password_of(connection, name.strip())
+    token = None
+    if is_password(password, known[1] if known else None) and known is not None:
+        with database.writing() as connection:
+            if is_let_in(connection, known[0], code, now):
+                token = begin_experimenter_session(connection, known[0], now, browser_of(request))
+                record(connection, name.strip(), Entry("signed in", detail={"by": "password"}), now)
+    if token is None:
+        record_alone(database, STRANGER, Entry("sign-in refused", subject=name.strip(), detail={"by": "password"}), now)
+        raise UnauthorisedError(
+            "Name and password do not belong together, or the code of the authenticator app is missing or was used "
+            "before. Please try again."
+        )
+    return signed_in(request, token)
+
+
+@router.post("/logout")
+def leave(request: Request, actor: Myself, database: Store) -> Response:
+    with database.writing() as connection:
+        sign_out(connection, cookie(request, EXPERIMENTER_COOKIE) or "")
+        actor.note(connection, "signed out")
+    return signed_out(request)

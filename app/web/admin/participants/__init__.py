@@ -1,0 +1,1 @@
+"""Who takes part in a study: invitations, records of participants, their votes, comments and interviews."""

@@ -1,0 +1,133 @@
+"""Show all comments of a study, and code them by tags of one's own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Annotated
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Form, Query, Request
+from fastapi.responses import Response
+
+from app.errors import InvalidError
+from app.store.comments import (
+    LONGEST_TAG,
+    SOURCES,
+    CommentPlace,
+    SoughtComments,
+    Source,
+    add_tag,
+    comment_records,
+    delete_tag,
+    rename_tag,
+    tag_comment,
+    tag_records,
+    untag_comment,
+)
+from app.store.studies import Study
+from app.study.questionnaire import LONGEST_QUESTION
+from app.web.admin.layout import see, study_page
+from app.web.admin.listing import listed
+from app.web.gates import Acting, AStudy, Looking, Store
+
+LONGEST_FILTER = 100  # characters
+SOURCE_NAMES = {"written": "questionnaire", "spoken": "interview", "trial": "on a trial"}
+
+Tag = Annotated[str, Form(min_length=1, max_length=LONGEST_TAG)]
+Filter = Annotated[str, Query(max_length=LONGEST_FILTER)]
+
+router = APIRouter(prefix="/admin/studies/{slug}/participants/comments", include_in_schema=False)
+
+
+@router.get("")
+def comments_page(
+    request: Request,
+    person: Looking,
+    study: AStudy,
+    database: Store,
+    text: Filter = "",
+    source: Filter = "",
+    tag: Filter = "",
+    participant: Filter = "",
+    untagged: bool = False,
+) -> Response:
+    sought = SoughtComments(text.strip(), source, tag, participant.strip(), untagged)
+    with database.reading() as connection:
+        comments = comment_records(connection, study.id)
+        tags = tag_records(connection, study.id, comments)
+    rows = [row for row in comments if sought.fits(row)]
+    chosen = {"text": text, "source": source, "tag": tag, "participant": participant}
+    chosen |= {"untagged": "true"} if untagged else {}
+    shown = listed(request, rows)
+    context = {
+        "list": shown,
+        "n_found": len(rows),
+        "n_people": len({row["participant"] for row in rows}),
+        "by_source": Counter(row["source"] for row in rows),
+        "tags": tags,
+        "sources": {source: SOURCE_NAMES[source] for source in SOURCES},
+        "chosen": chosen,
+        "back": urlencode({**chosen, "page": shown.page}),
+        "longest_tag": LONGEST_TAG,
+    }
+    return study_page(request, "comments", person, study, context)
+
+
+@router.post("/tags")
+def new_tag(actor: Acting, study: AStudy, database: Store, tag: Tag) -> Response:
+    name = _tag(tag)
+    with database.writing() as connection:
+        add_tag(connection, study.id, name, actor.now)
+        actor.note(connection, "tag added", study, name)
+    return _seen(study)
+
+
+@router.post("/tags/rename")
+def change_tag(actor: Acting, study: AStudy, database: Store, tag: Tag, new: Tag) -> Response:
+    name = _tag(new)
+    with database.writing() as connection:
+        rename_tag(connection, study.id, tag, name)
+        actor.note(connection, "tag renamed", study, tag, new=name)
+    return _seen(study)
+
+
+@router.post("/tags/delete")
+def remove_tag(actor: Acting, study: AStudy, database: Store, tag: Tag) -> Response:
+    with database.writing() as connection:
+        delete_tag(connection, study.id, tag)
+        actor.note(connection, "tag deleted", study, tag)
+    return _seen(study)
+
+
+@router.post("/tag")
+def put_tag(
+    actor: Acting,
+    study: AStudy,
+    database: Store,
+    participant: Annotated[str, Form(max_length=40)],
+    source: Annotated[Source, Form()],
+    subject: Annotated[str, Form(max_length=LONGEST_QUESTION)],
+    tag: Tag,
+    take_off: Annotated[bool, Form()] = False,
+    back: Annotated[str, Form(max_length=6 * LONGEST_FILTER)] = "",
+) -> Response:
+    """Give a comment a tag, which is added to the study if it is new; or take one off."""
+    place = CommentPlace(participant, source, subject)
+    with database.writing() as connection:
+        if take_off:
+            untag_comment(connection, study.id, place, tag)
+        else:
+            tag_comment(connection, study.id, place, _tag(tag), actor.name, actor.now)
+        actor.note(connection, "tag taken off" if take_off else "comment tagged", study, participant, tag=tag)
+    return _seen(study, back)
+
+
+def _tag(name: str) -> str:
+    """Return a tag's name in one line."""
+    if not (tidy := " ".join(name.split())):
+        raise InvalidError("A tag needs a name. Nothing was changed.")
+    return tidy
+
+
+def _seen(study: Study, back: str = "") -> Response:
+    return see(f"/admin/studies/{study.slug}/participants/comments{f'?{back}' if back else ''}")

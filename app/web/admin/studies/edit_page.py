@@ -1,0 +1,135 @@
+"""Edit a study's settings, as a form or as a file; two people who edit at once are warned of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Form, Request
+from fastapi.responses import Response
+
+from app.errors import ConflictError, InvalidError
+from app.ffmpeg import Progress
+from app.operations.edit import check_edit, remake_films, save_edit
+from app.operations.manage import study_file_of
+from app.operations.stimulus_sets import set_of_study
+from app.store.audit import Actor
+from app.store.designs import conditions_of, datasets_of
+from app.store.engine import Database
+from app.store.experimenters import Experimenter
+from app.store.studies import Study, progress_of
+from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
+from app.web.admin.background import start_task
+from app.web.admin.layout import attachment, see, study_page, unix
+from app.web.admin.studies.form import Fields, StudyForm, fixed_settings, read_values, study_of, values_of
+from app.web.gates import Acting, AStudy, Looking, Store, database, languages, looking, settings
+
+router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
+
+
+@router.get("/edit")
+def edit_page(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
+    form = _form(request, database, study, values_of(study_file_of(study)))
+    return _page(request, person, study, form)
+
+
+@router.post("/edit")
+def edit(
+    request: Request,
+    person: Looking,
+    actor: Acting,
+    study: AStudy,
+    database: Store,
+    revision: Revision,
+    fields: Fields,
+) -> Response:
+    """Save the fields of the form; everything else stays. What cannot be saved is shown again with the reason."""
+    given = read_values(fields)
+    try:
+        wanted = study_of(study_file_of(study), given)
+        return save_study(request, study, wanted, revision, actor)
+    except (ValueError, InvalidError) as error:
+        values = {**values_of(study_file_of(study)), **given}
+        form = _form(request, database, study, values)
+        reason = error.detail.removeprefix("Nothing was changed: ") if isinstance(error, InvalidError) else str(error)
+        return _page(request, person, study, replace(form, error=reason), status_code=422)
+
+
+@router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])
+def study_file(study: AStudy) -> Response:
+    """Download all settings as a study file."""
+    headers = {"Content-Disposition": attachment(f"{study.slug}.toml")}
+    return Response(write_study_file(study_file_of(study)), media_type="application/toml", headers=headers)
+
+
+@router.post("/edit/file")
+def edit_file(
+    request: Request,
+    actor: Acting,
+    study: AStudy,
+    revision: Revision,
+    text: Annotated[str, Form(max_length=LONGEST_FILE)],
+) -> Response:
+    try:
+        wanted = parse_study_file(unix(text))
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {with_line(unix(text), str(error))}.") from error
+    return save_study(request, study, wanted, revision, actor)
+
+
+def save_study(
+    request: Request,
+    study: Study,
+    wanted: StudyFile,
+    revision: int,
+    actor: Actor,
+    page: str = "edit",
+) -> Response:
+    """Save what has changed, and lead back to a page of the study, or to the work of making its films again.
+
+    Raises
+    ------
+    InvalidError
+        If a value is not right, or the study would be complete in no language.
+    ConflictError
+        If somebody else has changed the study meanwhile, or a setting cannot change any more.
+    """
+    server, store = settings(request), database(request)
+    address = f"/admin/studies/{study.slug}/{page}"
+    try:
+        change = check_edit(server, store, study, wanted, languages(request))
+        if change.folder is None:
+            save_edit(store, change, revision, actor)
+            return see(address)
+        if revision != study.revision:
+            raise ConflictError("Somebody else has changed this study meanwhile. Look at it again, then repeat it.")
+    except ConflictError as error:
+        with store.writing() as connection:
+            actor.note(connection, "edit refused", study, study.slug, reason=error.detail)
+        raise
+
+    def work(progress: Progress) -> str:
+        remake_films(server, store, change, revision, actor, progress)
+        return address
+
+    task = start_task(store, actor, f"Making the films of {study.name} again", work, subject=f"study {study.slug}")
+    return see(f"/admin/jobs/{task}")
+
+
+def _form(request: Request, database: Database, study: Study, values: Mapping[str, Any]) -> StudyForm:
+    """Return the form of a study, with what its stimulus set offers to choose from."""
+    with database.reading() as connection:
+        has_begun = progress_of(connection, study.id).n_started > 0
+        known = set_of_study(settings(request), connection, study)
+        datasets = known.datasets if known else tuple(datasets_of(connection, study.id))
+        conditions = known.conditions if known else tuple(conditions_of(connection, study.id))
+    fixed = fixed_settings(has_begun=has_begun, has_stimuli=known is not None)
+    return StudyForm(values, fixed, datasets, conditions)
+
+
+def _page(request: Request, person: Experimenter, study: Study, form: StudyForm, status_code: int = 200) -> Response:
+    context = {"form": form, "text": write_study_file(study_file_of(study)), "longest_file": LONGEST_FILE}
+    return study_page(request, "edit", person, study, context, status_code)

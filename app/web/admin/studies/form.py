@@ -1,0 +1,244 @@
+"""The form of a study, new or not: its fields follow from the table of settings, and `parse_options` checks them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+from fastapi import Depends, Request
+from starlette.datastructures import FormData
+
+from app.errors import InvalidError
+from app.study.lab_sheet import LONGEST_NOTE
+from app.study.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, Setting, why_fixed
+from app.study.options import StudyOptions, parse_options
+from app.study.practice import MOST_PRACTICE
+from app.study.privacy import LONGEST_CONTACT
+from app.study.protocols import RATED, typed_scale
+from app.study.questionnaire import KINDS, MOST_QUESTIONS
+from app.study.recruiting import LONGEST_ADDRESS
+from app.study.study_file import StudyFile
+from app.study.wording import LONGEST_TEXT, QUESTIONS
+from app.web.admin.layout import unix
+
+MARK = "field"  # names a field that a browser leaves out where nothing is chosen
+QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maximum", "required")
+FILMS_PARTS = ("dataset", "a", "b")
+PARTS = {"questions": QUESTION_PARTS, "practice_pairs": FILMS_PARTS}
+IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", MARK)
+LONGEST = {
+    "privacy.responsible": LONGEST_CONTACT,
+    "privacy.contact": LONGEST_CONTACT,
+    "name": 200,
+    "consent_version": 200,
+    "outside.keep": 500,
+}  # characters; of others LONGEST_ADDRESS
+
+
+@dataclass(frozen=True)
+class StudyForm:
+    """The form as a page shows it.
+
+    Parameters
+    ----------
+    values : of the settings, by name
+    fixed : why a setting cannot change now, by name
+    datasets, conditions : names to choose from; empty: not known, to be typed
+    error : what is wrong with what was entered; empty: nothing
+    """
+
+    values: Mapping[str, Any]
+    fixed: Mapping[str, str] = field(default_factory=dict)
+    datasets: Sequence[str] = ()
+    conditions: Sequence[str] = ()
+    error: str = ""
+
+    kinds = KINDS
+    longest_text = LONGEST_TEXT
+    most_questions = MOST_QUESTIONS
+
+    @property
+    def sections(self) -> dict[str, tuple[str, str, list[Setting]]]:
+        """Title, note and settings of each section, by its key."""
+        return {
+            key: (title, SECTION_NOTES.get(key, ""), [setting for setting in SETTINGS if setting.section == key])
+            for key, title in SECTIONS.items()
+        }
+
+    @property
+    def wrong(self) -> str:
+        """The name of the setting that the error is about; empty: none, or not one alone."""
+        for setting in SETTINGS:
+            table, _, key = setting.name.rpartition(".")
+            starts = (f"{table}: {key}", f"{table}: '{key}'") if table else (f"{key} ", f"{key}:", f"{key}.")
+            if self.error.startswith(starts):
+                return setting.name
+        return "questions" if self.error.startswith("question ") else ""
+
+    def reasons(self, settings: Sequence[Setting]) -> dict[str, list[str]]:
+        """Labels of the settings that cannot change, by the reason."""
+        reasons: dict[str, list[str]] = {}
+        for setting in settings:
+            if reason := self.fixed.get(setting.name):
+                reasons.setdefault(reason, []).append(setting.label)
+        return reasons
+
+    def longest(self, setting: Setting) -> int:
+        """Most characters of a text."""
+        return LONGEST_NOTE if setting.option == "lab_sheet" else LONGEST.get(setting.name, LONGEST_ADDRESS)
+
+    def rows(self, name: str) -> list[Mapping[str, Any]]:
+        """Rows of a list of tables, and an empty one to add."""
+        most = {"questions": MOST_QUESTIONS, "practice_pairs": MOST_PRACTICE}[name]
+        rows = list(self.values.get(name) or ())
+        return [*rows, {}] if len(rows) < most else rows
+
+    def options(self, setting: Setting) -> list[str]:
+        """Names to choose from: the set's, and what is chosen although the set lacks it."""
+        value = self.values.get(setting.name) or ()
+        chosen = [value] if isinstance(value, str) else list(value)
+        known = self.datasets if setting.kind == "dataset" else self.conditions
+        return list(dict.fromkeys([*known, *chosen]))
+
+
+def values_of(study: StudyFile) -> dict[str, Any]:
+    """Return the values of all settings by name."""
+    options = study.options.as_json()
+    values: dict[str, Any] = {name: getattr(study, name) for name in COLUMNS}
+    for setting in SETTINGS:
+        table, _, key = setting.name.rpartition(".")
+        if setting.name not in COLUMNS:
+            values[setting.name] = options[table].get(key) if table else options[key]
+    return values
+
+
+def fixed_settings(*, has_begun: bool, has_stimuli: bool) -> dict[str, str]:
+    """Return why settings cannot change now, by name."""
+    reasons = {
+        setting.name: why_fixed(setting.change, has_begun=has_begun, has_stimuli=has_stimuli) for setting in SETTINGS
+    }
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+def read_values(fields: FormData) -> dict[str, Any]:
+    """Read the settings that a form holds, by name; `study_of` checks them.
+
+    Raises
+    ------
+    InvalidError
+        If it holds a field that is no setting.
+    """
+    given = {*fields.keys(), *map(str, fields.getlist(MARK))} - set(IN_EVERY_FORM)
+    known = {setting.name: setting for setting in SETTINGS}
+    names = {name if name in known else name.partition(".")[0] for name in given}
+    if unknown := sorted(names - known.keys()):
+        raise InvalidError(f"The form has the field {unknown[0][:60]!r}, which is no setting of a study.")
+    return {setting.name: _value(fields, setting) for setting in SETTINGS if setting.name in names}
+
+
+def study_of(now: StudyFile, given: Mapping[str, Any]) -> StudyFile:
+    """Return a study with what a form gives in place.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting and what is expected.
+    """
+    columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
+    return replace(now, **columns, options=parse_options(options_of(now.options, given)))
+
+
+def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options, as `parse_options` reads them, with what a form gives in place.
+
+    Raises
+    ------
+    ValueError
+        If a number is none.
+    """
+    options = now.as_json()
+    for name, value in given.items():
+        if name in COLUMNS:
+            continue
+        table, _, key = name.rpartition(".")
+        place = options[table] if table else options
+        place[key] = value
+        if value is None:
+            del place[key]
+    if options["screening"].get("distance") != "fixed":
+        options["screening"].pop("distance_cm", None)
+    if options["protocol"] not in RATED:
+        options.pop("scale")
+    asked = {question["name"] for question in options["questions"]}
+    options["texts"] = {
+        language: {key: text for key, text in said.items() if _is_of(key, asked)}
+        for language, said in options["texts"].items()
+    }
+    return options
+
+
+def _is_of(key: str, asked: set[str]) -> bool:
+    """Is it a text of the study, or of a question that is asked?"""
+    group, _, rest = key.partition(".")
+    return group != QUESTIONS or rest.partition(".")[0] in asked
+
+
+def _value(fields: FormData, setting: Setting) -> Any:
+    texts = [unix(str(text)) for text in fields.getlist(setting.name)]
+    text = texts[-1] if texts else ""
+    match setting.kind:
+        case "flag":
+            return "true" in texts
+        case "several" | "conditions":
+            return [each for each in texts if each]
+        case "whole" | "number":
+            return None if not text and setting.may_be_empty else _number(setting.name, text)
+        case "window":
+            return [_number(setting.name, each) for each in texts if each]
+        case "names":
+            return text.replace(",", " ").split()
+        case "spoken":
+            return [line.strip() for line in text.splitlines() if line.strip()]
+        case "questions":
+            return [_question(row) for row in _rows(fields, setting.name) if row["name"]]
+        case "films":
+            return [row for row in _rows(fields, setting.name) if any(row.values())]
+    return typed_scale(text) if setting.name == "scale" else text
+
+
+def _number(name: str, text: str) -> int | float:
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InvalidError(f"{name} is {text[:40]!r}, expected a number.") from error
+
+
+def _rows(fields: FormData, name: str) -> Iterator[dict[str, str]]:
+    """Read the rows of a list of tables: each part of a row is a field of its own, in the same order."""
+    columns = [[unix(str(text)) for text in fields.getlist(f"{name}.{part}")] for part in PARTS[name]]
+    if len({len(column) for column in columns}) > 1:
+        raise InvalidError(f"The rows of {name} are not complete; load the page again.")
+    for row in zip(*columns, strict=True):
+        yield dict(zip(PARTS[name], row, strict=True))
+
+
+def _question(row: Mapping[str, str]) -> dict[str, Any]:
+    """Read a question as a study file holds it: what is empty is left out."""
+    lists = {part: [line.strip() for line in row[part].splitlines() if line.strip()] for part in ("options", "labels")}
+    bounds = {
+        part: _number(f"question {row['name']}: {part}", row[part]) for part in ("minimum", "maximum") if row[part]
+    }
+    content = {"name": row["name"], "kind": row["kind"], "text": row["text"], "required": row["required"] == "true"}
+    return {**content, **lists, **bounds}
+
+
+async def _form_fields(request: Request) -> FormData:
+    return await request.form()
+
+
+Fields = Annotated[FormData, Depends(_form_fields)]

@@ -1,0 +1,217 @@
+"""List studies, create them, and open, pause, close, archive, duplicate or preview one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, BackgroundTasks, Form, Query, Request
+from fastapi.responses import Response
+
+from app.errors import InvalidError
+from app.ffmpeg import Progress
+from app.operations.create import create_study, duplicate_study, new_slug, read_options
+from app.operations.standing import change_standing as change_study
+from app.operations.stimulus_sets import KnownSet, known_sets, set_called
+from app.store.admission import begin_preview
+from app.store.audit import Actor
+from app.store.engine import Database
+from app.store.experimenters import Experimenter
+from app.store.invitations import preview_code
+from app.store.studies import Standing, all_studies, progress_by_study
+from app.study.option_table import COLUMNS
+from app.study.options import parse_options
+from app.study.presets import PRESETS, QUICK, read_preset
+from app.study.stages import PRACTICE
+from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
+from app.study.wording import check_languages
+from app.web.admin.background import start_task
+from app.web.admin.layout import page, see, unix
+from app.web.admin.studies.form import Fields, StudyForm, options_of, read_values, values_of
+from app.web.analyst.results import load_analysis
+from app.web.gates import Acting, AStudy, Looking, Person, Store, is_seen, languages, settings
+from app.web.participant.session import remember
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+
+@router.get("")
+def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
+    afterwards.add_task(load_analysis)  # a study's pages come next
+    with database.reading() as connection:
+        listed = [study for study in all_studies(connection) if is_seen(request, study)]
+        progress = progress_by_study(connection)  # read second: it then covers every study listed
+    return page(request, "studies", person, {"studies": listed, "progress_by_study": progress})
+
+
+@router.get("/studies/new")
+def new_study_page(
+    request: Request,
+    person: Looking,
+    database: Store,
+    stimulus_set: Annotated[str, Query(max_length=200)] = "",
+    chosen_set: Annotated[str, Query(alias="set", max_length=200)] = "",
+    preset: Annotated[str, Query(max_length=20)] = "",
+) -> Response:
+    """Ask for stimulus set and preset; with both, show the form, filled with what the preset says.
+
+    Parameters
+    ----------
+    stimulus_set, preset : as chosen
+    chosen_set : the set to offer first, where the preset is still to be chosen
+    """
+    with database.reading() as connection:
+        known = known_sets(settings(request), connection)
+    chosen = next((each for each in known if each.name == stimulus_set), None)
+    presets = [read_preset(name) for name in PRESETS]
+    if chosen is None or (preset or QUICK) not in PRESETS:
+        context = {
+            "chosen_set": chosen_set,
+            "sets": known,
+            "presets": presets,
+            "default_preset": QUICK,
+            "longest_file": LONGEST_FILE,
+        }
+        return page(request, "new_study", person, context)
+    options = read_options(None, {}, preset or QUICK)
+    return _form_page(request, person, chosen, preset or QUICK, values_of(StudyFile("", options=options)))
+
+
+@router.post("/studies/new")
+def create(
+    request: Request,
+    person: Looking,
+    actor: Acting,
+    database: Store,
+    fields: Fields,
+    stimulus_set: Annotated[str, Form(max_length=200)],
+    preset: Annotated[str, Form(max_length=20)] = QUICK,
+) -> Response:
+    """Create a study in the background; the task's page shows the progress. What is not right is shown again."""
+    given = read_values(fields)
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+    try:
+        wanted = _chosen(preset, given)
+        slug = new_slug(database, wanted.name)
+        check_languages(wanted.options, languages(request))
+    except ValueError as error:
+        values = {**values_of(StudyFile("", options=read_options(None, {}, _known(preset)))), **given}
+        return _form_page(request, person, known, _known(preset), values, str(error))
+    return _begin(request, actor, database, known, wanted, slug)
+
+
+@router.post("/studies/new/file")
+def create_from_file(
+    request: Request,
+    actor: Acting,
+    database: Store,
+    text: Annotated[str, Form(max_length=LONGEST_FILE)],
+    stimulus_set: Annotated[str, Form(max_length=200)],
+) -> Response:
+    """Create a study from a study file, in the background."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+    try:
+        wanted = parse_study_file(unix(text))
+        slug = new_slug(database, wanted.name)
+        check_languages(wanted.options, languages(request))
+        if wanted.manifest_sha256 not in (None, known.content.sha256):
+            raise ValueError(
+                f"manifest_sha256 is that of another stimulus set than {known.title}, whose is {known.content.sha256}; "
+                "choose the set that the file was written for, or delete this line"
+            )
+    except ValueError as error:
+        raise InvalidError(f"No study was created: {with_line(unix(text), str(error))}.") from error
+    return _begin(request, actor, database, known, wanted, slug)
+
+
+def _begin(
+    request: Request, actor: Actor, database: Database, known: KnownSet, wanted: StudyFile, slug: str
+) -> Response:
+    """Begin to create a study, and lead to the page of this work."""
+    server = settings(request)
+
+    def work(progress: Progress) -> str:
+        made = create_study(
+            server,
+            known.folder,
+            wanted.name,
+            exposure_s=wanted.exposure_s,
+            seed=wanted.seed,
+            options=wanted.options,
+            progress=progress,
+            by=actor.name,
+            is_paused=True,
+        )
+        return f"/admin/studies/{made['slug']}"
+
+    task = start_task(database, actor, f"Creating the study {wanted.name}", work, subject=f"study {slug}")
+    return see(f"/admin/jobs/{task}")
+
+
+def _form_page(
+    request: Request, person: Experimenter, known: KnownSet, preset: str, values: Mapping[str, Any], error: str = ""
+) -> Response:
+    form = StudyForm(values, datasets=known.datasets, conditions=known.conditions, error=error)
+    context = {"form": form, "stimulus_set": known, "preset": preset}
+    return page(request, "new_study", person, context, 422 if error else 200)
+
+
+def _known(preset: str) -> str:
+    return preset if preset in PRESETS else QUICK
+
+
+def _chosen(preset: str, given: Mapping[str, Any]) -> StudyFile:
+    """Return a preset's study with what the form changes.
+
+    Raises
+    ------
+    ValueError
+        If there is no such preset, or a value is not right.
+    """
+    chosen = read_preset(preset)
+    base = parse_options(chosen.options)
+    now = values_of(StudyFile("", options=base))
+    changed = {name: value for name, value in given.items() if value != now.get(name)}
+    if changed.get("consent") and "consent_version" not in changed:
+        changed["consent_version"] = ""  # the version names the preset's text
+    wanted = options_of(base, changed)
+    tops = {name.partition(".")[0] for name in changed} - set(COLUMNS)
+    if "scale" not in wanted:
+        tops.discard("scale")
+    options = parse_options(chosen.overridden_by({name: wanted[name] for name in tops}))
+    if options.practice_dataset:
+        options = options.with_stage(PRACTICE)
+    columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
+    return StudyFile(**{"name": "", **columns}, options=options)
+
+
+@router.post("/studies/{slug}/state")
+def change_standing(actor: Acting, study: AStudy, state: Annotated[Standing, Form()], database: Store) -> Response:
+    change_study(database, study, state, actor)
+    return see(f"/admin/studies/{study.slug}")
+
+
+@router.post("/studies/{slug}/duplicate")
+def duplicate(
+    actor: Acting, study: AStudy, name: Annotated[str, Form(min_length=1, max_length=200)], database: Store
+) -> Response:
+    """Create a study of the same stimuli and options, without participants."""
+    try:
+        slug = duplicate_study(database, study, name, actor)
+    except ValueError as error:
+        raise InvalidError(f"The study was not duplicated: {error}.") from error
+    return see(f"/admin/studies/{slug}")
+
+
+@router.post("/studies/{slug}/preview")
+def preview(request: Request, actor: Acting, study: AStudy, database: Store) -> Response:
+    """Walk through a study as a participant; nothing is counted or kept."""
+    token = begin_preview(database, study, actor.now)
+    with database.writing() as connection:
+        actor.note(connection, "study previewed", study, study.slug)
+        code = preview_code(connection, study.id)
+    answer = see(f"/s/{code}")
+    remember(request, answer, token)
+    return answer

@@ -1,0 +1,152 @@
+"""List the server's stimulus sets, show and change one, and upload new ones as zip files.
+
+A name from outside never becomes a path: sets are chosen from the list, and names in an upload must be plain.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Depends, Form, Path, Request
+from fastapi.responses import FileResponse, JSONResponse, Response
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import InvalidError, NotFoundError, StimuliError
+from app.ffmpeg import Progress
+from app.intake.bounds import in_bounds
+from app.intake.stimuli import StimulusSet, check_videos, read_manifest
+from app.intake.zips import MB, check_zip, unpack
+from app.operations.create import slugify
+from app.operations.stimulus_sets import delete_set, known_sets, name_factors, rename_set, set_called, studies_of
+from app.settings import Settings
+from app.store.audit import Entry, record_alone
+from app.web.admin.background import start_task
+from app.web.admin.layout import page, see
+from app.web.admin.uploads import UploadingActor, receive
+from app.web.gates import Acting, Person, Store, experimenter, settings
+
+BELONGING = (".mp4", ".mov", ".mkv", ".webm", ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set
+
+router = APIRouter(prefix="/admin", include_in_schema=False)
+
+Word = Annotated[str, Form(max_length=200)]
+Words = Annotated[list[Word], Form(max_length=10_000)]
+Name = Annotated[str, Path(max_length=200)]
+
+
+@router.get("/sets")
+def sets_page(request: Request, person: Person, database: Store) -> Response:
+    server = settings(request)
+    with database.reading() as connection:
+        known = known_sets(server, connection)
+        users = {each.name: studies_of(connection, each) for each in known}
+    return page(request, "sets", person, {"sets": known, "users": users, "largest_mb": server.largest_upload_mb})
+
+
+@router.get("/sets/{name}")
+def set_page(request: Request, person: Person, database: Store, name: Name) -> Response:
+    """Show a set's films, and the factors of its conditions."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, name)
+        users = studies_of(connection, known)
+    numbers = {stimulus.name: number for number, stimulus in enumerate(known.content.stimuli)}
+    return page(request, "set", person, {"set": known, "users": users, "numbers": numbers})
+
+
+@router.get("/sets/{name}/films/{number}", dependencies=[Depends(experimenter)])
+def set_film(request: Request, database: Store, name: Name, number: Annotated[str, Path(max_length=9)]) -> Response:
+    """Serve a film of a set by its place in the manifest: first the stimuli, then those for practice."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, name)
+    films = (*known.content.stimuli, *known.content.practice)
+    is_there = number.isdecimal() and int(number) < len(films)
+    path = known.folder / films[int(number)].video if is_there else known.folder
+    if not path.resolve().is_relative_to(known.folder.resolve()) or not path.is_file():
+        raise NotFoundError(f"{known.title} has no such film.")
+    return FileResponse(path, media_type="video/mp4", headers={"Cache-Control": "private, max-age=3600"})
+
+
+@router.post("/sets/{name}/factors")
+def change_factors(
+    request: Request,
+    actor: Acting,
+    database: Store,
+    name: Name,
+    condition: Words,
+    factor: Words,
+    level: Words,
+) -> Response:
+    """Save the table of factors: a name for each column, and the levels row by row; a column without a name goes."""
+    if len(level) != len(condition) * len(factor):
+        raise InvalidError(
+            f"Nothing was changed: {len(level)} levels, expected {len(factor)} for each of {len(condition)} conditions."
+        )
+    names = [text.strip() for text in factor]
+    if twice := [text for text in names if text and names.count(text) > 1]:
+        raise InvalidError(f"Nothing was changed: the factor {twice[0]!r} is there twice; give each its own name.")
+    rows = [level[at : at + len(names)] for at in range(0, len(level), len(names))] if names else [[]] * len(condition)
+    with database.reading() as connection:
+        n_known = len(set_called(settings(request), connection, name).content.factors)
+    new = [(names[column], row[column]) for row in rows for column in range(n_known, len(names))]
+    if any(text.strip() and not factor for factor, text in new):
+        raise InvalidError("Nothing was changed: the new factor has levels and no name; name it above them.")
+    levels = {
+        key: {factor: text.strip() for factor, text in zip(names, row, strict=True) if factor and text.strip()}
+        for key, row in zip(condition, rows, strict=True)
+    }
+    name_factors(settings(request), database, name, levels, actor)
+    return see(f"/admin/sets/{quote(name)}")
+
+
+@router.post("/sets/{name}/name")
+def rename(request: Request, actor: Acting, database: Store, name: Name, title: Word) -> Response:
+    rename_set(settings(request), database, name, title, actor)
+    return see(f"/admin/sets/{quote(name)}")
+
+
+@router.post("/sets/{name}/delete")
+def delete(request: Request, actor: Acting, database: Store, name: Name, again: Word) -> Response:
+    delete_set(settings(request), database, name, again, actor)
+    return see("/admin/sets")
+
+
+@router.put("/stimuli/upload")
+async def upload(request: Request, actor: UploadingActor, database: Store) -> Response:
+    """Take a zipped stimulus set; it is unpacked and checked in the background."""
+    server = settings(request)
+    folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
+
+    def work(progress: Progress) -> str:
+        with folder:
+            name = install_set(server, packed, FilePath(folder.name) / "unpacked", progress)
+        record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
+        return "/admin/sets"
+
+    task = await run_in_threadpool(start_task, database, actor, "Checking the uploaded stimulus set", work)
+    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
+
+
+def install_set(server: Settings, packed: FilePath, unpacked: FilePath, progress: Progress) -> str:
+    """Unpack an upload, check it like any stimulus set, move it to its place, and return its name.
+
+    Raises
+    ------
+    ValueError, TooLargeError
+        If it is not a complete stimulus set, or its name is taken.
+    """
+    stimulus_set = in_bounds(_unpacked_set, packed, unpacked, server.largest_upload_mb * MB)
+    check_videos(stimulus_set, progress)
+    name = slugify(stimulus_set.name)
+    if (server.sets_dir / name).exists():
+        raise StimuliError(f"there is a stimulus set {name!r} already; give this one another name in its manifest")
+    stimulus_set.folder.rename(server.sets_dir / name)
+    return name
+
+
+def _unpacked_set(packed: FilePath, unpacked: FilePath, limit: int) -> StimulusSet:
+    unpack(packed, unpacked, limit, BELONGING, "a stimulus set")
+    inside = list(unpacked.iterdir())
+    folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # a zip file may hold one folder
+    return read_manifest(folder, are_compared=True)

@@ -1,0 +1,209 @@
+"""Edit a study's own texts in each language, in place of those of the language's pack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from fastapi import APIRouter, File, Form, Path, Request, UploadFile
+from fastapi.responses import Response
+
+from app.errors import ConflictError, InvalidError, NotFoundError
+from app.operations.manage import study_file_of
+from app.store.engine import Transaction
+from app.store.images import image_digests, keep_image, remove_image
+from app.store.studies import Study, lock_study, progress_of
+from app.study.image import LARGEST_IMAGE, MOST_IMAGES, check_image
+from app.study.language_pack import BY, PLURALS, LanguagePack, Text
+from app.study.options import StudyOptions, parse_options
+from app.study.wording import (
+    CONSENT,
+    DEBRIEFING,
+    LONGEST_TEXT,
+    NAME,
+    QUESTIONS,
+    changed_languages,
+    first_language,
+    own_texts,
+    pack_labels,
+    parse_languages,
+    protocol_texts,
+    refused_languages,
+    wording,
+)
+from app.web.admin.layout import see, study_page, unix
+from app.web.admin.studies.edit_page import Revision, save_study
+from app.web.gates import Acting, AStudy, Looking, Store, languages
+from app.web.markdown import render_markdown
+
+PLAIN = {CONSENT: "consent", DEBRIEFING: "debriefing"}  # options that hold the texts of the study's first language
+
+router = APIRouter(prefix="/admin/studies/{slug}/texts", include_in_schema=False)
+
+Tag = Annotated[str, Form(max_length=40)]
+Texts = Annotated[list[Annotated[str, Form(max_length=2 * LONGEST_TEXT)]], Form()]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A text in the page's table: what participants read without the study's own, and the study's own."""
+
+    key: str
+    default: str
+    said: str
+
+
+@router.get("")
+def texts_page(request: Request, person: Looking, study: AStudy, database: Store, language: str = "") -> Response:
+    packs, options = languages(request), parse_options(study.options)
+    with database.reading() as connection:
+        has_begun = progress_of(connection, study.id).n_started > 0
+        images = image_digests(connection, study.id)
+    refusals = refused_languages(options, packs)
+    chosen = packs.get(language or first_language(options)) or packs[next(iter(packs))]
+    said = own_texts(options, chosen.tag)
+    groups: dict[str, list[Row]] = {}
+    for row in _rows(options, chosen):
+        groups.setdefault(row.key.partition(".")[0], []).append(row)
+    context = {
+        "packs": packs,
+        "pack": chosen,
+        "refusals": refusals,
+        "named": " ".join(options.languages),
+        "first": first_language(options),
+        "groups": groups,
+        "documents": {key: str(said.get(key, "")) for key in PLAIN},
+        "markdown": render_markdown,
+        "images": images,
+        "largest_image_kb": LARGEST_IMAGE // 1024,
+        "name": str(said.get(NAME, "")),
+        "longest_text": LONGEST_TEXT,
+        "has_begun": has_begun,
+        "sha256": wording(chosen, options, study.name, images).sha256 if refusals.get(chosen.tag) == "" else "",
+    }
+    return study_page(request, "texts", person, study, context)
+
+
+@router.post("/languages")
+def choose_languages(
+    request: Request,
+    actor: Acting,
+    study: AStudy,
+    revision: Revision,
+    named: Annotated[str, Form(max_length=500)] = "",
+) -> Response:
+    """Save in which languages the study is offered."""
+    try:
+        tags = parse_languages(named.replace(",", " ").split())
+        changes = changed_languages(parse_options(study.options), tags)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    return _save(request, actor, study, revision, changes, "texts")
+
+
+@router.post("")
+def save_texts(
+    request: Request,
+    actor: Acting,
+    study: AStudy,
+    revision: Revision,
+    language: Tag,
+    key: Texts,
+    said: Texts,
+) -> Response:
+    """Save the study's own texts in a language; an empty one goes back to the pack's."""
+    pack = languages(request).get(language)
+    if pack is None:
+        raise NotFoundError("There is no such language.")
+    if len(key) != len(said):
+        raise InvalidError(f"{len(said)} texts came with {len(key)} keys; please load the page again.")
+    options = parse_options(study.options)
+    given = {name: unix(text) for name, text in zip(key, said, strict=True)}
+    changes: dict[str, Any] = {}
+    if language == first_language(options):
+        changes = {option: given.pop(name, "") for name, option in PLAIN.items()}
+    texts = {name: _parsed(name, text, pack) for name, text in given.items() if text}
+    changes["texts"] = {**options.texts, language: texts}
+    return _save(request, actor, study, revision, changes, f"texts?language={language}")
+
+
+@router.post("/images")
+def upload_image(actor: Acting, study: AStudy, database: Store, image: Annotated[UploadFile, File()]) -> Response:
+    """Keep an image, in place of one of the same name, for texts to show."""
+    name, content = image.filename or "", image.file.read(LARGEST_IMAGE + 1)
+    try:
+        check_image(name, content)
+    except ValueError as error:
+        raise InvalidError(f"The image was not kept: {error}.") from error
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        if len({*image_digests(connection, study.id), name}) > MOST_IMAGES:
+            raise InvalidError(f"The image was not kept: a study has at most {MOST_IMAGES}.")
+        keep_image(connection, study.id, name, content)
+        actor.note(connection, "image kept", study, study.slug, image=name)
+    return see(f"/admin/studies/{study.slug}/texts")
+
+
+@router.post("/images/{name}/remove")
+def remove(actor: Acting, study: AStudy, database: Store, name: Annotated[str, Path(max_length=80)]) -> Response:
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        remove_image(connection, study.id, name)
+        actor.note(connection, "image removed", study, study.slug, image=name)
+    return see(f"/admin/studies/{study.slug}/texts")
+
+
+def _refuse_once_begun(connection: Transaction, study: Study) -> None:
+    lock_study(connection, study.id)  # nobody begins between the check and the change
+    if progress_of(connection, study.id).n_started:
+        raise ConflictError("Participants have begun, so images cannot change. Duplicate the study instead.")
+
+
+def _save(
+    request: Request,
+    actor: Acting,
+    study: AStudy,
+    revision: int,
+    changes: Mapping[str, Any],
+    page: str,
+) -> Response:
+    now = study_file_of(study)
+    try:
+        wanted = replace(now, options=parse_options({**now.options.as_json(), **changes}))
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    return save_study(request, study, wanted, revision, actor, page)
+
+
+def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
+    """Yield all texts but the documents and the name; at the end the questions."""
+    plain = own_texts(replace(options, texts={}), pack.tag)
+    said = options.texts.get(pack.tag, {})
+    for key, text in protocol_texts(pack, options.protocol).items():
+        yield Row(key, _written(text), _written(said.get(key, "")))
+    for question in options.questions:
+        text, labels = (f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels"))
+        yield Row(text, _written(plain.get(text) or pack.texts.get(text, "")), _written(said.get(text, "")))
+        if question.kind in ("choice", "scale"):
+            default = plain.get(labels) or pack_labels(question, pack.texts)
+            yield Row(labels, _written(default), _written(said.get(labels, "")))
+
+
+def _written(text: Text) -> str:
+    """Write a text as the page edits it: a list line by line, a plural text with a form in each line."""
+    if isinstance(text, dict):
+        return "\n".join(f"{form}: {words}" for form, words in text.items() if form != BY)
+    return "\n".join(text) if isinstance(text, list) else text
+
+
+def _parsed(key: str, written: str, pack: LanguagePack) -> Text:
+    """Read a text as `_written` writes it."""
+    default = pack.texts.get(key)
+    lines = [line.strip() for line in written.splitlines() if line.strip()]
+    if isinstance(default, list) or key.endswith(".labels"):
+        return lines
+    forms = [line.partition(": ") for line in lines]
+    if isinstance(default, dict) and all(form in PLURALS for form, _, _ in forms):
+        return {BY: default[BY], **{form: words for form, _, words in forms}}
+    return written

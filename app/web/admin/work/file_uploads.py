@@ -1,0 +1,177 @@
+"""Take files of any size in parts: begin an upload, add a part, ask how far it is, discard it.
+
+A lost connection costs the part that was under way, not the file. Whoever sends the same file again goes on where it
+stopped. When all is there, a task of the server checks it and puts it on its shelf, see `app/intake/arrivals.py`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from typing import IO, Annotated
+
+from fastapi import APIRouter, Header, Path, Request
+from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+
+from app.errors import InvalidError, TooLargeError
+from app.ffmpeg import Progress
+from app.intake.arrivals import EXPECTED, Limits, shelve
+from app.intake.bounds import in_bounds
+from app.intake.part_uploads import (
+    PartUpload,
+    Standing,
+    appending,
+    begin_upload,
+    checking,
+    discard,
+    note_job,
+    remove_expired,
+    standing,
+    upload_id,
+    work_folder,
+)
+from app.intake.shelves import free_path
+from app.intake.zips import MB
+from app.settings import Settings
+from app.store.audit import Actor, Entry, record_alone
+from app.store.engine import Database
+from app.web.admin.background import start_task
+from app.web.admin.layout import see
+from app.web.admin.uploads import UploadingActor
+from app.web.gates import Acting, Looking, Store, settings
+
+ROOM_FACTOR = 2  # of an upload's size on the disk: the zip file and what is in it
+
+UploadId = Annotated[str, Path(max_length=40)]
+
+router = APIRouter(prefix="/admin/files/upload", include_in_schema=False)
+
+
+class NewUpload(BaseModel):
+    """What the browser says of a file before it sends it; `modified` in ms since 1970."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Annotated[str, Field(max_length=40)]
+    name: Annotated[str, Field(max_length=200)]
+    file: Annotated[str, Field(max_length=300)]
+    size: Annotated[int, Field(ge=0, lt=2**53)]
+    modified: Annotated[int, Field(ge=-(2**53), lt=2**53)] = 0
+
+
+@router.post("")
+def begin(request: Request, actor: UploadingActor, wanted: NewUpload, database: Store) -> Response:
+    """Begin an upload, or go on with the same one: the answer says where, and from which byte."""
+    server = settings(request)
+    name = wanted.name.strip()
+    _check_wanted(server, wanted, name)
+    remove_expired(server.intake_dir, actor.now)
+    facts = (wanted.kind, name, wanted.file, wanted.size)
+    upload = PartUpload(upload_id(actor.id, *facts, wanted.modified), *facts, by=actor.name)
+    begun = begin_upload(server.intake_dir, upload)
+    if begun.offset == 0:
+        entry = Entry("upload begun", subject=f"{wanted.kind}/{name}", detail={"bytes": wanted.size})
+        record_alone(database, actor.name, entry, actor.now)
+    return JSONResponse(_told(begun), 201 if begun.offset == 0 else 200)
+
+
+@router.get("/{upload}")
+def ask(request: Request, _person: Looking, upload: UploadId) -> Response:
+    """Say how far an upload is."""
+    return JSONResponse(_told(standing(settings(request).intake_dir, upload)))
+
+
+@router.patch("/{upload}")
+async def add_part(
+    request: Request,
+    actor: UploadingActor,
+    upload: UploadId,
+    database: Store,
+    offset: Annotated[int, Header(alias="Upload-Offset", ge=0)],
+) -> Response:
+    """Add a part that begins at `Upload-Offset`; what arrives of it counts, even if the connection is lost."""
+    server = settings(request)
+    known = (await run_in_threadpool(standing, server.intake_dir, upload)).upload
+    with suppress(ClientDisconnect), appending(server.intake_dir, upload, offset) as file:
+        await _receive(request, file, known.size - offset)  # whoever was cut off asks how far it came, and goes on
+    told = await run_in_threadpool(standing, server.intake_dir, upload)
+    if told.offset == known.size:
+        task = await run_in_threadpool(_start_shelving, server, database, actor, known)
+        return JSONResponse({**_told(told), "job": task}, 202)
+    return JSONResponse(_told(told))
+
+
+@router.post("/{upload}/discard")
+def discard_upload(request: Request, actor: Acting, upload: UploadId, database: Store) -> Response:
+    intake = settings(request).intake_dir
+    known = standing(intake, upload).upload
+    discard(intake, upload)
+    entry = Entry("upload discarded", subject=f"{known.kind}/{known.name}", detail={"begun by": known.by})
+    record_alone(database, actor.name, entry, actor.now)
+    return see("/admin/files")
+
+
+def _check_wanted(server: Settings, wanted: NewUpload, name: str) -> None:
+    """Refuse before a byte is sent what could not be kept."""
+    if wanted.kind not in EXPECTED:
+        raise InvalidError(f"Nothing can be uploaded to {wanted.kind!r}; expected one of {', '.join(EXPECTED)}.")
+    free_path(server.intake_dir, wanted.kind, name)
+    if wanted.size == 0:
+        raise InvalidError("The file is empty. Choose another one.")
+    if wanted.size > server.largest_intake_mb * MB:
+        raise TooLargeError(
+            f"The file has {wanted.size // MB} MB; this server takes {server.largest_intake_mb} MB at most. An "
+            "administrator can raise RECONSTUDY_LARGEST_INTAKE_MB, or copy the folder to the server by hand."
+        )
+    server.intake_dir.mkdir(parents=True, exist_ok=True)
+    free = shutil.disk_usage(server.intake_dir).free
+    if wanted.size * ROOM_FACTOR > free:
+        raise TooLargeError(
+            f"The file has {wanted.size // MB} MB and needs about twice that to unpack; the server's disk has "
+            f"{free // MB} MB free. Delete entries that nobody needs, then repeat."
+        )
+
+
+async def _receive(request: Request, file: IO[bytes], most: int) -> None:
+    async for chunk in request.stream():
+        most -= len(chunk)
+        if most < 0:
+            raise InvalidError("More bytes came than the file has; it has changed. Choose it again to begin anew.")
+        await run_in_threadpool(_write, file, chunk)
+
+
+def _write(file: IO[bytes], chunk: bytes) -> None:
+    file.write(chunk)
+    file.flush()  # so that a killed server has lost nothing of it
+
+
+def _told(known: Standing) -> dict[str, object]:
+    upload = known.upload
+    address = f"/admin/files/upload/{upload.id}"
+    return {"upload": address, "offset": known.offset, "size": upload.size, "job": upload.job}
+
+
+def _start_shelving(server: Settings, database: Database, actor: Actor, upload: PartUpload) -> str:
+    """Start the task that checks and keeps a complete upload; return its address."""
+    intake, limits = server.intake_dir, Limits(server.largest_intake_mb, server.most_intake_files)
+
+    def work(_tell: Progress) -> str:
+        folder = work_folder(intake, upload.id)
+        shutil.rmtree(folder, ignore_errors=True)  # of an attempt that was killed
+        with checking(intake, upload.id) as received:
+            try:
+                place = in_bounds(shelve, intake, upload.kind, upload.name, received, folder, limits)
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+                received.unlink(missing_ok=True)
+        entry = Entry("file uploaded", subject=f"{upload.kind}/{place.name}", detail={"bytes": upload.size})
+        record_alone(database, actor.name, entry, actor.now)
+        return f"/admin/files/{upload.kind}/{place.name}"
+
+    title = f"Checking the upload {upload.name}"
+    task = f"/admin/jobs/{start_task(database, actor, title, work, subject=f'upload {upload.id}')}"
+    note_job(intake, upload, task)
+    return task

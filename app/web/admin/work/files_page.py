@@ -1,0 +1,281 @@
+"""Show what lies in the server's intake folder, and what jobs made of it; delete entries."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path as FilePath
+from typing import Annotated, Any
+from urllib.parse import quote
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import APIRouter, Form, Path, Request
+from fastapi.responses import FileResponse, Response
+
+from app.errors import ConflictError, InvalidError, NotFoundError, StimuliError
+from app.ffmpeg import Progress
+from app.files import read_json
+from app.films.strips import write_picture
+from app.intake.arrivals import EXPECTED
+from app.intake.captures import CaptureOutline, picture_path, read_outline
+from app.intake.contents import read_contents
+from app.intake.part_uploads import unfinished
+from app.intake.reports import REPORT, TABLE
+from app.intake.shelves import KINDS, entries, entry_path, file_in, remove_entry
+from app.intake.summaries import SUMMARIES
+from app.operations.attach import attach
+from app.operations.jobs.kinds import KINDS as JOB_KINDS
+from app.operations.jobs.kinds import kinds_for
+from app.settings import Settings
+from app.store.engine import Database
+from app.store.queue import OPEN, QueuedJob, list_jobs
+from app.store.studies import Study, all_studies
+from app.web.admin.background import start_task
+from app.web.admin.layout import page, see
+from app.web.gates import Acting, Person, Store, settings, study_called
+from app.web.media import SANDBOX
+
+TITLES = {
+    "captures": "Captures and other recordings",
+    "calibration": "Pictures of calibration boards",
+    "models": "Models by other programs",
+    "films": "Films",
+    "clouds": "Clouds",
+    "measures": "Tables of measures",
+    "runs": "What jobs made",
+}
+SHOWN_TYPES = {  # of files that a page may show; others are downloaded
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".webp": "image/webp",
+    ".svg": "image/svg+xml",
+    ".mp4": "video/mp4",
+    ".webm": "video/webm",
+    ".html": "text/html; charset=utf-8",
+    ".ply": "application/octet-stream",
+}
+# A report's page may show its own pictures and style, and no more: it cannot run scripts, send forms or fetch.
+MOST_THUMBNAILS = 12  # of a camera
+THUMBNAIL_WIDTH = 240  # pixels
+LISTED_FILES = 500
+PICTURES = CapacityLimiter(4)  # pictures at once; decoding takes seconds, and no other request may wait for it
+
+Kind = Annotated[str, Path(max_length=40)]
+Name = Annotated[str, Path(max_length=120)]
+
+router = APIRouter(prefix="/admin/files", include_in_schema=False)
+
+
+@router.get("")
+def files_page(request: Request, person: Person) -> Response:
+    server = settings(request)
+    context = {
+        "shelves": {kind: entries(server.intake_dir, kind) for kind in KINDS},
+        "titles": TITLES,
+        "expected": EXPECTED,
+        "unfinished": unfinished(server.intake_dir),
+        "intake": server.intake_dir.absolute(),
+        "largest_mb": server.largest_intake_mb,
+    }
+    return page(request, "files", person, context)
+
+
+@router.get("/{kind}/{name}")
+def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: Store) -> Response:
+    """Show an entry: thumbnails of a capture, and the films, pictures, models, reports and tables in it."""
+    path = entry_of(request, kind, name)
+    base = entry_address(kind, name)
+    contents = read_contents(path)
+    outline, fault = (None, "") if kind != "captures" else _outline(path)
+    models = [
+        {**asdict(model), "error_limit_mm": None, "url": _file_address(base, model.place)} for model in contents.models
+    ]
+    context = {
+        "kind": kind,
+        "name": name,
+        "title": TITLES[kind],
+        "base": base,
+        "summary": SUMMARIES[kind](path),
+        "contents": contents,
+        "pictures": [] if outline else contents.pictures,
+        "models": models,
+        "datasets": list(dict.fromkeys(model["dataset"] for model in models)),
+        "outline": outline,
+        "fault": fault,
+        "frames": _spread(outline.n_frames) if outline else [],
+        "studies": _studies(store) if _is_attachable(path) else [],
+        "jobs": _open_jobs(store, kind, name),
+        "starts": [] if (path / REPORT).is_file() else kinds_for(settings(request), kind, name),
+        "listed": list(contents.sizes.items())[:LISTED_FILES],
+        "address": lambda place: _file_address(base, place),
+    }
+    return page(request, "file_entry", person, context)
+
+
+@router.get("/{kind}/{name}/file/{place:path}")
+def entry_file(
+    request: Request, _person: Person, kind: Kind, name: Name, place: Annotated[str, Path(max_length=1000)]
+) -> Response:
+    """Serve a file of an entry: shown where a browser can do no harm with it, else as a download."""
+    try:
+        path = file_in(settings(request).intake_dir, kind, name, place)
+    except InvalidError as error:
+        raise NotFoundError(error.detail) from error
+    media_type = SHOWN_TYPES.get(path.suffix.lower())
+    headers = {
+        "Cache-Control": "private, no-cache",
+        "Content-Security-Policy": SANDBOX,
+        "X-Frame-Options": "SAMEORIGIN",
+    }
+    if media_type is None:
+        return FileResponse(path, filename=path.name, media_type="application/octet-stream", headers=headers)
+    return FileResponse(path, media_type=media_type, headers=headers)
+
+
+@router.get("/captures/{name}/pictures/{sensor}/{side}/{frame}.jpg")
+async def picture(
+    request: Request,
+    _person: Person,
+    name: Name,
+    sensor: Annotated[str, Path(max_length=40)],
+    side: Annotated[str, Path(max_length=10)],
+    frame: Annotated[str, Path(max_length=8)],
+    small: bool = False,
+) -> Response:
+    """Show a picture of a capture as JPEG, in full size or as a thumbnail."""
+    make = partial(_picture, settings(request), name, sensor, side, frame, small=small)
+    path = await to_thread.run_sync(make, limiter=PICTURES)
+    return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
+
+
+def _picture(server: Settings, name: str, sensor: str, side: str, frame: str, *, small: bool) -> FilePath:
+    try:
+        folder = entry_path(server.intake_dir, "captures", name)
+        outline = read_outline(folder)
+        camera, number = outline.camera(sensor, side), outline.frame(frame)
+        place = picture_path(folder, camera, number).relative_to(folder).as_posix()
+        source = file_in(server.intake_dir, "captures", name, place)
+    except InvalidError as error:
+        raise NotFoundError(error.detail) from error
+    fact = source.stat()
+    width = THUMBNAIL_WIDTH if small else camera.width
+    told = f"{source} {fact.st_mtime_ns} {fact.st_size} {number} {width}"
+    path = server.data_dir / "stills" / f"capture-{hashlib.sha256(told.encode()).hexdigest()[:32]}.jpg"
+    if not path.is_file():
+        try:
+            write_picture(source, path, frame=number if camera.is_video else 0, width=width)
+        except StimuliError as error:
+            raise InvalidError(f"{place} cannot be shown: it is damaged, too large, or ends before.") from error
+    return path
+
+
+@router.post("/{kind}/{name}/attach")
+def attach_to_study(
+    request: Request,
+    actor: Acting,
+    kind: Kind,
+    name: Name,
+    store: Store,
+    study: Annotated[str, Form(max_length=100)],
+) -> Response:
+    """Attach a report or a table of measures to a study, in the background."""
+    path, server, chosen = entry_of(request, kind, name), settings(request), study_called(request, study)
+
+    def work(_tell: Progress) -> str:
+        try:
+            attach(server, store, chosen, [path], by=actor.name, now=actor.now)
+        except ValueError as error:  # names the path on the server
+            raise InvalidError(str(error).replace(str(path), name)) from error
+        return f"/admin/studies/{chosen.slug}/objective"
+
+    return see(f"/admin/jobs/{start_task(store, actor, f'Attaching {name} to {chosen.name}', work)}")
+
+
+@router.post("/{kind}/{name}/delete")
+def delete(
+    request: Request,
+    actor: Acting,
+    kind: Kind,
+    name: Name,
+    store: Store,
+    again: Annotated[str, Form(max_length=120)],
+) -> Response:
+    entry_of(request, kind, name)
+    if again.strip() != name:
+        raise InvalidError(f"Nothing was deleted: type {name} to delete it for good.")
+    if jobs := _open_jobs(store, kind, name):
+        raise ConflictError(
+            f"A job works on {name} now: {JOB_KINDS[jobs[0].kind].title}. Cancel it, or wait for its end."
+        )
+    remove_entry(settings(request).intake_dir, kind, name)
+    with store.writing() as connection:
+        actor.note(connection, "file deleted", subject=f"{kind}/{name}")
+    return see("/admin/files")
+
+
+def entry_of(request: Request, kind: str, name: str) -> FilePath:
+    """Return the path of an entry that an address names.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none.
+    """
+    try:
+        return entry_path(settings(request).intake_dir, kind, name)
+    except InvalidError as error:
+        raise NotFoundError(error.detail) from error
+
+
+def entry_address(kind: str, name: str) -> str:
+    """Return the address of an entry's page."""
+    return f"/admin/files/{kind}/{quote(name)}"
+
+
+def _is_attachable(path: FilePath) -> bool:
+    """Tell a table of measures and what `reconstudy validate` wrote from other entries."""
+    if path.suffix.lower() == ".csv" or (path / TABLE).is_file():
+        return True
+    try:
+        return "measures" in read_json(path / REPORT)
+    except ValueError:
+        return False
+
+
+def _studies(store: Database) -> list[Study]:
+    with store.reading() as connection:
+        return [study for study in all_studies(connection) if study.standing != "archived"]
+
+
+def _open_jobs(store: Database, kind: str, name: str) -> list[QueuedJob]:
+    """Return the jobs that wait or run and read, make or change an entry."""
+    with store.reading() as connection:
+        jobs = list_jobs(connection, states=OPEN)
+    return [job for job in jobs if f"{kind}/{name}" == job.output or _names(job.arguments, kind, name)]
+
+
+def _names(arguments: Mapping[str, Any], kind: str, name: str) -> bool:
+    """Tell whether a job's arguments name an entry; they do so without its kind where a field takes one kind alone."""
+    values = [value for given in arguments.values() for value in (given if isinstance(given, list) else [given])]
+    return name in values or f"{kind}/{name}" in values
+
+
+def _file_address(base: str, place: str) -> str:
+    return f"{base}/file/{quote(place)}"
+
+
+def _outline(folder: FilePath) -> tuple[CaptureOutline | None, str]:
+    """Return a capture's outline, or why it has none."""
+    try:
+        return read_outline(folder), ""
+    except InvalidError as error:
+        return None, error.detail
+
+
+def _spread(n_frames: int) -> list[int]:
+    """Return up to twelve frames, from the first to the last."""
+    n_shown = min(n_frames, MOST_THUMBNAILS)
+    return [round(index * (n_frames - 1) / max(n_shown - 1, 1)) for index in range(n_shown)]

@@ -1,0 +1,287 @@
+"""Create, edit, open, close, archive, duplicate and delete studies over REST; invite; exclude participants."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Request
+from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.errors import InvalidError, NotFoundError
+from app.ffmpeg import no_progress
+from app.operations.create import create_study, duplicate_study, read_options
+from app.operations.edit import check_edit, remake_films, save_edit
+from app.operations.manage import study_file_of, study_summary
+from app.operations.standing import change_standing, delete_study
+from app.operations.stimulus_sets import set_called
+from app.store.audit import Actor
+from app.store.engine import Database
+from app.store.invitations import end_invitation, insert_invitation, invitations_of
+from app.store.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
+from app.store.studies import Standing, Study, progress_of, study_by_slug
+from app.store.tokens import PEOPLE, STUDIES
+from app.study.options import parse_options
+from app.study.presets import QUICK
+from app.study.study_file import EXPOSURE_BOUNDS_S
+from app.study.wording import LONGEST_NAME
+from app.web.gates import AStudy, Now, Reader, Store, languages, may_change, settings
+
+MOST_PLACES = 100_000
+MOST_AT_ONCE = 200
+SHOWN = 8  # characters of a code that the audit log shows
+LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
+
+
+router = APIRouter(prefix="/api/v1", tags=["studies"])
+
+MayChangeStudies = Annotated[Reader, Depends(may_change(STUDIES))]
+MayExclude = Annotated[Reader, Depends(may_change(PEOPLE))]
+Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME, description="as participants read it")]
+Exposure = Annotated[float, Field(ge=LOW_S, le=HIGH_S, allow_inf_nan=False, description="how long a pair is shown, s")]
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1, description="of all participants' orders")]
+Options = Annotated[dict[str, Any], Field(description="as in the table [options] of a study file")]
+Label = Annotated[str, Path(max_length=40)]
+Code = Annotated[str, Path(max_length=40)]
+
+
+class Body(BaseModel):
+    """A body that refuses names it does not know."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class NewStudyBody(Body):
+    name: Name
+    stimulus_set: Annotated[str, Field(max_length=200, description="name of a stimulus set on the server")]
+    preset: Annotated[str, Field(max_length=20, description="paper, quick or online")] = QUICK
+    options: Options = {}
+    exposure_s: Exposure | None = None
+    seed: Seed | None = None
+
+
+class EditBody(Body):
+    revision: Annotated[int, Field(ge=1, le=2**31 - 1, description="of the study as you read it")]
+    name: Name | None = None
+    exposure_s: Exposure | None = None
+    seed: Seed | None = None
+    options: Options = {}
+
+
+class StateBody(Body):
+    state: Standing
+
+
+class CopyBody(Body):
+    name: Name
+
+
+class InvitationsBody(Body):
+    places: Annotated[int | None, Field(ge=1, le=MOST_PLACES, description="null: as many as come")] = None
+    number: Annotated[int, Field(ge=1, le=MOST_AT_ONCE, description="how many invitations to make")] = 1
+
+
+class ExclusionBody(Body):
+    reason: Annotated[str, Field(min_length=3, max_length=500)]
+
+
+class ManagedStudyView(BaseModel):
+    slug: str
+    name: str
+    state: Standing
+    exposure_s: float
+    created_at: str
+    n_datasets: int
+    n_conditions: int
+    n_pairs: int
+    n_started: int
+    n_finished: int
+    n_votes: int
+    revision: int
+    seed: int
+    options: dict[str, Any]
+
+
+class InvitationView(BaseModel):
+    code: str
+    places: int | None
+    n_used: int
+    path: str
+
+
+class ExclusionView(BaseModel):
+    participant: str
+    reason: str
+    excluded_by: str
+    excluded_at: str
+
+
+@router.post("/studies", status_code=201, response_model=ManagedStudyView)
+def create(body: NewStudyBody, request: Request, who: MayChangeStudies, database: Store) -> Response:
+    """Create a study of a stimulus set on the server; it stays paused until opened.
+
+    The answer comes when all films are made, which takes about a second for each pair; films that are there are not
+    made again.
+    """
+    server = settings(request)
+    with database.reading() as connection:
+        folder = set_called(server, connection, body.stimulus_set).folder
+    try:
+        options = read_options(None, body.options, body.preset)
+        made = create_study(
+            server,
+            folder,
+            body.name,
+            exposure_s=body.exposure_s,
+            seed=body.seed,
+            options=options,
+            by=who.name,
+            is_paused=True,
+        )
+    except (ValueError, TypeError) as error:
+        raise InvalidError(f"The study was not created: {error}.") from error
+    return _created(database, made["slug"])
+
+
+@router.patch("/studies/{slug}", response_model=ManagedStudyView)
+def edit(
+    body: EditBody, request: Request, who: MayChangeStudies, study: AStudy, database: Store, now: Now
+) -> dict[str, Any]:
+    """Change a study's name, exposure, seed or options; what is left out stays.
+
+    After somebody has begun, most settings are fixed. Where a setting needs other films, the answer comes when they are
+    made. If somebody else has changed the study since you read it, so
+    that its revision is another one, nothing is changed (409).
+    """
+    before = study_file_of(study)
+    given = {name: value for name, value in body.model_dump().items() if value is not None and name in EDITED}
+    try:
+        options = parse_options({**before.options.as_json(), **body.options})
+    except (ValueError, TypeError) as error:
+        raise InvalidError(f"Nothing was changed: {error}.") from error
+    wanted = replace(before, options=options, **given)
+    server, actor = settings(request), _actor(who, now)
+    change = check_edit(server, database, study, wanted, languages(request))
+    if change.folder is None:
+        save_edit(database, change, body.revision, actor)
+    else:
+        remake_films(server, database, change, body.revision, actor, no_progress)
+    return _view(database, study.slug)
+
+
+EDITED = ("name", "exposure_s", "seed")
+
+
+@router.put("/studies/{slug}/state", response_model=ManagedStudyView)
+def change_state(body: StateBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> dict[str, Any]:
+    """Open, pause, close or archive a study; sent again, it changes nothing."""
+    change_standing(database, study, body.state, _actor(who, now))
+    return _view(database, study.slug)
+
+
+@router.post("/studies/{slug}/duplicate", status_code=201, response_model=ManagedStudyView)
+def duplicate(body: CopyBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+    """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
+    try:
+        slug = duplicate_study(database, study, body.name, _actor(who, now))
+    except ValueError as error:
+        raise InvalidError(f"The study was not duplicated: {error}.") from error
+    return _created(database, slug)
+
+
+@router.delete("/studies/{slug}", status_code=204, response_class=Response)
+def delete(who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+    """Delete a study for good, with all votes; once somebody has begun, only an archived one (else 409)."""
+    delete_study(database, study, _actor(who, now))
+    return Response(status_code=204)
+
+
+@router.get("/studies/{slug}/invitations", response_model=list[InvitationView])
+def invitations(_who: MayChangeStudies, study: AStudy, database: Store) -> list[dict[str, Any]]:
+    """List a study's invitations; each code lets people in, so this takes the scope studies:write."""
+    with database.reading() as connection:
+        return [_invitation(row) for row in invitations_of(connection, study.id)]
+
+
+@router.post("/studies/{slug}/invitations", status_code=201, response_model=list[InvitationView])
+def invite(
+    body: InvitationsBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now
+) -> list[dict[str, Any]]:
+    """Make invitations, each for so many participants."""
+    with database.writing() as connection:
+        codes = {insert_invitation(connection, study.id, body.places, now) for _ in range(body.number)}
+        _actor(who, now).note(connection, "invitations made", study, study.slug, number=body.number, places=body.places)
+        return [_invitation(row) for row in invitations_of(connection, study.id) if row.code in codes]
+
+
+@router.delete("/studies/{slug}/invitations/{code}", status_code=204, response_class=Response)
+def end(code: Code, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+    """Let nobody else in by an invitation; sent again, it changes nothing until the unused code is forgotten (404)."""
+    with database.writing() as connection:
+        if not end_invitation(connection, study.id, code):
+            raise NotFoundError("This study has no such invitation.")
+        _actor(who, now).note(connection, "invitation ended", study, code[:SHOWN])
+    return Response(status_code=204)
+
+
+@router.put("/studies/{slug}/participants/{label}/exclusion", response_model=ExclusionView)
+def exclude_participant(
+    body: ExclusionBody, label: Label, who: MayExclude, study: AStudy, database: Store, now: Now
+) -> dict[str, Any]:
+    """Leave a participant's votes out of the analysis, for a reason.
+
+    Sent again with the same reason, it changes nothing; with another one it is refused (409).
+    """
+    with database.writing() as connection:
+        person = participant_labelled(connection, study.id, label)
+        held = _exclusion_of(connection, person.id)
+        if held is None or held["reason"] != body.reason.strip():
+            exclude(connection, person, body.reason.strip(), who.name, now)
+            _actor(who, now).note(connection, "participant excluded", study, label, reason=body.reason.strip())
+            held = _exclusion_of(connection, person.id)
+    assert held is not None, "it was just inserted"
+    shown = {name: held[name] for name in ("reason", "excluded_by")}
+    return {"participant": label, **shown, "excluded_at": held["excluded_at"].isoformat()}
+
+
+@router.delete("/studies/{slug}/participants/{label}/exclusion", status_code=204, response_class=Response)
+def include_participant(label: Label, who: MayExclude, study: AStudy, database: Store, now: Now) -> Response:
+    """Count a participant's votes again; sent again, it changes nothing."""
+    with database.writing() as connection:
+        person = participant_labelled(connection, study.id, label)
+        if _exclusion_of(connection, person.id) is not None:
+            undo_exclusion(connection, person, who.name, now)
+            _actor(who, now).note(connection, "exclusion undone", study, label)
+    return Response(status_code=204)
+
+
+def _actor(who: Reader, now: Any) -> Actor:
+    return Actor(0, who.name, now)
+
+
+def _exclusion_of(connection: Any, participant_id: int) -> dict[str, Any] | None:
+    """Return the exclusion of a participant that holds."""
+    return next((row for row in exclusion_records(connection, participant_id) if row["undone_at"] is None), None)
+
+
+def _invitation(row: Any) -> dict[str, Any]:
+    return {**{name: asdict(row)[name] for name in ("code", "places", "n_used")}, "path": f"/s/{row.code}"}
+
+
+def _created(database: Database, slug: str) -> Response:
+    return JSONResponse(_view(database, slug), 201, headers={"Location": f"/api/v1/studies/{slug}"})
+
+
+def _view(database: Database, slug: str) -> dict[str, Any]:
+    with database.reading() as connection:
+        study = study_by_slug(connection, slug)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        return _shown(study, progress_of(connection, study.id))
+
+
+def _shown(study: Study, progress: Any) -> dict[str, Any]:
+    file = study_file_of(study)
+    whole = {"revision": study.revision, "seed": study.seed, "options": file.options.as_json()}
+    return study_summary(study, progress) | whole

@@ -1,0 +1,135 @@
+"""Bodies of requests and answers about a participant's session."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.study.protocols import Protocol
+from app.study.recruiting import MOST_KEPT
+
+UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
+LinkName = Annotated[str, Field(max_length=40)]
+LinkValue = Annotated[str, Field(max_length=100)]
+Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples=["k7m2p9xq4wva"])]
+
+
+OWN_DATA: dict[str, Any] = {  # how OpenAPI describes what a participant downloads
+    "schema": {"type": "object"},
+    "example": {
+        "study": "Temple",
+        "participant": "P001",
+        "stage": "finished",
+        "votes": [{"choice": "a", "rating": None, "first_shown": "b", "shown_ms": 15000.0, "response_ms": 900.0}],
+    },
+}
+
+
+class Strict(BaseModel):
+    """A request body: no other keys, no conversion of types."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class AdmissionBody(Strict):
+    invitation: Code
+    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+        default=None, description="random, made by the client: the same key again opens the same session"
+    )
+    outside: dict[LinkName, LinkValue] = Field(
+        default={},
+        max_length=MOST_KEPT + 1,
+        description="parameters of a recruiting platform's link, by name; needed where the study knows people by them: "
+        "the same id again opens the same session",
+        examples=[{"PROLIFIC_PID": "5f2a9c0de1b7a4001c3d8e90"}],
+    )
+    language: Annotated[str, Field(max_length=40)] | None = Field(
+        default=None, description="of the texts that the participant reads; null: the client has texts of its own"
+    )
+    texts_sha256: Annotated[str, Field(max_length=64)] | None = Field(
+        default=None, description="digest of the texts that the page has shown so far; 412 where they have changed"
+    )
+
+
+class TurnedAwayBody(AdmissionBody):
+    why: Literal["films", "phone", "screen", "full_screen"] = Field(
+        default="films", description="what this device lacks for the study, or that it is a phone"
+    )
+
+
+class Resumption(Strict):
+    resume_code: Code
+    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+        default=None, description="random, made by the client: the same code with it leads to the same session again"
+    )
+
+
+class ErasureBody(Strict):
+    confirmed: Literal[True] = Field(description="there is no way back")
+
+
+class StageData(Strict):
+    data: dict[str, Any] = Field(default={}, examples=[{"language": "en"}])
+
+
+class ComprehensionBody(Strict):
+    answer: Annotated[str, Field(max_length=40, examples=["wait"])]
+
+
+class ComprehensionView(BaseModel):
+    understood: bool = Field(description="else the instructions are to be read once more")
+
+
+class StudyView(BaseModel):
+    slug: str
+    title: str
+    exposure_s: float
+
+
+class ProgressView(BaseModel):
+    done: int
+    total: int
+
+
+class EndingView(BaseModel):
+    """Where a participant of a recruiting platform goes at the end."""
+
+    code: str | None = Field(description="completion code, to be shown; null where there is none")
+    url: str | None = Field(description="https address to go to; null where there is none")
+    after_s: int = Field(description="seconds after which the page goes there by itself; 0: never")
+
+
+class SessionView(BaseModel):
+    """A session's stage and progress."""
+
+    session: str = Field(
+        description="its id; a request with it in the header Session-Id is refused (401) where the token is another's"
+    )
+    study: StudyView
+    stage: str
+    stages: list[str]
+    progress: ProgressView
+    minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
+    language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")
+    was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
+    resume_code: str = Field(description="lets its participant go on in another browser")
+    debriefing: str | None = Field(description="Markdown for the end; null before it, as it may tell what is compared")
+    debriefing_html: str | None = Field(description="the same as HTML; raw HTML in it is escaped")
+    ending: EndingView | None = Field(description="null before the end, and where the study says nothing of it")
+
+
+class AskedView(BaseModel):
+    """What a study asks besides votes, for clients other than its own page."""
+
+    consent: dict[str, str] | None = Field(description="version and sha256, to be sent with the introduction")
+    comprehension: bool = Field(description="whether a right `comprehension` is to be sent with the introduction")
+    practice: int = Field(description="how many rounds of practice are to be sent, where the study has a practice")
+    protocol: Protocol = Field(
+        description="how to judge; in ACR and ACR-HR other answers to the comprehension are right"
+    )
+    questions: list[dict[str, Any]] = Field(description="of the interview, to be sent as answers by name")
+
+
+class OpenedSessionView(SessionView):
+    token: str | None = Field(description="a bearer token for clients without cookies; null for browsers")

@@ -1,0 +1,114 @@
+"""Comments are read in one place, coded by tags of one's own, and who took part is summed up."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app.operations.create import create_study
+from app.settings import Settings
+from app.simulation.participants import simulate
+from app.study.options import parse_options
+from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+
+pytestmark = pytest.mark.slow
+QUESTIONS = [
+    {"name": "age", "kind": "number", "required": True},
+    {"name": "criteria", "kind": "text", "required": True},
+]
+
+
+@pytest.fixture(scope="module")
+def asked(settings: Settings, stimulus_set: Path, server: str, token: str) -> dict[str, Any]:
+    """A study whose two participants have written a comment each."""
+    content = {"optional_stages": ["interview"], "questions": QUESTIONS, "spoken_questions": ["Anything else?"]}
+    made = create_study(settings, stimulus_set, "Commented", exposure_s=0.4, options=parse_options(content))
+    simulate(server, made["slug"], made["invitation"], token, 2)
+    return made
+
+
+@pytest.fixture
+def coder(server: str, settings: Settings) -> Iterator[Dashboard]:
+    with signed_in(server, settings, "Cora", "experimenter") as dashboard:
+        yield dashboard
+
+
+def test_comments_are_noted_tagged_counted_exported_and_erased(
+    coder: Dashboard, analyst: httpx.Client, asked: dict[str, Any]
+) -> None:
+    base, rest = f"/admin/studies/{asked['slug']}", f"/api/v1/studies/{asked['slug']}"
+    comments = f"{base}/participants/comments"
+    coder.act(f"{base}/participants/P001/interview", question="Anything else?", answer="=The <faces>")
+    trial = analyst.get(f"{rest}/trials").json()[0]
+    assert "waxy" in coder.act(f"{base}/votes/{trial['trial']}/comment", comment="said it looked waxy").text
+    assert coder.act(f"{base}/votes/forged/comment", comment="x").status_code == 404
+    page = coder.get(comments).text
+    assert "4 comments of 2 participants: 2 questionnaire, 1 interview, 1 on a trial" in page
+    assert "=The &lt;faces&gt;" in page
+    assert "What made one model look better" in page
+
+    spoken = {"participant": "P001", "source": "spoken", "subject": "Anything else?"}
+    on_trial = {"participant": "P001", "source": "trial", "subject": trial["trial"]}
+    written = {"participant": "P002", "source": "written", "subject": "criteria"}
+    for place in (spoken, on_trial, written):
+        coder.act(f"{comments}/tag", **place, tag="faces")
+    coder.act(f"{comments}/tag", **spoken, tag=" skin \n tone ")
+    assert coder.act(f"{comments}/tag", **spoken | {"subject": "forged"}, tag="faces").status_code == 404
+    assert coder.act(f"{comments}/tags", tag="faces").status_code == 409
+    assert analyst.get(f"{rest}/comment_tags").json() == [
+        {"tag": "faces", "n_comments": 3, "n_participants": 2},
+        {"tag": "skin tone", "n_comments": 1, "n_participants": 1},
+    ]
+    assert coder.act(f"{comments}/tags/rename", tag="skin tone", new="faces").status_code == 409
+    coder.act(f"{comments}/tags/rename", tag="skin tone", new="skin")
+    assert "1 comment of 1 participant" in coder.get(comments, params={"tag": "skin"}).text
+    assert "1 comment of 1 participant" in coder.get(comments, params={"untagged": "true"}).text
+    assert "2 comments of 2 participants" in coder.get(comments, params={"source": "written"}).text
+    back = coder.act(f"{comments}/tag", **spoken, tag="skin", take_off="true", back="tag=faces&at=0")
+    assert "3 comments of 2 participants" in back.text
+    table = list(csv.DictReader(io.StringIO(analyst.get(f"{rest}/comments?format=csv").text)))
+    assert [(row["participant"], row["source"], row["tags"]) for row in table] == [
+        ("P001", "written", "[]"),
+        ("P001", "spoken", '["faces"]'),
+        ("P001", "trial", '["faces"]'),
+        ("P002", "written", '["faces"]'),
+    ]
+    assert table[1]["comment"] == "'=The <faces>"
+
+    person = coder.get(f"{base}/participants/P001").text
+    assert person.index("What made one model look better") < person.index("said it looked waxy")
+    coder.act(f"{base}/participants/P001/erase", again="P001")
+    assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
+    coder.act(f"{comments}/tags/delete", tag="faces")
+    assert [row["tags"] for row in analyst.get(f"{rest}/comments").json()] == [[]]
+
+
+def test_demographics_leave_out_who_does_not_count(
+    coder: Dashboard, analyst: httpx.Client, asked: dict[str, Any]
+) -> None:
+    base, rest = f"/admin/studies/{asked['slug']}/participants", f"/api/v1/studies/{asked['slug']}"
+    coder.act(f"{base}/P002/exclude", reason="colour vision")
+    rows = analyst.get(f"{rest}/demographics").json()
+    (row,) = [row for row in rows if row["among"] == "everybody" and row["question"] == "age" and row["answer"] is None]
+    answers = [given["answer"] for given in analyst.get(f"{rest}/questionnaire").json() if given["question"] == "age"]
+    assert (row["n"], row["maximum"]) == (len(answers), max(answers))
+    assert f"{row['n']} participant" in coder.get(f"{base}/demographics", params={"among": "everybody"}).text
+    n_counted = sum(row["n"] for row in rows if row["among"] == "counted" and row["mean"] is not None)
+    assert n_counted == row["n"] - 1
+    coder.act(f"{base}/P002/include")
+
+
+def test_withdrawing_somebody_takes_the_label_typed_again(coder: Dashboard, asked: dict[str, Any]) -> None:
+    person = f"/admin/studies/{asked['slug']}/participants/P002"
+    for again in ("", "P001"):
+        assert coder.act(f"{person}/withdraw", again=again).status_code == 422
+    assert 'state-open">counts' in coder.get(person).text
+    page = coder.act(f"{person}/withdraw", again="P002").text
+    assert re.search(r'class="state[^"]*">withdrawn', page)

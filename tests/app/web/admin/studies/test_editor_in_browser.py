@@ -1,0 +1,66 @@
+"""An experimenter edits a study in real Chromium: what is shown is what is saved, and rows can be added and moved."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from app.operations import manage
+from app.operations.create import read_options
+from app.settings import Settings
+from app.study.presets import PAPER
+from app.study.study_file import parse_study_file
+from tests.app.web.admin.dashboard_client import sign_in
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, own_server: str, own: Settings) -> None:
+    complaints: list[str] = []
+    page = browser.new_page(base_url=own_server, viewport={"width": 1366, "height": 768})
+    page.on("console", lambda message: complaints.append(message.text))
+    sign_in(page, own)
+
+    page.goto("/admin/studies/new?stimulus_set=tiny&preset=paper")
+    page.get_by_label("Name shown to participants").fill("By hand")
+    page.get_by_role("button", name="Create").click()
+    page.wait_for_url("**/admin/studies/by-hand")
+    before = parse_study_file(manage.export_study(own, "by-hand")).options
+    assert before.questions == read_options(None, {}, PAPER).questions
+    assert before.texts == read_options(None, {}, PAPER).texts
+
+    page.get_by_role("link", name="Settings").click()
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.wait_for_load_state()
+    assert parse_study_file(manage.export_study(own, "by-hand")).options == before
+
+    questions = page.get_by_role("group", name="Written questions")
+    questions.get_by_role("button", name="Add a row").click()
+    new = questions.get_by_role("group", name="new question")
+    new.get_by_label("Name").fill("eyes")
+    new.get_by_role("textbox", name="Text").fill("Are your eyes tired?")
+    new.get_by_label("Answer").select_option("required")
+    new.get_by_label("Kind").select_option("text")
+    new.get_by_role("button", name="Up").click()
+    questions.get_by_role("group", name="trained").get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Save", exact=True).click()
+    expect(questions.get_by_role("group", name="eyes")).to_be_visible()
+    after = parse_study_file(manage.export_study(own, "by-hand")).options
+    assert [question.name for question in after.questions] == ["age", "sex", "eyes", "criteria"]
+
+    page.goto("/admin/studies/by-hand")
+    page.get_by_role("button", name="Preview as a participant").click()
+    page.get_by_text("Preview: nothing is kept").wait_for()
+    page.get_by_text("Jump to").click()
+    page.get_by_role("button", name="interview").click()
+    page.get_by_text("Are your eyes tired?").wait_for()
+    page.get_by_role("button", name="Leave the preview").click()
+    page.wait_for_url("**/admin/studies/by-hand")
+
+    page.goto("/admin/sets/tiny")
+    film = page.get_by_label("ball/id_fa", exact=True)
+    assert film.evaluate("film => film.readyState") == 0  # nothing is fetched before it is in view
+    film.scroll_into_view_if_needed()
+    page.wait_for_function("film => film.readyState > 0", arg=film.element_handle())
+    assert complaints == []
+    page.close()

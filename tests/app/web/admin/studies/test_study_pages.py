@@ -1,0 +1,410 @@
+"""An experimenter makes a study, edits and duplicates it, and walks through it as a participant would."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import Engine, event
+
+from app.operations import create, manage
+from app.operations.create import read_options
+from app.settings import Settings
+from app.simulation.participants import begin, next_trial
+from app.store import admission
+from app.store.engine import open_database
+from app.store.invitations import invitation_by_code
+from app.store.keys import new_secret, utc_now
+from app.store.studies import lock_study
+from app.study.practice import PracticeFilms
+from app.study.presets import PAPER, PRESETS
+from app.study.study_file import LONGEST_FILE, parse_study_file
+from app.study.wording import LONGEST_TEXT
+from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
+
+SIGNED_IN = """
+import sys
+from pathlib import Path
+import httpx
+from app.main import running_server
+from app.operations.manage import add_experimenter
+from app.settings import Settings
+
+settings = Settings(data_dir=Path(sys.argv[1]), database_url=None)
+with running_server(settings) as url, httpx.Client(base_url=url, follow_redirects=True) as client:
+    assert "app.analysis" not in sys.modules
+    link = add_experimenter(settings, "Ada")["path"]
+    client.get(link).raise_for_status()
+    client.post(link, data={"form_token": client.cookies["entry"]}).raise_for_status()
+sys.exit("app.analysis.report" not in sys.modules)  # the server ended once its background tasks were done
+"""
+
+CARD = r'<article class="card" aria-labelledby="study-([^"]+)">(.*?)</article>'
+LONG_ENOUGH_S = 0.5  # for an edit that does not wait to be made
+NewStudy = Callable[[], dict[str, Any]]
+
+
+@pytest.mark.slow
+def test_a_study_is_created_from_a_stimulus_set_and_pauses_until_it_is_opened(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        assert "tiny" in eva.get("/admin/studies/new").text
+        fields = {
+            "name": "First",
+            "stimulus_set": "tiny",
+            "optional_stages": "interview",
+            "consent": "I agree.\r\n\r\nReally.",
+        }
+        job = eva.act("/admin/studies/new", **fields)
+        page = ends(eva, job.url.path)
+        assert page.url.path == "/admin/studies/first"
+        code = manage.list_studies(own)[0]["invitations"][0]
+        assert eva.get(f"/s/{code}").status_code == 403
+        assert "Close to new participants" in eva.act("/admin/studies/first/state", state="open").text
+        assert eva.get(f"/s/{code}").status_code == 200
+        for name, complaint in (("First", "there is already a study"), ("---", "with a letter or digit")):
+            again = eva.act("/admin/studies/new", **{**fields, "name": name})
+            assert again.status_code == 422
+            assert complaint in again.text
+            assert "Really." in again.text  # what was typed is still there
+
+
+@pytest.mark.slow
+def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        page = eva.get("/admin/studies/new").text
+        assert all(f'name="preset" value="{name}"' in page for name in PRESETS)
+        filled = eva.get("/admin/studies/new", params={"stimulus_set": "tiny", "preset": "paper"}).text
+        assert 'value="preset paper 2"' in filled
+        refused = eva.act("/admin/studies/new", name="Second", stimulus_set="tiny", preset="papr")
+        assert refused.status_code == 422
+        assert "expected one of paper, quick, online" in refused.text
+        fields = {"stimulus_set": "tiny", "preset": "paper", "consent": "Ours."}
+        ends(eva, eva.act("/admin/studies/new", name="Like the paper", **fields).url.path)
+        assert "The practice shows id_fa and pm_fb of ball" in eva.get("/admin/studies/like-the-paper").text
+    options = parse_study_file(manage.export_study(own, "like-the-paper")).options
+    preset = read_options(None, {}, PAPER)
+    texts = {"de": {key: text for key, text in preset.texts["de"].items() if key != "study.consent"}}
+    lent = (PracticeFilms("ball", "id_fa", "pm_fb"),)
+    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts, practice_pairs=lent)
+
+
+@pytest.mark.slow
+def test_a_study_of_ratings_is_created_by_the_form(own_server: str, own: Settings) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        fields = {"stimulus_set": "tiny", "protocol": "ACR-HR", "scale": "11"}
+        refused = eva.act("/admin/studies/new", name="Rated by form", **fields)
+        assert refused.status_code == 422
+        assert "needs a reference" in refused.text
+        ends(eva, eva.act("/admin/studies/new", name="Rated by form", reference="pm_fb", **fields).url.path)
+    options = parse_study_file(manage.export_study(own, "rated-by-form")).options
+    assert (options.protocol, options.scale, options.reference) == ("ACR-HR", 11, "pm_fb")
+
+
+@pytest.mark.parametrize("name", ["../tiny", "/etc", "", "tiny/../../x", "unknown"])
+def test_no_path_from_outside_reaches_the_file_system(own_server: str, own: Settings, name: str) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        answer = eva.act("/admin/studies/new", name="Path", stimulus_set=name)
+        assert answer.status_code in (404, 422)
+
+
+def test_a_viewer_is_led_to_no_page_that_is_refused(server: str, settings: Settings, taken: dict[str, Any]) -> None:
+    base = f"/admin/studies/{taken['slug']}"
+    with signed_in(server, settings, "Vera Viewer", "viewer") as vera:
+        seen, left = set(), ["/admin", f"{base}/design?participants=10"]
+        while left:
+            path = left.pop()
+            answer = vera.get(path)
+            assert answer.status_code == 200, path
+            if "text/html" in answer.headers["content-type"]:
+                links = {html.unescape(link).partition("#")[0] for link in re.findall(r'href="(/[^"]+)"', answer.text)}
+                here = {link for link in links if base in link or taken["slug"] in link or "studies" not in link}
+                left.extend(link for link in here - seen if "figures" not in link)
+                seen |= here
+    assert f"{base}/results" in seen
+    assert f"/api/v1/studies/{taken['slug']}/votes?format=csv" in seen
+
+
+TYPED = "What we wanted to find out, in many words.\r\n\r\nThank you <all>."
+SHOWN = TYPED.replace("<all>", "&lt;all&gt;")
+
+
+@pytest.mark.parametrize(("revision", "status"), [("7", 409), ("none", 422)])
+def test_what_was_typed_is_shown_again_where_it_is_not_kept(
+    experimenter: Dashboard, new_study: NewStudy, revision: str, status: int
+) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/edit"
+    refused = experimenter.act(path, name="N", revision=revision, debriefing=TYPED)
+    assert refused.status_code == status
+    assert SHOWN in refused.text
+    assert 'aria-label="Dashboard"' in refused.text  # the navigation is still there
+
+
+def test_a_refused_form_comes_back_as_it_was_sent(experimenter: Dashboard, new_study: NewStudy) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/invitations"
+    page = experimenter.get(path).text
+    unseen = dict(re.findall(r'type="hidden" name="(\w+)" value="([^"]*)"', page))
+    came_from = {"Referer": f"{experimenter.base_url}{path}"}
+    typed = {"form_token": unseen["form_token"], "places": "-3", "number": "2", "label": 'A "new" <name>'}
+    refused = experimenter.post(path, data=typed, headers=came_from)
+    assert refused.status_code == 422
+    assert '<p class="warning" role="alert">The form is not as expected: places' in refused.text
+    assert 'value="-3"' in refused.text
+    assert 'value="A &quot;new&quot; &lt;name&gt;"' in refused.text
+    groups = {**unseen, "groups": "near: nowhere\nfar <2>"}
+    refused = experimenter.post(f"{path}/groups", data=groups, headers=came_from)
+    assert refused.status_code == 422
+    assert "\nnear: nowhere\nfar &lt;2&gt;</textarea>" in refused.text
+    assert 'value="-3"' not in refused.text  # other forms stay as they are
+
+
+def test_what_was_typed_outlives_the_session(experimenter: Dashboard, new_study: NewStudy) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/edit"
+    form_token = experimenter.form_token
+    experimenter.act("/admin/logout")
+    refused = experimenter.post(path, data={"form_token": form_token, "revision": "1", "name": "N", "consent": TYPED})
+    assert refused.status_code == 401
+    assert SHOWN in refused.text
+    assert form_token not in refused.text
+
+
+def test_a_password_that_is_refused_is_not_shown_again(experimenter: Dashboard) -> None:
+    long = "a long password of many words"
+    refused = experimenter.act("/admin/account/password", current=long, password=long, again=f"{long} other")
+    assert refused.status_code == 422
+    assert long not in refused.text
+
+
+def test_a_form_edits_a_study_and_two_editors_are_told_of_each_other(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    page = experimenter.get(f"{base}/edit").text
+    revision = re.findall(r'name="revision" value="(\d+)"', page)[0]
+    fields = {"name": "Renamed", "exposure_s": "1.5", "optional_stages": "interview", "consent": "One.\r\n\r\nTwo."}
+    edited = experimenter.act(f"{base}/edit", revision=revision, **fields)
+    assert "Renamed" in edited.text
+    assert 'value="1.5"' in edited.text
+    late = experimenter.act(f"{base}/edit", revision=revision, **fields | {"name": "Overwritten"})
+    assert late.status_code == 409
+    assert "Somebody else has changed this study" in late.text
+    assert "Renamed" in experimenter.get(base).text
+    log = experimenter.get("/admin/audit").text
+    assert "study edited" in log
+    assert "edit refused" in log
+
+
+def test_a_form_sets_the_limits_of_the_screening_and_refuses_impossible_ones(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    fields = {
+        "name": "Seen well",
+        "exposure_s": "0.4",
+        "optional_stages": "screening",
+        "screening.tests": "acuity",
+        "screening.acuity_limit": "0.1",
+        "screening.distance": "fixed",
+        "screening.distance_cm": "60",
+        "screening.colour_axes": "protan",
+        "screening.colour_misses": "2",
+        "screening.on_failure": "stop",
+    }
+    page = experimenter.act(f"{base}/edit", revision="1", **fields).text
+    for line in ("acuity_limit = 0.1", 'distance = "fixed"', "distance_cm = 60", "colour_misses = 2"):
+        assert line in page.replace("&#34;", '"'), line
+    for name, wrong in (("distance_cm", ""), ("acuity_limit", "3"), ("tests", "smell"), ("on_failure", "explode")):
+        refused = experimenter.act(f"{base}/edit", revision="2", **fields | {f"screening.{name}": wrong})
+        assert refused.status_code == 422, name
+        assert "Nothing was changed: screening: " in refused.text
+        assert 'name="screening.distance_cm" step="0.5" min="20" max="600" value="60"' in refused.text or not wrong
+
+
+def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboard, new_study: NewStudy) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    good = 'name = "By file"\nexposure_s = 2\n[options]\nbreak_every = 5\n'
+    assert "break_every = 5" in experimenter.act(f"{base}/edit/file", revision="1", text=good).text
+    unknown = 'name = "x"\nexposure_s = 2\ncolour = "red"'
+    for text in ("name = ", unknown, good + "unknown = 1", 'name = ""\nexposure_s=1'):
+        refused = experimenter.act(f"{base}/edit/file", revision="2", text=text)
+        assert refused.status_code == 422
+        assert "Nothing was changed" in refused.text
+    assert "By file" in experimenter.get(base).text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("letter", ["w", "あ", "𝄞"])
+def test_the_longest_texts_of_a_study_are_taken_in_any_alphabet(
+    experimenter: Dashboard, new_study: NewStudy, letter: str
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    texts = {"consent": letter * LONGEST_TEXT, "debriefing": letter * LONGEST_TEXT}
+    answer = experimenter.act(f"{base}/edit", revision="1", name="Long", consent_version="1", **texts)
+    assert answer.status_code == 200
+    assert answer.text.count(texts["consent"]) > 1
+    assert f'maxlength="{LONGEST_FILE}"' in answer.text
+    shortest = 'name = "Long"\nexposure_s = 2\n# '
+    commented = shortest + letter * (LONGEST_FILE - len(shortest))
+    assert experimenter.act(f"{base}/edit/file", revision="2", text=commented).status_code == 200
+    assert experimenter.act(f"{base}/edit/file", revision="3", text=f"{commented}.").status_code == 422
+
+
+def test_what_participants_see_stays_once_somebody_has_begun(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    base = f"/admin/studies/{study['slug']}"
+    refused = experimenter.act(f"{base}/edit", revision="1", name="Same", exposure_s="9")
+    assert refused.status_code == 409
+    assert "exposure_s cannot change" in refused.text
+    allowed = experimenter.act(f"{base}/edit", revision="1", name="Same", debriefing="Thank you.")
+    assert "Thank you." in allowed.text
+
+
+def test_a_lab_sheet_is_noted_at_any_time_and_exported(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy, settings: Settings
+) -> None:
+    study = new_study()
+    begin(client, study["slug"], study["invitation"])
+    base = f"/admin/studies/{study['slug']}"
+    noted = {"display": "ASUS | VG278", "size_inch": "27", "white_point": "5000 K", "distance_cm": ""}
+    fields = {f"lab_sheet.{key}": value for key, value in noted.items()}
+    page = experimenter.act(f"{base}/edit", revision="1", name="Same", **fields).text
+    assert 'name="lab_sheet.size_inch" step="any" min="1" max="500" value="27"' in page
+    sheet = {"display": "ASUS | VG278", "size_inch": 27.0, "white_point": "5000 K"}
+    assert experimenter.get(f"/api/v1/studies/{study['slug']}").json()["lab_sheet"] == sheet
+    assert parse_study_file(manage.export_study(settings, study["slug"])).options.lab_sheet.as_json() == sheet
+    with zipfile.ZipFile(
+        io.BytesIO(experimenter.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)
+    ) as archive:
+        dictionary = archive.read(f"{study['slug']}/README.md").decode()
+    assert "| Display | ASUS \\| VG278 |\n| Size, inch | 27 |\n" in dictionary
+    refused = experimenter.act(f"{base}/edit", revision="2", name="Same", **{"lab_sheet.size_inch": "0"})
+    assert refused.status_code == 422
+    assert "size_inch is 0, expected a number from 1 to 500" in refused.text
+
+
+def test_an_edit_waits_for_who_begins_at_that_moment(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    study = new_study()
+    fields = {"form_token": experimenter.form_token, "revision": "1", "name": "Same", "exposure_s": "9"}
+    database = open_database(settings.url)
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            invitation = invitation_by_code(connection, study["invitation"])
+            assert invitation is not None
+            begun = lock_study(connection, invitation.study_id)
+            admission._admit(connection, begun, invitation, new_secret(), admission.Admission(), utc_now())
+            edit = pool.submit(experimenter.post, f"/admin/studies/{study['slug']}/edit", data=fields)
+            wait([edit], LONG_ENOUGH_S)
+        assert edit.result().status_code == 409
+    database.dispose()
+    assert "exposure_s cannot change" in edit.result().text
+
+
+@pytest.mark.slow
+def test_a_duplicate_has_the_pairs_and_nobody_in_it(
+    experimenter: Dashboard, analyst: httpx.Client, taken: dict[str, Any]
+) -> None:
+    experimenter.act(f"/admin/studies/{taken['slug']}/duplicate", name=f"{taken['name']} twin")
+    twin = analyst.get(f"/api/v1/studies/{taken['slug']}-twin").json()
+    assert (twin["state"], twin["n_pairs"], twin["n_started"]) == ("paused", 6, 0)
+    assert twin["conditions"] == analyst.get(f"/api/v1/studies/{taken['slug']}").json()["conditions"]
+
+
+def test_studies_are_counted_in_one_query_however_many_there_are(
+    experimenter: Dashboard, study: dict[str, Any], taken: dict[str, Any]
+) -> None:
+    asked: list[str] = []
+
+    def note(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
+        asked.append(statement)
+
+    event.listen(Engine, "before_cursor_execute", note)
+    try:
+        page = experimenter.get("/admin").text
+    finally:
+        event.remove(Engine, "before_cursor_execute", note)
+    assert len([statement for statement in asked if "n_votes" in statement]) == 1
+    cards = {name: re.findall(r"<dd>(\d+)", card) for name, card in re.findall(CARD, page, re.DOTALL)}
+    assert cards[study["slug"]][2:4] == ["6", "3"]
+    assert cards[taken["slug"]][:4] == ["4", "24", "6", "3"]
+
+
+def test_a_paused_study_tells_who_comes_to_come_back(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    experimenter.act(f"/admin/studies/{study['slug']}/state", state="paused")
+    page = client.get(f"/s/{study['invitation']}")
+    assert page.status_code == 403
+    assert "come back later" in page.text
+
+
+def test_a_preview_walks_the_whole_study_and_leaves_no_vote(
+    experimenter: Dashboard, analyst: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}"
+    for _ in range(2):
+        page = experimenter.act(f"{base}/preview")
+        assert page.url.path.startswith("/s/")
+        assert 'data-state="mine"' in page.text
+        token = experimenter.cookies["session"]
+        bearer = {"Authorization": f"Bearer {token}"}
+        with httpx.Client(base_url=experimenter.base_url, headers=bearer) as walker:
+            walker.put("/api/v1/session/stages/introduction", json={"data": {}})
+            for _ in range(6):
+                trial = next_trial(walker, token)
+                assert trial is not None
+                assert walker.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).is_success
+            assert walker.get("/api/v1/session").json()["stage"] == "finished"
+    summary = analyst.get(f"/api/v1/studies/{study['slug']}").json()
+    assert (summary["n_started"], summary["n_votes"]) == (0, 0)
+    assert analyst.get(f"/api/v1/studies/{study['slug']}/votes").json() == []
+    assert "Nobody has begun yet" in experimenter.get(base).text
+    begun = begin(analyst, study["slug"], study["invitation"])
+    assert analyst.get(f"/api/v1/studies/{study['slug']}/trials", params={"session": begun["session"]}).json()
+    assert "P001" in experimenter.get(base).text
+
+
+@pytest.mark.slow
+def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Settings, stimulus_set: Path) -> None:
+    create.create_study(own, stimulus_set, "Films", exposure_s=0.4)
+    with signed_in(own_server, own, "Eva") as eva:
+        page = eva.get("/admin/studies/films/stimuli").text
+        stills = re.findall(r'src="(/admin/studies/films/stimuli/[^"]+\.jpg)"', page)
+        assert len(stills) == 6
+        assert eva.get(stills[0]).content.startswith(b"\xff\xd8")
+        assert "films are there and unchanged" in eva.act("/admin/studies/films/stimuli").text
+        films = {path: path.read_bytes() for path in own.media_dir.glob("*.mp4")}
+        for damaged, content in films.items():
+            damaged.write_bytes(content + b"x")
+        assert "not what it was" in eva.act("/admin/studies/films/stimuli").text
+        for damaged, content in films.items():
+            damaged.write_bytes(content)
+
+
+@pytest.mark.slow
+def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, taken: dict[str, Any]) -> None:
+    page = experimenter.get(f"/admin/studies/{taken['slug']}/design", params={"participants": 6, "effect": 1}).text
+    assert "as planned" in page
+    assert re.search(r"detected in \d+ % of studies on\s+one dataset", page)
+    assert experimenter.get(f"/admin/studies/{taken['slug']}/design?participants=1e9").status_code == 422
+
+
+@pytest.mark.slow
+def test_what_scores_need_is_loaded_once_somebody_has_signed_in(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", SIGNED_IN, str(tmp_path)], check=True, timeout=120)

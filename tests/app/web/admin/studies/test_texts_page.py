@@ -1,0 +1,131 @@
+"""An experimenter edits a study's texts in each language."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from app.operations import manage
+from app.settings import Settings
+from app.study.image import LARGEST_IMAGE
+from app.study.options import StudyOptions
+from app.study.study_file import parse_study_file
+from tests.app.web.admin.dashboard_client import Dashboard
+
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
+NewStudy = Callable[[], dict[str, Any]]
+
+
+def save(dashboard: Dashboard, base: str, language: str, texts: dict[str, str]) -> httpx.Response:
+    revision = re.findall(r'name="revision" value="(\d+)"', dashboard.get(f"{base}/edit").text)[0]
+    fields = {"revision": revision, "language": language, "key": list(texts), "said": list(texts.values())}
+    return dashboard.act(f"{base}/texts", **fields)
+
+
+def options_of(settings: Settings, slug: str) -> StudyOptions:
+    return parse_study_file(manage.export_study(settings, slug)).options
+
+
+def test_texts_are_saved_by_language_and_previewed(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    slug = new_study()["slug"]
+    base = f"/admin/studies/{slug}"
+    english = {"study.consent": "One.\r\n\r\n- *two*", "trial.question": "Which looks real?", "welcome.heading": ""}
+    page = save(experimenter, base, "en", english).text
+    assert "<li><em>two</em></li>" in page
+    assert "not offered</strong>, because Deutsch lacks the study&#39;s own study.consent, trial.question" in page
+    german = {
+        "study.consent": "Eins.",
+        "trial.question": "Was sieht echt aus?",
+        "welcome.points": "Eins\r\nZwei\r\nDrei",
+        "instructions.see.body": "one: Ein Paar\r\nother: {total} Paare",
+    }
+    save(experimenter, base, "de", german)
+    options = options_of(settings, slug)
+    assert options.consent == "One.\n\n- *two*"
+    assert options.texts == {
+        "en": {"trial.question": "Which looks real?"},
+        "de": {
+            "study.consent": "Eins.",
+            "trial.question": "Was sieht echt aus?",
+            "welcome.points": ["Eins", "Zwei", "Drei"],
+            "instructions.see.body": {"by": "total", "one": "Ein Paar", "other": "{total} Paare"},
+        },
+    }
+    shown = experimenter.get(f"{base}/texts", params={"language": "de"}).text
+    assert "Eins\nZwei\nDrei</textarea>" in shown
+    assert "one: Ein Paar\nother: {total} Paare</textarea>" in shown
+
+
+def test_a_text_with_an_unknown_placeholder_is_refused(experimenter: Dashboard, new_study: NewStudy) -> None:
+    refused = save(experimenter, f"/admin/studies/{new_study()['slug']}", "en", {"trial.label": "Pair {n}"})
+    assert refused.status_code == 422
+    assert "trial.label has the placeholders {n}" in refused.text
+
+
+def test_languages_are_chosen_and_drafts_are_marked(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    slug = new_study()["slug"]
+    page = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="1", named="ar, en").text
+    assert options_of(settings, slug).languages == ("ar", "en")
+    assert "draft: not yet reviewed by a native speaker" in page
+    refused = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="2", named="xx")
+    assert refused.status_code == 422
+    assert "there is no language pack &#39;xx&#39;" in refused.text
+
+
+def test_an_image_is_kept_with_the_study_and_shown_in_its_consent(
+    experimenter: Dashboard, client: httpx.Client, analyst: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}"
+    form = {"form_token": experimenter.form_token}
+    upload = f"{base}/texts/images"
+    page = experimenter.post(upload, data=form, files={"image": ("room.png", PNG)}).text
+    assert "Remove room.png" in page
+    save(experimenter, base, "en", {"study.consent": "![The room](room.png)"})
+    shown = client.get(study["path"]).text
+    address = re.findall(r'<img src="(/images/[0-9a-f]{64})" alt="The room">', shown)[0]
+    image = client.get(address)
+    assert (image.content, image.headers["content-type"]) == (PNG, "image/png")
+    with zipfile.ZipFile(io.BytesIO(analyst.get(f"/api/v1/studies/{study['slug']}/archive.zip").content)) as archive:
+        assert archive.read(f"{study['slug']}/images/room.png") == PNG
+    copy = experimenter.act(f"{base}/duplicate", name=f"Copy of {study['slug']}").url.path
+    assert "Remove room.png" in experimenter.get(f"{copy}/texts").text
+    assert "Remove room.png" not in experimenter.act(f"{upload}/room.png/remove").text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("a room.png", PNG, "the image&#39;s name is &#39;a room.png&#39;"),
+        ("room.svg", b"<svg onload='x'/>", "room.svg is no image that browsers show, expected PNG"),
+        ("room.png", PNG + bytes(LARGEST_IMAGE), "expected at most 1048576"),
+    ],
+)
+def test_what_is_no_image_is_refused(
+    experimenter: Dashboard, new_study: NewStudy, name: str, content: bytes, fault: str
+) -> None:
+    path = f"/admin/studies/{new_study()['slug']}/texts/images"
+    answer = experimenter.post(path, data={"form_token": experimenter.form_token}, files={"image": (name, content)})
+    assert answer.status_code == 422
+    assert fault in answer.text
+
+
+def test_texts_are_frozen_once_somebody_has_begun(
+    experimenter: Dashboard, client: httpx.Client, settings: Settings, new_study: NewStudy
+) -> None:
+    study = new_study()
+    client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
+    refused = save(experimenter, f"/admin/studies/{study['slug']}", "en", {"trial.question": "Which?"})
+    assert refused.status_code == 409
+    assert "texts cannot change, because participants have begun" in refused.text
+    assert options_of(settings, study["slug"]).texts == {}
