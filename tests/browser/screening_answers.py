@@ -18,9 +18,9 @@ ABOVE_DIAL = 0.62  # of the window's height
 DRAWN = """() => {
   const canvas = document.getElementById("ring-canvas");
   const { width, height } = canvas;
-  if (width === 0 || "settling" in document.documentElement.dataset) return false;
-  const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
-  return pixels.some((level) => level < 128);
+  if (width === 0 || !canvas.checkVisibility() || "settling" in document.documentElement.dataset) return false;
+  const pixels = canvas.getContext("2d", { alpha: false }).getImageData(0, 0, width, height).data;
+  return pixels[0] === 255 && pixels.some((level) => level < 128); // dark on white: a new canvas is black
 }"""
 
 

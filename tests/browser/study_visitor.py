@@ -19,6 +19,14 @@ from tests.browser.numbered_films import Draw, decode_squares
 
 LONGEST_WAIT_S = 30.0
 SETTLED = "html:not([data-settling])"  # see static/js/settling.js
+IS_SHOWN = "(selector) => document.querySelector(selector)?.checkVisibility()"
+LOOK_EVERY_MS = 20  # a locator looks every 500 ms, which may be longer than an exposure
+WATCH_QUESTION = """() => {
+  const trial = document.getElementById("trial");
+  window.questionGone = new Promise((gone) => {
+    new MutationObserver(() => trial.dataset.state !== "voting" && gone()).observe(trial, { attributes: true });
+  });
+}"""
 PAINTED = """(n) => new Promise((done) => {
     const paint = () => (n-- > 0 ? requestAnimationFrame(paint) : done());
     paint();
@@ -89,13 +97,17 @@ class Visitor:
         self.page.context.add_cookies([{"name": "session", "value": token, "url": study.url}])
         self.page.goto(study.address)
 
+    def waits_for(self, selector: str) -> None:
+        """Waits until the page shows what a selector of CSS names."""
+        self.page.wait_for_function(IS_SHOWN, arg=selector, polling=LOOK_EVERY_MS)
+
     def sees(self, view: str) -> None:
         """Waits for a view, and until presses count on it."""
-        self.page.locator(f"{SETTLED} [data-view={view}]").wait_for()
+        self.waits_for(f"{SETTLED} [data-view={view}]")
 
     def is_settled(self) -> None:
         """Waits until presses count."""
-        self.page.locator(SETTLED).wait_for()
+        self.waits_for(SETTLED)
 
     def watches(self, n_pictures: int) -> None:
         """Looks on while the browser paints the screen so many times, up to 60 a second."""
@@ -103,12 +115,15 @@ class Visitor:
 
     def is_in(self, state: str) -> None:
         """Waits for a state of the trial, and until presses count in it."""
-        self.page.locator(f"{SETTLED} #trial[data-state={state}]").wait_for()
+        self.waits_for(f"{SETTLED} #trial[data-state={state}]")
 
     def votes(self, key: str) -> None:
+        """Answers the question that is there or comes next, until it is gone."""
         self.is_in("voting")
+        self.page.evaluate(WATCH_QUESTION)
         self.page.keyboard.press(key)
         self.page.keyboard.press("Enter")
+        self.page.evaluate("questionGone")
 
     def notes_resume_code(self) -> str:
         return self.page.locator("[data-view=resume]").get_by_text("note this code").inner_text().split()[-1]
@@ -131,7 +146,7 @@ class Visitor:
     def practises(self) -> None:
         """Both pairs; a busy machine may miss an exposure, and then the pair comes again."""
         again = self.page.locator("[data-view=practice-again]:visible")
-        others = self.page.locator("#trial[data-state=exposure], [data-view=practice-done]:visible")
+        done = self.page.locator("[data-view=practice-done]:visible")
         pair = self.page.locator("#trial[data-state=exposure], #trial[data-state=voting]")
         for _ in ("an obvious pair", "an identical one"):
             is_switched = False
@@ -139,7 +154,7 @@ class Visitor:
                 pair.wait_for()
                 self.page.keyboard.press("Space")
                 self.votes("2")
-                others.or_(again).first.wait_for()
+                pair.or_(again).or_(done).first.wait_for()
                 is_switched = not again.is_visible()
                 if not is_switched:
                     self.is_settled()
@@ -149,7 +164,6 @@ class Visitor:
     def finishes_first_trial(self, study: Study) -> dict[str, Any]:
         """Votes on the trial that is over soon; its viewing record."""
         self.votes("2")
-        self.page.locator("#trial:not([data-state=voting]):not([data-state=done])").wait_for()
         study.votes(1)
         (viewing,) = (trial["viewing"] for trial in study.read("trials") if trial["choice"])
         return dict(viewing)

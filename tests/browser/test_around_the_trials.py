@@ -52,9 +52,6 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.keyboard.press("Enter")
     for _ in range(3):
         visitor.votes("1")
-        page.locator(
-            "#trial[data-state=loading], #trial[data-state=exposure], [data-view=interview]:visible"
-        ).first.wait_for()
     visitor.sees("interview")
     check_accessibility(page)
     page.get_by_label("How old are you?").fill("31")

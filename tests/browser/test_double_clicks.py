@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,32 +23,53 @@ OPTIONS = {
 N_TRIALS = 3
 MIDDLE_ANSWER = (480, 260)  # pixels of the window
 PICTURES_BETWEEN_CLICKS = 8  # 130 ms
+SETTLING_MS = 400  # see static/js/settling.js
 LONGER_THAN_SETTLING_MS = 600
 SHOWN = """new MutationObserver(() => {
   const { showing } = document.getElementById("study").dataset;
   if (showing !== seen.at(-1)) seen.push(showing);
 })"""
 FOLLOW = f"window.seen = []; {SHOWN}.observe(document, {{ subtree: true, attributeFilter: ['data-showing'] }});"
+HOLD = f"""const soon = window.setTimeout;
+window.setTimeout = (then, ms, ...values) => {{
+  const due = () => (window.isPressing ? soon(due, 20) : then(...values));
+  return soon(ms === {SETTLING_MS} ? due : () => then(...values), ms);
+}};"""
 WAY = [
     *("welcome", "consent", "instructions-1", "instructions-2", "instructions-3", "comprehension"),
     *("screening", "card", "distance", "rings-intro", "rings", "plates-intro", "plates", "seat"),
 ]
 
 
+@pytest.fixture(autouse=True)
+def _never_late(page: Page) -> None:
+    """Lets no view settle before a double click is over: on a busy machine the second press may come a second later."""
+    page.add_init_script(HOLD)
+
+
+@contextmanager
+def pressing(page: Page) -> Iterator[None]:
+    page.evaluate("window.isPressing = true")
+    yield
+    page.evaluate("window.isPressing = false")
+
+
 def double_click(visitor: Visitor, button: Locator) -> None:
     """As slowly as people do, so that another view may have come before the second click."""
-    button.click()
-    visitor.watches(PICTURES_BETWEEN_CLICKS)
-    visitor.page.mouse.down()
-    visitor.page.mouse.up()
+    with pressing(visitor.page):
+        button.click()
+        visitor.watches(PICTURES_BETWEEN_CLICKS)
+        visitor.page.mouse.down()
+        visitor.page.mouse.up()
 
 
 def clicks_until_the_vote(visitor: Visitor) -> None:
     """Goes on pressing where an answer will stand, and once more when it stands there."""
     page = visitor.page
-    while page.locator("#trial").get_attribute("data-state") != "voting":
-        page.mouse.click(*MIDDLE_ANSWER)
-        visitor.watches(PICTURES_BETWEEN_CLICKS)
+    with pressing(page):
+        while page.locator("#trial").get_attribute("data-state") != "voting":
+            page.mouse.click(*MIDDLE_ANSWER)
+            visitor.watches(PICTURES_BETWEEN_CLICKS)
     answer = page.locator(".choice").nth(1).bounding_box()
     assert answer is not None
     for coordinate, start, length in zip(MIDDLE_ANSWER, ("x", "y"), ("width", "height"), strict=True):

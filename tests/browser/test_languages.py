@@ -48,7 +48,7 @@ def is_arabic(page: Page) -> None:
 def test_a_study_in_arabic_is_arabic_from_the_welcome_to_the_debriefing(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
-    study = new_study(short_films, 0.4, parse_options(ARABIC))
+    study = new_study(short_films, 0.8, parse_options(ARABIC))  # time to switch during the practice
     page.emulate_media(reduced_motion="reduce")
     page.goto(study.address)
     expect(page).to_have_title("دراسة النماذج")
@@ -82,9 +82,6 @@ def test_a_study_in_arabic_is_arabic_from_the_welcome_to_the_debriefing(
         expect(page.get_by_text("أيّهما أقرب إلى الطبيعة؟")).to_be_visible()
         is_arabic(page)
         visitor.votes("1")
-        page.locator(
-            "#trial[data-state=loading], #trial[data-state=exposure], [data-view=interview]:visible"
-        ).first.wait_for()
     visitor.sees("interview")
     is_arabic(page)
     check_accessibility(page)

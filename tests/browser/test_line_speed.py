@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
+from app.study.options import parse_options
 from tests.browser.numbered_films import HEIGHT, WIDTH
 from tests.browser.study_visitor import MakeFilms, NewStudy, Visitor
 
@@ -36,6 +37,7 @@ def is_on_a_line_of(page: Page, mbit_s: float) -> None:
     session.send("Network.emulateNetworkConditions", LINE | {"downloadThroughput": mbit_s * 1e6 / 8})
 
 
+@pytest.mark.alone  # it measures a wait
 def test_films_are_fetched_from_the_instructions_on(
     new_study: NewStudy, large_films: Path, page: Page, visitor: Visitor
 ) -> None:
@@ -57,6 +59,30 @@ def test_films_are_fetched_from_the_instructions_on(
     first, *_ = (trial["viewing"] for trial in sorted(study.read("trials"), key=lambda trial: trial["number"]))
     assert first["wait_ms"] <= LONGEST_WAIT_MS
     assert len(fetched) == len(set(fetched)) == 3
+
+
+def test_lighter_films_are_shown_on_a_slow_line_only_and_votes_on_them_are_marked(
+    new_study: NewStudy, large_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(large_films, 0.8, parse_options({"lighter_films": True}))
+    page.goto(study.address)
+    visitor.sees("welcome")
+    is_on_a_line_of(page, 1)
+    with page.expect_event("requestfinished", lambda request: request.url.endswith(".lighter")):
+        page.keyboard.press("Enter")
+    is_on_a_line_of(page, 100)
+    page.reload()
+    for number in (1, 2, 3):
+        visitor.sees(f"instructions-{number}")
+        page.keyboard.press("Enter")
+    visitor.votes("1")
+    study.votes(1)
+    page.context.clear_cookies()
+    page.goto(f"{study.address}?another")
+    visitor.reads_introduction()
+    visitor.votes("1")
+    marks = {vote["participant"]: vote["lighter_film"] for vote in study.votes(2)}
+    assert marks == {"P001": True, "P002": False}
 
 
 def test_a_slow_line_is_told_before_the_trials_and_while_a_film_is_awaited(

@@ -21,10 +21,11 @@ def votes_in_order(study: Study, n_votes: int) -> list[dict[str, Any]]:
     return [row for row in sorted(study.read("trials"), key=lambda row: row["number"]) if row["voted_at"]]
 
 
-def test_films_are_rated_one_by_one_and_a_press_changes_nothing(
+def test_films_are_rated_one_by_one_by_the_keys_that_stand_below_the_grades_and_a_press_changes_nothing(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
-    study = new_study(short_films, 1.6, parse_options({"protocol": "ACR", "comprehension": True}), see_both=True)
+    options = parse_options({"protocol": "ACR", "scale": 11, "comprehension": True})
+    study = new_study(short_films, 1.6, options, see_both=True)
     page.goto(study.address)
     for view in ("welcome", "instructions-1", "instructions-2"):
         visitor.sees(view)
@@ -34,7 +35,7 @@ def test_films_are_rated_one_by_one_and_a_press_changes_nothing(
     page.get_by_label("how good it looked to me").check()
     page.keyboard.press("Enter")
     seen = []
-    for key in ("5", "1"):
+    for key in ("x", "1"):
         visitor.is_in("exposure")
         seen.append(visitor.reads_screen()[0])
         page.keyboard.press("Space")
@@ -45,6 +46,7 @@ def test_films_are_rated_one_by_one_and_a_press_changes_nothing(
         visitor.is_in("voting")
         visitor.votes(key)
     visitor.is_in("voting")
+    expect(page.locator("#trial .choice kbd")).to_have_text([*"0123456789X"])
     check_accessibility(page)
     page.keyboard.press("Enter")
     expect(page.get_by_role("alert")).to_have_text("Please choose a grade first.")
@@ -52,25 +54,25 @@ def test_films_are_rated_one_by_one_and_a_press_changes_nothing(
     page.get_by_role("button", name="Next").click()
     visitor.sees("thanks")
     trials = votes_in_order(study, 3)
-    assert [row["rating"] for row in trials] == [5, 1, 3]
+    assert [row["rating"] for row in trials] == [10, 1, 5]
     assert [row["item_b"] for row in trials][:2] == seen
     assert {row["item_b"] for row in trials} == set(CONDITIONS)
     assert [row["viewing"]["switches"] for row in trials] == [[]] * 3
 
 
-def test_a_slider_is_set_by_keys_before_the_film_goes_on(
+def test_a_slider_is_set_by_keys_before_the_film_goes_on_from_right_to_left_too(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
-    study = new_study(short_films, 0.4, parse_options({"protocol": "ACR", "scale": "slider"}))
+    study = new_study(short_films, 0.4, parse_options({"protocol": "ACR", "scale": "slider", "languages": ["ar"]}))
     page.goto(study.address)
     for view in ("welcome", "instructions-1", "instructions-2"):
         visitor.sees(view)
         page.keyboard.press("Enter")
     visitor.is_in("voting")
     page.keyboard.press("Enter")
-    expect(page.get_by_role("alert")).to_have_text("Please set the slider first.")
-    page.keyboard.press("ArrowRight")
-    page.keyboard.press("ArrowRight")
+    expect(page.get_by_role("alert")).to_have_text("يُرجى ضبط شريط التمرير أولًا.")
+    page.keyboard.press("ArrowLeft")  # of the page
+    page.keyboard.press("ArrowLeft")  # of the slider itself
     expect(page.locator("output")).to_have_text("52")
     check_accessibility(page)
     page.keyboard.press("Enter")
@@ -94,7 +96,7 @@ def test_a_film_is_rated_against_the_reference_that_is_shown_first(
     visitor.watches(2)
     film = visitor.reads_screen()[0]
     visitor.votes("2")
-    page.locator("#trial[data-state=unseen]").wait_for()  # of the second only the reference was seen
+    visitor.waits_for("#trial[data-state=unseen]")  # of the second only the reference was seen
     visitor.is_settled()
     page.keyboard.press("Enter")
     visitor.is_in("exposure")

@@ -32,7 +32,7 @@ def reloads(visitor: Visitor, view: str) -> None:
 
 def leaves_in(visitor: Visitor, state: str) -> None:
     """Reloads the page in a state of a trial, and goes on."""
-    visitor.page.locator(f"#trial[data-state={state}]").wait_for()
+    visitor.waits_for(f"#trial[data-state={state}]")
     reloads(visitor, "resume")
     visitor.page.keyboard.press("Enter")
 
@@ -82,7 +82,7 @@ def comes_to_the_trials(visitor: Visitor) -> None:
     visitor.sees("practice")
     reloads(visitor, "practice")
     page.keyboard.press("Enter")
-    page.locator("#trial[data-state=exposure]").wait_for()
+    visitor.waits_for("#trial[data-state=exposure]")
     reloads(visitor, "practice")
     page.keyboard.press("Enter")
     visitor.practises()
