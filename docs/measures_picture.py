@@ -19,7 +19,8 @@ from pictures import keep
 from playwright.sync_api import sync_playwright
 from scipy.spatial import cKDTree
 
-from recon.geometry.mesh import Cloud, write_cloud
+from recon.geometry.mesh import Cloud
+from recon.geometry.mesh_files import write_cloud
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds

@@ -55,7 +55,7 @@ def read(path: Path) -> NDArray[np.uint8]:
 
 def trial(demo: Path) -> NDArray[np.uint8]:
     """What a participant sees in the middle of a trial."""
-    settings = Settings(data_dir=demo / "study", database_url=None)
+    settings = Settings(data_dir=demo / "reconstudy", database_url=None)
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     with running_server(settings) as url, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])

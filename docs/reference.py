@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 REPOSITORY_PAGES = {
     "index.md": "README.md",
     "contributing.md": "CONTRIBUTING.md",
-    "security.md": "SECURITY.md",
+    "reporting.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
 }
 

@@ -42,6 +42,7 @@ PAGES = (
         f"studies/demo/{name}"
         for name in (
             *("results", "objective", "objective/scores", "models", "participants", "participants/P001"),
+            *("participants/comments", "participants/demographics", "invitations/print"),
             *("participants/P001/interview", "votes", "votes/TRIAL", "design", "stimuli", "invitations", "edit"),
         )
     ),
@@ -126,6 +127,8 @@ def experimenter(url: str, path: str) -> Iterator[Page]:
         page = browser.new_page(base_url=url)
         page.set_default_timeout(120_000)  # the first results load the analysis
         page.goto(path)
+        page.get_by_role("button", name="Sign in").click()
+        page.wait_for_url("**/admin")
         page.goto("/admin/account")  # a password, so that no page asks for one
         for name in ("password", "again"):
             page.locator(f"[name={name}]").fill("seven quiet herons")
