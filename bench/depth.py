@@ -2,6 +2,8 @@
 
     python bench/depth.py FOLDER...          accuracy and speed on pairs with truth
     python bench/depth.py --synthetic        the same on a made-up pair
+    python bench/depth.py --rooms FOLDER...  errors as ratios to SGM's in made-up rooms of slanted walls; their
+                                             textures are noise and, if folders are given, parts of their pictures
     python bench/depth.py --full-hd          time and peak memory at 1920x1080, 128 and 256 disparities
     python bench/depth.py --picture OUT.png  the picture of docs/depth.md
 
@@ -19,12 +21,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from rooms import KINDS, noise_texture, room
 
 from recon.approaches import DEPTH_METHODS
 from recon.depth import MATCHERS, StereoPair, match_sgm
@@ -40,6 +43,8 @@ LAYOUTS = (
     ("view1", "view5", "disp1", "disp5", 2, 96, 0),
 )
 FULL_HD = (1920, 1080)
+ROOMS_OF_A_KIND = 8
+FIRST_ROOM = 1000  # rooms that no setting was chosen on
 PANEL = (198, 165)  # pixels, of the picture
 
 
@@ -98,7 +103,7 @@ def synthetic_scene(width: int = 450, height: int = 375, n_disparities: int = 60
         centre = rng.uniform((0.1, 0.1), (0.9, 0.9)) * (width, height)
         half = rng.uniform(0.05, 0.2, 2) * (width, height) if layer else np.array([width, height]) * 2.0
         depth = n_disparities * (0.15 + 0.08 * layer)
-        texture = _texture(rng, height, width + n_disparities)
+        texture = noise_texture(rng, height, width + n_disparities)
         for view in (0, 1):
             shifted = x if view == 0 else (x + depth - slope_x * centre[0] + slope_y * (y - centre[1])) / (1 - slope_x)
             disparity = depth + slope_x * (shifted - centre[0]) + slope_y * (y - centre[1])
@@ -108,16 +113,6 @@ def synthetic_scene(width: int = 450, height: int = 375, n_disparities: int = 60
             images[view][seen], truths[view][seen] = colour[seen], disparity[seen]
     noisy = np.clip(images + rng.normal(0, 1, images.shape), 0, 255).round().astype(np.uint8)
     return Scene("synthetic", StereoPair(noisy[0], noisy[1], n_disparities), truths[0], truths[1])
-
-
-def _texture(rng: np.random.Generator, height: int, width: int) -> NDArray[np.float32]:
-    """Noise of several scales in one hue."""
-    total = np.zeros((height, width), np.float32)
-    for scale in (1, 3, 9, 27):
-        noise = rng.normal(size=(height // scale + 2, width // scale + 2)).astype(np.float32)
-        total += cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC) * scale**0.5
-    grey = 128 + total * rng.uniform(4, 14)
-    return np.asarray(grey[..., None] * rng.uniform(0.5, 1.2, 3), np.float32)
 
 
 def filled(disparity: Disparity) -> Disparity:
@@ -196,6 +191,31 @@ def print_scene(scene: Scene, *, rounds: int) -> None:
         print(f"{name:8s} " + " ".join(f"{cell:13.3f}" for cell in cells))
 
 
+def print_rooms(folders: list[Path]) -> None:
+    """One table: a line a kind of rooms, with the methods' errors as ratios to those of SGM."""
+    pictures = [read_scene(folder).pair.left for folder in folders]
+    others = [name for name in METHODS if name != "sgm"]
+    print(f"errors above 1 pixel, non-occluded, as ratios to SGM's in {ROOMS_OF_A_KIND} rooms of each kind:")
+    print("geometric mean (worst)    SGM, % " + "".join(f"{name:>15s}" for name in others))
+    everywhere = []
+    for number, (name, kind) in enumerate(KINDS.items()):
+        first = FIRST_ROOM + 100 * number
+        scenes = [Scene(name, *room(kind, seed, pictures)) for seed in range(first, first + ROOMS_OF_A_KIND)]
+        errors = {method: np.array([_bad_percent(method, scene) for scene in scenes]) for method in METHODS}
+        ratios = np.array([errors[method] / errors["sgm"] for method in others])
+        cells = zip(np.exp(np.log(ratios).mean(1)), ratios.max(1), strict=True)
+        print(
+            f"{name:25s}{errors['sgm'].mean():7.2f} " + "".join(f"{mean:8.2f} ({worst:4.2f})" for mean, worst in cells)
+        )
+        everywhere.append(ratios)
+    worse = (np.hstack(everywhere) > 1).sum(1)
+    print(f"{f'worse, of {len(KINDS) * ROOMS_OF_A_KIND} rooms':33s}" + "".join(f"{n:15d}" for n in worse))
+
+
+def _bad_percent(method: str, scene: Scene) -> float:
+    return accuracy(METHODS[method](scene.pair), scene)["bad-1 nonocc"]
+
+
 def print_full_hd(*, rounds: int) -> None:
     """Time in turns, and peak memory each in its own process."""
     for n_disparities in (128, 256):
@@ -206,6 +226,16 @@ def print_full_hd(*, rounds: int) -> None:
         for name in methods:
             memory = peak_memory(name, n_disparities)
             print(f"{name:8s} {1000 * times[name]:13.1f} {times[name] / times['sgm']:12.3f} {memory:12.0f}")
+    print_masked_pm(128)
+
+
+def print_masked_pm(n_disparities: int) -> None:
+    """Time of PM at full HD, with masks of a standing person's size."""
+    pair, (width, height) = full_hd_pair(n_disparities), FULL_HD
+    y, x = np.indices((height, width))
+    left, right = (((x - centre) / 230) ** 2 + ((y - height / 2) / 430) ** 2 < 1 for centre in (1000, 940))
+    taken = seconds(["pm"], replace(pair, left_mask=left, right_mask=right), rounds=1)["pm"]
+    print(f"\nPM at full HD, {n_disparities} disparities, masks of {100 * left.mean():.0f} %: {taken:.1f} s")
 
 
 def full_hd_pair(n_disparities: int) -> StereoPair:
@@ -259,6 +289,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--synthetic", action="store_true")
+    parser.add_argument("--rooms", nargs="*", type=Path)
     parser.add_argument("--full-hd", action="store_true")
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--rounds", type=int, default=9)
@@ -272,6 +303,8 @@ def main() -> None:
         print_scene(read_scene(folder), rounds=options.rounds)
     if options.synthetic:
         print_scene(synthetic_scene(), rounds=options.rounds)
+    if options.rooms is not None:
+        print_rooms(options.rooms)
     if options.picture:
         write_picture(options.picture)
     if options.full_hd:

@@ -31,6 +31,8 @@ from recon.studio.objects import ball
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import FitError, named_clouds
 from recon.validation.cuboid.fit import fit_cuboid
+from recon.validation.sampling import subsample
+from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, usual_parts
@@ -140,7 +142,11 @@ def _ball(seed: int, spoil: str) -> tuple[Seen, str]:
             fit = fit_sphere(points, RADIUS)
         except FitError:
             continue
-        found[f"S{index}"] = (fit, examine_parts(points, fit), float(np.linalg.norm(fit.centre)))
+        found[f"S{index}"] = (
+            fit,
+            examine_parts(cap_of(subsample(points, 1), fit), fit),
+            float(np.linalg.norm(fit.centre)),
+        )
     return found, f"S{bad}"
 
 

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh, read_mesh, write_mesh
+from recon.geometry.mesh import Mesh, Texture
+from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.render.camera_path import camera_path
 from recon.render.checked import check_video
 from recon.render.frames import render_frames
@@ -43,7 +44,8 @@ BODY = (
     ((0, 1500, 0), (0, 1680, 20), 110),
 )
 VOXEL_MM = 4.5  # gives 304 000 faces
-CASES = ("plain pyrender", "pyrender", "software")
+CASES = ("plain pyrender", "pyrender", "software", "software with a texture")
+TEXTURE = (2048, 2048)  # texels; as many as three full HD cameras put on a person
 
 
 def person() -> Mesh:
@@ -62,6 +64,13 @@ def person() -> Mesh:
     vertices = vertices * VOXEL_MM + lowest
     colours = 128 + 90 * np.sin(vertices / [70.0, 60.0, 50.0])
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32), normals, colours.astype(np.uint8))
+
+
+def with_texture(mesh: Mesh) -> Mesh:
+    """The mesh under a picture of fine noise, seen from in front."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    pixels = np.random.default_rng(0).integers(0, 256, (*TEXTURE, 3), dtype=np.uint8)
+    return replace(mesh, texture=Texture(pixels, ((mesh.vertices - low) / (high - low))[:, :2]))
 
 
 def in_motion(mesh: Mesh, n: int) -> Iterator[Mesh]:
@@ -111,7 +120,7 @@ def frames_of(case: str, mesh: Mesh, n: int) -> Iterator[NDArray[np.uint8]]:
     path, meshes = cameras(n), in_motion(mesh, n)
     if case == "plain pyrender":
         return plain_pyrender(meshes, path)
-    return render_frames(meshes, path, scene_around(BOUNDS, path), renderer=case)
+    return render_frames(meshes, path, scene_around(BOUNDS, path), renderer=case.split()[0])
 
 
 def measure(case: str, mesh: Mesh, n: int) -> dict[str, float]:
@@ -179,7 +188,8 @@ def everything(n: int, n_encoded: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         mesh = write_mesh(Path(folder) / "person.ply", body)
         results: dict[str, Any] = {"faces": len(body.faces)}
-        results |= {case: finished(started(case, mesh, n, 0)) for case in CASES}
+        textured = write_mesh(Path(folder) / "person.glb", with_texture(body))
+        results |= {case: finished(started(case, textured if "texture" in case else mesh, n, 0)) for case in CASES}
         pair = [started("software", mesh, 4 * n, core) for core in (0, 1)]
         together = [finished(process) for process in pair]
         alone = finished(started("software", mesh, 4 * n, 0))

@@ -69,6 +69,9 @@ class Firefox:
             length += digit
         return json.loads(self.stream.read(int(length)))
 
+    def open(self, url: str) -> None:
+        self.tell("WebDriver:Navigate", url=url)
+
     def run(self, script: str) -> Any:
         return self.tell("WebDriver:ExecuteScript", script=f"return {script}", args=[])
 
@@ -93,8 +96,16 @@ class Firefox:
         self.tell("WebDriver:PerformActions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
 
     def picture(self) -> NDArray[np.uint8]:
+        """The window, uint8 (H, W), grey levels."""
+        return self._decoded(cv2.IMREAD_GRAYSCALE)
+
+    def colour_picture(self) -> NDArray[np.uint8]:
+        """The window, uint8 (H, W, 3), RGB."""
+        return self._decoded(cv2.IMREAD_COLOR)[..., ::-1]
+
+    def _decoded(self, flag: int) -> NDArray[np.uint8]:
         png = base64.b64decode(self.tell("WebDriver:TakeScreenshot", full=False))
-        return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8)
+        return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), flag), np.uint8)
 
     def close(self) -> None:
         self.process.terminate()

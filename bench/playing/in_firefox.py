@@ -49,7 +49,7 @@ def run(of: Study, n: int) -> dict[str, Any]:
 
 
 def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
-    firefox.tell("WebDriver:Navigate", url=of.url + of.path)
+    firefox.open(of.url + of.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
         firefox.wait_for(f"!document.querySelector('[data-view={view}]').hidden && {SETTLED}")
         firefox.press_key("\ue007")
@@ -73,7 +73,7 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
 
 
 def _peer(firefox: Firefox, of: Study) -> dict[str, Any]:
-    firefox.tell("WebDriver:Navigate", url=of.peer)
+    firefox.open(of.peer)
     firefox.wait_for("document.querySelector('#b').currentTime > 0.3")
     timed = _timed(firefox, PEER_PRESSES)
     firefox.run("document.body.className = 'both'")
