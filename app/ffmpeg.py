@@ -1,13 +1,15 @@
-"""Run ffmpeg, as imageio-ffmpeg ships it."""
+"""Run ffmpeg, as imageio-ffmpeg ships it, on files that may come from anybody: it opens nothing else, and ends."""
 
 from __future__ import annotations
 
 import os
 import re
+import resource
 import shlex
 import subprocess
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,20 @@ from app.errors import StimuliError
 
 Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
+LONGEST_S = 3 * 3600  # of an ffmpeg; a minute of 4K takes half an hour to encode as AV1
+MOST_MEMORY = 4 * 1024**3  # bytes; three films of 4K, one above the other, take 1.5 GB to encode
+MOST_PIXELS = 2**27  # of a picture: 134 megapixels
+FORMATS: Mapping[str, str] = {  # ffmpeg's name of a file's format, by suffix; left to guess, it also takes playlists
+    **dict.fromkeys((".mp4", ".mov", ".m4v"), "mov"),
+    **dict.fromkeys((".mkv", ".webm"), "matroska"),
+    **dict.fromkeys((".jpg", ".jpeg"), "jpeg_pipe"),
+    **dict.fromkeys((".tif", ".tiff"), "tiff_pipe"),
+    ".avi": "avi",
+    ".png": "png_pipe",
+    ".bmp": "bmp_pipe",
+    ".ppm": "ppm_pipe",
+    ".pgm": "pgm_pipe",
+}
 
 
 def no_progress(*_told: str | int) -> None:
@@ -45,7 +61,7 @@ def decode(path: Path) -> VideoFacts:
     """
     if not path.is_file():
         raise StimuliError(f"{path}: there is no such file")
-    command = ["-xerror", "-i", str(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
+    command = ["-xerror", *reading(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
     text = run_ffmpeg(command, f"{path}: cannot be decoded as a video")
     size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
     base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
@@ -64,15 +80,39 @@ def decode(path: Path) -> VideoFacts:
     return VideoFacts(int(size[1]), int(size[2]), fps, len(times))
 
 
+def reading(path: Path) -> list[str]:
+    """Return the arguments by which ffmpeg reads a file in the format of its suffix, and opens nothing else.
+
+    Raises
+    ------
+    StimuliError
+        If no film or picture has this suffix.
+    """
+    if (suffix := path.suffix.lower()) not in FORMATS:
+        raise StimuliError(f"{path}: ends in {suffix or 'nothing'}, expected one of {', '.join(FORMATS)}")
+    bounds = ["-threads", "1", "-max_pixels", str(MOST_PIXELS), "-protocol_whitelist", "file"]
+    return [*bounds, "-f", FORMATS[suffix], "-i", f"file:{path}"]
+
+
 def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
     """Run ffmpeg and return its output; `complaint` begins the message of a failure."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
     quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder prints errors only
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, env=quiet)
-    if done.returncode != 0 or done.stderr.strip():
-        reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[0]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, errors="replace", env=quiet) as process:
+        with suppress(ProcessLookupError, AttributeError):  # AttributeError: only Linux has it
+            resource.prlimit(process.pid, resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
+        try:
+            output, errors = process.communicate(timeout=LONGEST_S)
+        except BaseException as error:
+            process.kill()
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise StimuliError(f"{complaint}: it takes longer than {LONGEST_S // 3600} hours") from error
+            raise
+    if process.returncode != 0 or errors.strip():
+        reason = (errors.strip().splitlines() or [f"exit {process.returncode}"])[0]
         raise StimuliError(f"{complaint}: {reason}")
-    return done.stdout
+    return output
 
 
 def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:

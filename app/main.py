@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import tempfile
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
+import anyio
 import uvicorn
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
@@ -21,75 +23,89 @@ from sse_starlette.sse import AppStatus
 from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
-from app.files import packaged
+from app.files import packaged, private_folder
 from app.films.object_store import MediaStore
+from app.intake.bounds import end_with_parent
+from app.operations.housekeeping import EVERY_S, keep_house
+from app.operations.jobs.beside_server import ends_in_order, worker_beside
 from app.operations.languages import read_languages
-from app.operations.leftovers import remove_leftovers
 from app.operations.manage import open_store
 from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import health, media
-from app.web.admin import (
-    attach,
-    design,
-    edit,
-    interview,
-    invitations,
-    models_page,
-    objective,
-    overview,
-    participants,
-    results_page,
-    server,
-    sign_in,
-    stimulus_sets,
-    studies,
-    texts,
-    users,
+from app.web.admin import background
+from app.web.admin.access import account_page, server_page, sign_in_page, users_page
+from app.web.admin.flags import Flags
+from app.web.admin.participants import (
+    comments_page,
+    demographics_page,
+    interview_page,
+    invitations_page,
+    records_page,
     votes_page,
 )
-from app.web.admin.flags import Flags
-from app.web.analyst import routes
+from app.web.admin.refused_form import form_again
+from app.web.admin.results import attachments, models_page, objective_page, scores_page
+from app.web.admin.studies import design_page, edit_page, lifecycle_page, overview_page, sets_page, texts_page
+from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
+from app.web.analyst import api_page, job_routes, routes, study_routes
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.gates import check_request_text
+from app.web.limits.connections import GuardedProtocol, open_files
+from app.web.limits.hosts import KnownHosts
+from app.web.limits.throttle import new_throttle
+from app.web.markdown import with_code
 from app.web.metrics import SHARED_FOLDER, Metrics
 from app.web.participant import pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
-from app.web.throttle import new_throttle
 
 START_TIMEOUT_S = 30
+FOR_OTHERS = 0o027  # what a server's new files do not allow: others nothing, the group (nginx) reading alone
 ROUTERS = (
     trials.router,
     session.router,
     screening.router,
     routes.router,
+    study_routes.router,
+    api_page.router,
+    job_routes.router,
     media.router,
     health.router,
-    sign_in.router,
-    users.router,
-    server.router,
-    stimulus_sets.router,
-    studies.router,  # before those of one study: "new" is no study
-    overview.router,
-    participants.router,
-    interview.router,
+    sign_in_page.router,
+    account_page.router,
+    users_page.router,
+    server_page.router,
+    sets_page.router,
+    file_uploads.router,  # before those of entries: "upload" is no kind
+    strokes_page.router,
+    files_page.router,
+    background.router,
+    jobs_page.router,
+    lifecycle_page.router,  # before those of one study: "new" is no study
+    overview_page.router,
+    comments_page.router,  # before those of one participant
+    demographics_page.router,
+    records_page.router,
+    interview_page.router,
     votes_page.router,
-    design.router,
-    invitations.router,
-    results_page.router,
-    objective.router,
+    design_page.router,
+    invitations_page.router,
+    scores_page.router,
+    objective_page.router,
     models_page.router,
-    attach.router,
-    edit.router,
-    texts.router,
+    attachments.router,
+    edit_page.router,
+    texts_page.router,
     pages.router,
 )
 UVICORN_OPTIONS: dict[str, Any] = {
+    "http": GuardedProtocol,
+    "ws": "none",
     "log_config": None,
     "log_level": "warning",
     "access_log": False,  # addresses hold invitations and sign-in links; app/web/request_log.py logs routes
@@ -111,9 +127,12 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        await run_in_threadpool(remove_leftovers, settings, app.state.clock())
+        await run_in_threadpool(keep_house, settings, database, app.state.clock())
         with app.state.votes, app.state.flags:
-            yield
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(_keep_house, app)
+                yield
+                tasks.cancel_scope.cancel()
         votes_database.dispose()
         database.dispose()
 
@@ -132,7 +151,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     app.state.database = database
     app.state.votes = VoteWriter(votes_database)
     app.state.flags = Flags(database)
-    app.state.monitors = WeakValueDictionary()  # by study, while somebody watches its live page
+    app.state.monitors = WeakValueDictionary()  # by study and role, while somebody watches its live page
     app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())
@@ -140,27 +159,38 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     app.state.throttle = new_throttle()
     app.state.is_stopping = False  # live pages end when it is set
     settings.media_dir.mkdir(parents=True, exist_ok=True)
+    for folder in settings.private_dirs:
+        private_folder(folder)
     if front is not None:
         app.include_router(front_routes(front))  # before the entrance, which has the same address
     app.include_router(votes.router)  # whose bodies hold no free text
     for router in ROUTERS:
         app.include_router(router, dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
-    install_problems(app)
+    install_problems(app, form_again)
     describe(app)
     _add_middleware(app)
     return app
+
+
+async def _keep_house(app: FastAPI) -> None:
+    while True:
+        await anyio.sleep(EVERY_S)
+        await run_in_threadpool(keep_house, app.state.settings, app.state.database, app.state.clock())
 
 
 def _add_middleware(app: FastAPI) -> None:
     """Add what every request passes, the innermost first."""
     is_https = app.state.settings.secure_cookies
     media_origin = app.state.media_store.origin if app.state.media_store else None
+    settings: Settings = app.state.settings
+    app.add_middleware(KnownHosts, allowed=settings.allowed_hosts, public_url=settings.public_url)
     app.add_middleware(BodyLimit)
     app.add_middleware(SameOrigin)
     app.add_middleware(UnforeseenErrors)
     app.add_middleware(RenewedSession, is_https=is_https)
-    app.add_middleware(SecurityHeaders, is_https=is_https, media_origin=media_origin)
+    below = settings.hsts_subdomains
+    app.add_middleware(SecurityHeaders, is_https=is_https, with_subdomains=below, media_origin=media_origin)
     app.add_middleware(Requests, metrics=app.state.metrics)
 
 
@@ -170,6 +200,7 @@ def serve(
     port: int = 8000,
     *,
     workers: int = 1,
+    n_jobs: int = 0,
     on_start: Callable[[str], None] | None = None,
 ) -> None:
     """Serve until interrupted; requests at hand are answered and waiting votes are kept.
@@ -178,29 +209,36 @@ def serve(
     ----------
     port : 0 for any free one
     workers : processes that share the port; more than one on PostgreSQL only
+    n_jobs : how many of the dashboard's jobs to run at a time, in another process
     on_start : called with the base address once the server takes connections
 
     Raises
     ------
     ValueError
-        If the database cannot be used, or not by several workers.
+        If the database cannot be used, or not by several workers, or another program has the port.
     """
+    _check_port(host, port)
+    os.umask(os.umask(0) | FOR_OTHERS)
     start_logging(settings.log_format)
+    open_files()
     if workers == 1:
-        _Server(create_app(settings), host, port, on_start).run()
+        server = _Server(create_app(settings), host, port, on_start)
+        with ends_in_order(), worker_beside(settings, n_jobs):
+            server.run()
     else:
-        _serve_by_workers(settings, host, port, workers, on_start)
+        _serve_by_workers(settings, host, port, workers, n_jobs, on_start)
 
 
 def worker_app() -> FastAPI:
     """Make the server of one of several processes; its settings come by the environment."""
+    end_with_parent()
     settings = Settings()
     start_logging(settings.log_format)
     return create_app(settings)
 
 
 def _serve_by_workers(
-    settings: Settings, host: str, port: int, workers: int, on_start: Callable[[str], None] | None
+    settings: Settings, host: str, port: int, workers: int, n_jobs: int, on_start: Callable[[str], None] | None
 ) -> None:
     """Start workers again when they die; SIGHUP replaces them one by one while the port stays open."""
     if settings.is_sqlite:
@@ -217,7 +255,8 @@ def _serve_by_workers(
         bound.listen(config.backlog)  # early requests wait for the first worker
         if on_start is not None:
             on_start(_address(bound))
-        Multiprocess(config, sockets=[bound]).run()
+        with worker_beside(settings, n_jobs):
+            Multiprocess(config, sockets=[bound]).run()
 
 
 @contextmanager
@@ -263,6 +302,25 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
+def _check_port(host: str, port: int) -> None:
+    """Check that the server can have a port.
+
+    Raises
+    ------
+    ValueError
+        If another program has it, or this machine has no such address.
+    """
+    try:
+        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise ValueError(f"cannot listen on {host} port {port}: {error.strerror or error}") from error
+        raise ValueError(
+            f"port {port} is in use: another program, or another `reconstudy serve`, listens there; stop it, or choose "
+            "another port, such as --port 0 for any free one"
+        ) from error
+
+
 def _address(bound: Any) -> str:
     host, port = bound.getsockname()[:2]
     return f"http://{f'[{host}]' if ':' in host else host}:{port}"
@@ -276,5 +334,6 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["with_code"] = with_code
     environment.globals["has_browser_packages"] = (packaged("static") / "vendor" / "htmx.min.js").is_file()
     return environment

@@ -8,23 +8,56 @@ from typing import Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+DATA_FOLDER = "reconstudy"  # below the folder in which a command runs, where nothing else is said
+
 
 class Settings(BaseSettings):
     """Where the server stores its data, and how it is reached."""
 
     model_config = SettingsConfigDict(env_prefix="RECONSTUDY_", frozen=True, extra="ignore")
 
-    data_dir: Path = Field(
-        default=Path("reconstudy"), description="folder of the embedded database and the pair videos"
-    )
+    data_dir: Path = Field(default=Path(DATA_FOLDER), description="folder of the embedded database and the pair videos")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; unset: SQLite in the data folder")
     stimuli_dir: Path | None = Field(
         default=None,
         description="folder of the stimulus sets that the dashboard offers; unset: stimuli in the data folder",
     )
+    intake_folder: Path | None = Field(
+        default=None,
+        description="folder of recordings, films and what jobs made of them; unset: intake in the data folder",
+    )
     largest_upload_mb: int = Field(default=4096, ge=1, description="limit of an uploaded zip file, packed and unpacked")
+    jobs_cluster: str | None = Field(
+        default=None,
+        pattern=r"^[a-z]+://\S+$",
+        description="Dask scheduler of jobs that reconstruct, tcp://HOST:8786; unset: their worker does it",
+    )
+    largest_intake_mb: int = Field(
+        default=65536, ge=1, description="limit of an upload to the intake folder, packed and unpacked"
+    )
+    most_intake_files: int = Field(default=200_000, ge=1, description="limit of files in such an upload")
     api_requests_per_minute: int = Field(default=1200, ge=1, description="limit for each token or experimenter")
+    sessions_per_minute: int = Field(
+        default=600, ge=1, description="limit of sessions that begin from one network address; a laboratory shares one"
+    )
     secure_cookies: bool = Field(default=False, description="send cookies over https only; set it behind a TLS proxy")
+    hsts_subdomains: bool = Field(
+        default=False,
+        description="with secure cookies: let browsers use https for all hosts below this one's name, too",
+    )
+    second_factor: Literal["offered", "required"] = Field(
+        default="offered", description="required: without one, the dashboard shows an experimenter their account alone"
+    )
+    public_url: str | None = Field(
+        default=None,
+        pattern="^https?://[^/]+$",
+        description="address that people use, for links, for example https://study.example.org; unset: as they ask",
+    )
+    allowed_hosts: str | None = Field(
+        default=None,
+        description="host names to answer to, with commas between, `*` for any; unset: IP addresses and this machine's "
+        "name; that of the public address always",
+    )
 
     media_accel: str | None = Field(
         default=None,
@@ -34,6 +67,10 @@ class Settings(BaseSettings):
     media_url: str | None = Field(
         default=None,
         description="where browsers fetch the pair videos: s3://bucket/folder, …, or https:// of a public host",
+    )
+    backup_encrypt_to: str | None = Field(
+        default=None,
+        description="public key (age1…, ssh-ed25519 …) to which `reconstudy backup` encrypts, or a file of such keys",
     )
     log_format: Literal["text", "json"] = Field(
         default="text", description="json: a line for every request, to standard error"
@@ -54,6 +91,19 @@ class Settings(BaseSettings):
     @property
     def sets_dir(self) -> Path:
         return self.stimuli_dir or self.data_dir / "stimuli"
+
+    @property
+    def intake_dir(self) -> Path:
+        return self.intake_folder or self.data_dir / "intake"
+
+    @property
+    def private_dirs(self) -> tuple[Path, ...]:
+        """Folders in the data folder that the server's user alone may enter: all but the films, which nginx may send.
+
+        An intake folder elsewhere is the operator's to protect.
+        """
+        names = ("intake", "models", "reports", "stills", "uploads", "work")
+        return tuple(self.data_dir / name for name in names)
 
     @property
     def languages_dir(self) -> Path:

@@ -13,10 +13,11 @@ from sqlalchemy import select, update
 
 from app.films.pairs import PairVideo
 from app.intake.stimuli import Stimulus, StimulusSet
+from app.store.admission import begin_session
 from app.store.designs import insert_design
 from app.store.engine import Database
 from app.store.invitations import insert_invitation, invitation_by_code
-from app.store.sessions import begin_session, session_by_token
+from app.store.sessions import session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
 from app.store.vote_records import Vote

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,32 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_set
             assert parameter.param_type_name != "option" or max(parameter.opts, key=len) in commands
     settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
     assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
+
+
+def test_the_security_page_names_tests_that_are_there() -> None:
+    page = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
+    tests = set(re.findall(r"^(?:async )?def (test_\w+)", "\n".join(sources), re.MULTILINE))
+    named = set(re.findall(r"`(test_\w+)`", page))
+    assert len(named) > 70
+    assert sorted(named - tests) == []
+
+
+def test_the_security_page_has_every_requirement_once_and_counts_them() -> None:
+    page = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    states: dict[str, str] = {}
+    for listed, state in re.findall(r"^\| (\d[\d., to]*) \|[^|]*\| ([^|]*?) \|", page, re.MULTILINE):
+        for part in listed.split(", "):
+            first, _, last = part.partition(" to ")
+            section, number = first.rsplit(".", 1)
+            for each in range(int(number), int((last or first).rsplit(".", 1)[1]) + 1):
+                assert states.setdefault(f"{section}.{each}", state) == state
+    said = re.search(r"Of (\d+) requirements (\d+) are held, (\d+) do not apply, (\d+) [^,]*, and (\d+) are open", page)
+    assert said
+    counts = Counter(states.values())
+    told = [len(states), *(counts[state] for state in ("held", "not applicable", "operator", "open"))]
+    assert [int(number) for number in said.groups()] == told
+    assert told[0] == sum(told[1:]) == 253  # of levels 1 and 2 of ASVS 5.0.0
 
 
 def test_every_page_stands_in_the_navigation() -> None:

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parent.parent
 RIDDLES = {"of", "one", "own", "found"}
 DOCUMENTED = ("recon", "app/study", "app/analysis")
@@ -59,32 +57,40 @@ def bound_names(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.id
 
 
-DOCUMENTED_FILES = [path for path in python_files(*DOCUMENTED) if not name_of(path).startswith("recon/cli/")]
+def documented_functions() -> Iterator[tuple[str, Function]]:
+    """Public functions of the modules whose docstrings are held to rules, each with its place."""
+    for path in python_files(*DOCUMENTED):
+        if not name_of(path).startswith("recon/cli/"):
+            for function in public_functions(path):
+                yield f"{name_of(path)}:{function.lineno} {function.name}", function
 
 
-@pytest.mark.parametrize("path", DOCUMENTED_FILES, ids=name_of)
-def test_a_public_function_of_three_parameters_explains_them(path: Path) -> None:
+def test_a_public_function_of_three_parameters_explains_them() -> None:
     silent = [
-        f"{function.lineno} {function.name}"
-        for function in public_functions(path)
+        place
+        for place, function in documented_functions()
         if len(parameters(function)) >= MANY_PARAMETERS and "\n    Parameters\n" not in _indented(function)
     ]
-    assert not silent
+    assert silent == []
 
 
-@pytest.mark.parametrize("path", DOCUMENTED_FILES, ids=name_of)
-def test_a_public_function_on_arrays_gives_their_shapes(path: Path) -> None:
+def test_a_public_function_on_arrays_gives_their_shapes() -> None:
     silent = [
-        f"{function.lineno} {function.name}"
-        for function in public_functions(path)
+        place
+        for place, function in documented_functions()
         if handles_arrays(function) and not SHAPE.search(ast.get_docstring(function) or "")
     ]
-    assert not silent
+    assert silent == []
 
 
-@pytest.mark.parametrize("path", python_files("app", "recon"), ids=name_of)
-def test_names_are_nouns(path: Path) -> None:
-    assert not [f"{line} {name}" for line, name in bound_names(path) if name in RIDDLES]
+def test_names_are_nouns() -> None:
+    riddles = [
+        f"{name_of(path)}:{line} {name}"
+        for path in python_files("app", "recon")
+        for line, name in bound_names(path)
+        if name in RIDDLES
+    ]
+    assert riddles == []
 
 
 def _indented(function: Function) -> str:

@@ -32,7 +32,7 @@ from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
 from recon.capture.importing import colmap_model
 from recon.depth.disparity_io import read_disparity
-from recon.geometry.mesh import read_cloud, read_mesh
+from recon.geometry.mesh_files import read_cloud, read_mesh
 from recon.models.read import Placement, read_model
 from recon.models.scene_file import read_scene_file
 from recon.render.path_file import read_path
