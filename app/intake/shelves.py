@@ -19,7 +19,8 @@ from app.errors import InvalidError
 from app.intake.summaries import SUMMARIES, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
-PLAIN_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 ._+-]{0,98}[A-Za-z0-9_+-])?")
+PLAIN_NAME = re.compile(r"[^\W_](?:[\w .+-]{0,98}[\w+-])?")  # letters and digits of any script
+LONGEST_NAME = 200  # bytes; file systems take 255
 SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
     "clouds": (".ply",),
     "measures": (".csv",),
@@ -139,18 +140,23 @@ def file_in(folder: Path, kind: str, name: str, place: str) -> Path:
     raise InvalidError(f"There is no file {place[:200]!r} in {name!r}; it may have been deleted.")
 
 
+def is_plain(name: str) -> bool:
+    """Return whether a name is letters, digits, spaces and . _ + - and begins with a letter or digit."""
+    return PLAIN_NAME.fullmatch(name) is not None and len(name.encode()) <= LONGEST_NAME
+
+
 def checked_name(kind: str, name: str) -> str:
-    """Return the name of an entry, which is letters, digits, spaces and . _ + - and begins with a letter or digit.
+    """Return the name of an entry, once it is known to be plain and to end as its kind does.
 
     Raises
     ------
     InvalidError
         If it is another.
     """
-    if not PLAIN_NAME.fullmatch(name):
+    if not is_plain(name):
         raise InvalidError(
-            f"The name {name[:100]!r} cannot be used: expected 1 to 100 letters (a to z), digits, spaces or . _ + -, "
-            "with a letter or digit first."
+            f"The name {name[:100]!r} cannot be used: expected 1 to 100 letters, digits, spaces or . _ + - (at most "
+            f"{LONGEST_NAME} bytes as UTF-8), with a letter or digit first."
         )
     if kind not in FOLDERS and not name.lower().endswith(SUFFIXES[kind]):
         raise InvalidError(f"The name {name!r} has to end in {' or '.join(SUFFIXES[kind])}.")
@@ -158,7 +164,7 @@ def checked_name(kind: str, name: str) -> str:
 
 
 def _is_entry(kind: str, path: Path) -> bool:
-    if path.is_symlink() or not PLAIN_NAME.fullmatch(path.name):
+    if path.is_symlink() or not is_plain(path.name):
         return False
     if path.is_dir():
         return kind in FOLDERS

@@ -14,7 +14,7 @@ import { byId, required } from "./elements.js";
 const PART = 8 * 1024 * 1024; // bytes; a lost connection costs less than this
 const FIRST_PAUSE_MS = 1000;
 const LONGEST_PAUSE_MS = 30_000;
-const NOT_PLAIN = /[^A-Za-z0-9 ._+-]+/g;
+const NOT_PLAIN = /[^\p{L}\p{N} ._+-]+/gu;
 
 const form = required(HTMLFormElement, "#file-upload");
 const fields = {
@@ -47,7 +47,11 @@ function suggestName() {
   if (!file) return;
   const isKept = /\.csv$/i.test(file.name) || (/\.ply$/i.test(file.name) && fields.kind.value === "clouds");
   const stem = isKept ? file.name : file.name.replace(/\.[^.]*$/, "");
-  fields.name.value = stem.replace(NOT_PLAIN, "-").replace(/^[^A-Za-z0-9]+|[ .-]+$/g, "").slice(0, 100);
+  fields.name.value = stem
+    .normalize("NFC") // accents of some computers stand beside their letters
+    .replace(NOT_PLAIN, "-")
+    .replace(/^[^\p{L}\p{N}]+|[ .-]+$/gu, "")
+    .slice(0, 100);
 }
 
 /**

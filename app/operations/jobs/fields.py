@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.errors import InvalidError
-from app.intake.shelves import PLAIN_NAME, checked_name, shelf
+from app.intake.shelves import checked_name, is_plain, shelf
 from app.settings import Settings
 
 SETS = "sets"  # the stimulus sets' folder, beside the shelves of the intake folder
@@ -117,7 +117,7 @@ class Entry(Field):
             If it is not there, or not an entry to choose here.
         """
         kind, _, plain = name.rpartition("/") if len(self.shelves) > 1 else (self.shelves[0], "", name)
-        path = place(settings, kind) / plain if kind in self.shelves and PLAIN_NAME.fullmatch(plain) else None
+        path = place(settings, kind) / plain if kind in self.shelves and is_plain(plain) else None
         if path is None or not self._is_fit(path):
             needed = f" with a {self.holds}" if self.holds else f" without a {self.lacks}" if self.lacks else ""
             raise self.refuse(name, f"the name of something{needed} in {' or '.join(self.shelves)}")
@@ -138,7 +138,7 @@ class Entry(Field):
         return f"{kind}/{name}" if len(self.shelves) > 1 else name
 
     def _is_fit(self, path: Path) -> bool:
-        if path.is_symlink() or not PLAIN_NAME.fullmatch(path.name):
+        if path.is_symlink() or not is_plain(path.name):
             return False
         is_taken = (path.is_dir() and self.takes != "file") or (path.is_file() and self.takes != "folder")
         is_other = bool(self.lacks) and (path / self.lacks).is_file()

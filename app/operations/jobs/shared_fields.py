@@ -5,7 +5,7 @@ from __future__ import annotations
 from app.operations.jobs.fields import Entry, NewName, Text
 
 CAPTURE_FILE, RUN_FILE, MANIFEST = "capture.json", "run.json", "manifest.json"
-NAME_FORM = r"[A-Za-z0-9][\w .+-]*"  # of datasets and approaches
+NAME_FORM = r"[^\W_][\w .+-]*"  # of datasets and approaches
 
 CAPTURE = Entry(
     name="capture",

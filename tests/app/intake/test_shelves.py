@@ -56,7 +56,9 @@ def test_an_entry_says_in_a_line_what_it_holds(
     assert entry_path(tmp_path, kind, name) == tmp_path / kind / name
 
 
-@pytest.mark.parametrize("name", ["..", ".", "", "../secret", "a/b", ".hidden", "-o", "a\n", "a ", "link", "nothing"])
+@pytest.mark.parametrize(
+    "name", ["..", ".", "", "../secret", "a/b", ".hidden", "-o", "a\n", "a ", "a\u202eb", "录" * 70, "link", "nothing"]
+)
 def test_no_name_leads_out_of_a_shelf(tmp_path: Path, name: str) -> None:
     put(tmp_path, "secret/capture.json")
     put(tmp_path, "captures/.hidden/capture.json")

@@ -156,6 +156,22 @@ def test_each_kind_takes_its_own_files(own_server: str, own: Settings) -> None:
             assert summary in shown.text
 
 
+def test_a_name_may_be_of_any_script(own_server: str, own: Settings) -> None:
+    name = "Süd 录制 العربية"
+    with signed_in(own_server, own, "Eva") as eva:
+        shown = send(eva, "captures", name, zipped(capture()))
+        assert shown.url.path == f"/admin/files/captures/{name}"
+        assert name in eva.get("/admin/files").text
+        assert eva.get(f"/admin/files/captures/{name}/pictures/S1/left/1.jpg").status_code == 200
+        downloaded = eva.get(f"/admin/files/captures/{name}/file/S1/left/0000.png")
+        assert downloaded.content == PNG
+        job = eva.act("/admin/work/new/check", capture=name)
+        assert name in job.text
+        eva.act(f"{job.url.path}/cancel")
+        assert eva.act(f"/admin/files/captures/{name}/delete", again=name).url.path == "/admin/files"
+    assert not list((own.intake_dir / "captures").iterdir())
+
+
 def test_what_does_not_fit_is_refused_and_leaves_nothing(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
         for kind, name, content, complaint in REFUSED:
