@@ -143,9 +143,9 @@ def critical_value(n_participants: int | None) -> float:
 
 
 def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
-    """Return the variances of differences of parameters, float64 (K,)."""
+    """Return the variances of differences of parameters, float64 (K,); rounding takes none below zero."""
     variances = np.diag(covariance)
-    return np.asarray(variances[first] + variances[second] - 2 * covariance[first, second])
+    return np.maximum(variances[first] + variances[second] - 2 * covariance[first, second], 0.0)
 
 
 def two_sided(ratio: Array, n_participants: int | None) -> Array:

@@ -180,7 +180,7 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
         se = np.sqrt(np.diag(to_levels @ fit.covariance @ to_levels.T))
         clustered: list[float | None] = [None] * len(names)
         if fit.participant_covariance is not None:
-            clustered = np.sqrt(np.diag(to_levels @ fit.participant_covariance @ to_levels.T)).tolist()
+            clustered = np.sqrt(np.maximum(np.diag(to_levels @ fit.participant_covariance @ to_levels.T), 0.0)).tolist()
         numbers = zip(names, values.tolist(), se.tolist(), clustered, strict=True)
         effects += [Effect(dataset, factor, *row, n_participants=fit.n_participants) for row in numbers]
         column += size

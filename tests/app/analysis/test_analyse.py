@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.contrasts import ALL_ALIKE
 from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
 from app.analysis.ties import TIE_MODELS
@@ -354,6 +355,15 @@ def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:
     assert contrast["difference"] == pytest.approx(np.log(2))
     assert contrast["se"] > 0.5
     assert contrast["p_value"] == contrast["p_holm"] == 1
+
+
+@pytest.mark.parametrize(("first", "second"), [("abbbbb", "bbbbab"), ("babaaa", "aababa"), ("baaaba", "bbabab")])
+def test_two_people_who_are_alike_but_for_rounding_leave_numbers(first: str, second: str) -> None:
+    analysis = analysed(first, second, pairs="ab ab ac ac bc bc")
+    json.dumps(analysis, allow_nan=False)
+    alike = [row for row in analysis["contrasts"] if row["dataset"] == "all" and row["method"] == ALL_ALIKE]
+    assert alike
+    assert all(row["se"] > 0.1 and row["p_value"] == 1 for row in alike)
 
 
 @pytest.mark.parametrize("odds", [10, 30])
