@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, rankdata
 
-from app.analysis.bradley_terry import only_compared
 from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
-from app.analysis.votes_table import VotesTable, numbered
+from app.analysis.votes_table import VotesTable, numbered, only_compared
 
 BETWEEN_DATASETS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
 MOST_ORDERS, FEWEST_ORDERS = 999, 199  # of items' names, tried at random

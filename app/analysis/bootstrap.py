@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.bradley_terry import ConvergenceError, Fit, fit_counts, is_identified
+from app.analysis.bradley_terry import ConvergenceError, fit_counts, is_identified
 from app.analysis.counts import PairCounts, outcome_index
+from app.analysis.fit import Fit
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.votes_table import VotesTable

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap, bootstrap_scores, participant_weights
-from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import Contrast, contrasts
 from app.analysis.factors import votes_on_factor, votes_with_levels
+from app.analysis.fit import Fit
 from app.analysis.separation import group_fits, separated_contrasts
 from app.analysis.settings import AnalysisSettings
 from app.analysis.showing_order import why_no_order_effect
-from app.analysis.votes_table import VotesTable
+from app.analysis.votes_table import VotesTable, only_compared
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.bradley_terry import ALIKE, Fit
+from app.analysis.fit import Fit
+from app.analysis.participant_errors import ALIKE
 from app.analysis.settings import LEVEL
 
 Array = NDArray[np.float64]

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from app.analysis.bradley_terry import Fit, fit_scores
+from app.analysis.bradley_terry import fit_scores
+from app.analysis.fit import Fit
 from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.analysis.bradley_terry import Fit, only_compared
 from app.analysis.comparison import fit_by
 from app.analysis.factors import ModelTest
+from app.analysis.fit import Fit
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import VotesError, VotesTable
+from app.analysis.votes_table import VotesError, VotesTable, only_compared
 
 Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; missing participants have none
 

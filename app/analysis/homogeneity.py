@@ -11,8 +11,9 @@ from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from app.analysis.bradley_terry import Fit, participant_gradients
 from app.analysis.factors import ModelTest
+from app.analysis.fit import Fit
+from app.analysis.participant_errors import participant_gradients
 from app.analysis.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]

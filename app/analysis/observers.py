@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from app.analysis.bootstrap import RUNAWAY, participant_counts
-from app.analysis.bradley_terry import MANY_ITEMS, ConvergenceError, Fit, fit_pairs, only_compared
+from app.analysis.bradley_terry import MANY_ITEMS, ConvergenceError, fit_pairs
 from app.analysis.contrasts import holm
 from app.analysis.counts import PairCounts, outcome_index
+from app.analysis.fit import Fit
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value, smallest_p_value
-from app.analysis.votes_table import NONE, A, B, VotesTable, order_of
+from app.analysis.votes_table import NONE, A, B, VotesTable, only_compared, order_of
 
 Array = NDArray[np.float64]
 

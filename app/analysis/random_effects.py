@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 
 from app.analysis.bootstrap import participant_counts
-from app.analysis.bradley_terry import Fit
+from app.analysis.fit import Fit
 from app.analysis.newton import LARGEST_STEP, Design
 from app.analysis.penalised import third_order
 from app.analysis.settings import LEVEL

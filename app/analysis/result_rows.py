@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap
-from app.analysis.bradley_terry import Fit, fit_pairs
+from app.analysis.bradley_terry import fit_pairs
 from app.analysis.comparison import ALL, Comparison
 from app.analysis.contrasts import (
     FEWEST_PARTICIPANTS,
@@ -22,6 +22,7 @@ from app.analysis.contrasts import (
 from app.analysis.counts import count_pairs
 from app.analysis.distance_prior import fit_with_prior
 from app.analysis.factors import Effect
+from app.analysis.fit import Fit
 from app.analysis.groups import GroupComparison
 from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
 from app.analysis.settings import LEVEL

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.bradley_terry import Fit
 from app.analysis.comparison import Comparison
 from app.analysis.contrasts import ALL_ALIKE, Contrast, holm, two_sided
+from app.analysis.fit import Fit
 
 # One just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017).
 LOG_ODDS_PER_JOD = float(np.log(3))

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import binomtest
 
-from app.analysis.bradley_terry import Fit, fit_scores, only_compared
+from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import BY_SCORES, MOST_ITEMS, Contrast, contrasts, holm
+from app.analysis.fit import Fit
 from app.analysis.settings import LEVEL
-from app.analysis.votes_table import NONE, A, VotesTable
+from app.analysis.votes_table import NONE, A, VotesTable, only_compared
 
 Counts = NDArray[np.int64]
 

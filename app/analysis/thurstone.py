@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from app.analysis.bradley_terry import MANY_ITEMS, Fit, participant_covariance
+from app.analysis.bradley_terry import MANY_ITEMS
 from app.analysis.counts import PairCounts, count_pairs
 from app.analysis.existence import ford
+from app.analysis.fit import Fit
 from app.analysis.newton import Design, maximise
+from app.analysis.participant_errors import participant_covariance
 from app.analysis.ties import TIE_MODELS, Derivatives, TieModel
 from app.analysis.votes_table import VotesTable
 

@@ -222,3 +222,14 @@ def constant(value: object, kind: type[Any], n: int) -> NDArray[Any]:
     n : N
     """
     return np.broadcast_to(np.array(value, kind), n)
+
+
+def only_compared(votes: VotesTable) -> VotesTable:
+    """Return the table without the items that no row compares."""
+    seen = np.zeros(len(votes.items), bool)
+    seen[votes.item_a] = seen[votes.item_b] = True
+    if seen.all():
+        return votes
+    index = np.cumsum(seen).astype(np.int32) - np.int32(1)
+    items = tuple(name for name, is_seen in zip(votes.items, seen, strict=True) if is_seen)
+    return replace(votes, items=items, item_a=index[votes.item_a], item_b=index[votes.item_b])

@@ -12,11 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from app.analysis.bradley_terry import Fit, fit_scores, only_compared, participant_gradients
+from app.analysis.bradley_terry import fit_scores
 from app.analysis.conjugate_gradients import maximise_many_items
+from app.analysis.fit import Fit
+from app.analysis.participant_errors import participant_gradients
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.ties import TIE_MODELS
-from app.analysis.votes_table import VotesTable, votes_from_indices
+from app.analysis.votes_table import VotesTable, only_compared, votes_from_indices
 
 SCORE, ERROR, LIKELIHOOD = 1e-6, 1e-5, 1e-5
 

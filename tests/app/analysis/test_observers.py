@@ -12,12 +12,11 @@ import pytest
 
 from app.analysis import analyse, observers
 from app.analysis.agreement import agreement, agreement_rows, transitivity
-from app.analysis.bradley_terry import only_compared
 from app.analysis.counts import count_pairs
 from app.analysis.observers import observer_rows
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.votes_table import VotesError, VotesTable
+from app.analysis.votes_table import VotesError, VotesTable, only_compared
 
 HONEST = 14
 
