@@ -38,7 +38,12 @@ FLAT, STEP = 0.02, 1e-3  # slope at the mode, and step of its differences; the d
 DIFFERENCE = 0.1  # of log standard deviations, for second derivatives
 REACH = 2.5  # standard deviations up to which the posterior of the spreads is followed, at steps of one
 HALVINGS = 50  # of an interval that holds a quantile
+FARTHEST = np.log(100.0)  # of log standard deviations from 0; Laplace's approximation fails long before
 LARGEST_TABLE = 1_000_000  # participants x datasets x pairs; more take minutes
+
+
+class UndeterminedError(Exception):
+    """The votes do not tell the standard deviations of the random effects; the text says why."""
 
 
 class State(NamedTuple):
@@ -151,7 +156,10 @@ def fit_random_effects(fit: Fit, votes: VotesTable, levels: Sequence[str]) -> Po
     if why := _why_not(fit, votes, n_datasets if DATASETS in levels else None):
         return why
     model = _Hierarchy.of_votes(fit, votes, has_datasets=DATASETS in levels)
-    return _explored(model, fit.items)
+    try:
+        return _explored(model, fit.items)
+    except UndeterminedError as error:
+        return str(error)
 
 
 def _why_not(fit: Fit, votes: VotesTable, n_datasets: int | None) -> str | None:
@@ -251,7 +259,7 @@ class _Hierarchy:
             if longest < TOLERANCE:
                 break
         else:
-            raise RuntimeError(f"random effects did not converge in {MAX_ITERATIONS} iterations")
+            raise UndeterminedError(f"no estimate was found in {MAX_ITERATIONS} iterations")
         log_random = sum(len(part) * np.log(kind).sum() for part, kind in zip(state[1:], precisions, strict=True))
         log_prior = float(np.sum(log_spreads - np.log1p((spreads / PRIOR_SCALE) ** 2)))
         return Mode(state, information, value + (log_random - information.log_determinant) / 2 + log_prior)
@@ -367,17 +375,22 @@ def _explored(model: _Hierarchy, items: tuple[str, ...]) -> Posterior:
         last[0] = mode.state
         return mode
 
+    def badness(log_spreads: Array) -> float:  # a step of the search may go far
+        within = np.clip(log_spreads, -FARTHEST, FARTHEST)
+        return float(np.sum((log_spreads - within) ** 2)) - at(within).log_density
+
     start = np.full(len(model.levels), np.log(START))
     optimise: Any = minimize  # its stubs know no such options
-    search = optimise(
-        lambda spreads: -at(spreads).log_density, start, method="BFGS", options={"gtol": FLAT, "eps": STEP}
-    )
-    best = np.asarray(search.x)
+    best = np.asarray(optimise(badness, start, method="BFGS", options={"gtol": FLAT, "eps": STEP}).x)
+    for level, log_spread in zip(model.levels, best, strict=True):
+        if log_spread > FARTHEST - 1:
+            raise UndeterminedError(f"so few votes do not tell how much {level} differ")
     values, axes = np.linalg.eigh(_curvature(lambda spreads: at(spreads).log_density, best))
     scales = axes / np.sqrt(np.maximum(values, 0.05))  # (L, L), a column for each axis
     steps = range(-int(REACH), int(REACH) + 1)
     lattice = [z for z in product(steps, repeat=len(start)) if np.linalg.norm(z) <= REACH]
     points = best + np.array(lattice) @ scales.T
+    points = points[(np.abs(points) <= FARTHEST).all(axis=1)]
     modes = [at(point) for point in points]
     density = np.array([mode.log_density for mode in modes])
     weights = np.exp(density - density.max())

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis import AnalysisSettings, VotesTable, analyse
+from app.analysis import AnalysisSettings, VotesTable, analyse, votes_from_rows
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.comparison import compare
 from app.analysis.power import StudyPlan, simulate_votes
@@ -102,6 +102,17 @@ def test_why_there_are_no_random_effects_is_said(
     assert not any(tables.values())
     assert "no fit with random effects" in warning
     assert why in warning
+
+
+def test_five_votes_of_people_who_contradict_each_other_end_in_a_sentence() -> None:
+    """The more they are let differ, the better it fits: the search for a spread leads away without end."""
+    told = ("p0 x z none z", "p1 x y a y", "p1 x z a z", "p2 x y b x", "p2 x z b z")
+    names = ("participant", "item_a", "item_b", "choice", "first_shown")
+    votes = votes_from_rows(dict(zip(names, row.split(), strict=True)) for row in told)
+    compared = list(compare(votes, AnalysisSettings(ties="drop", order_effect=True)))
+    tables, (warning,) = random_effect_tables(compared, "participants")
+    assert not any(tables.values())
+    assert warning.endswith("so few votes do not tell how much participants differ")
 
 
 def test_an_unknown_kind_of_random_effect_is_refused() -> None:
