@@ -1,5 +1,5 @@
-"""Find which items differ: all pairwise contrasts of scores, corrected by Holm's method, and letters that group items
-without significant difference.
+"""Find which items, or levels of a factor, differ: all pairwise contrasts, corrected by Holm's method, and letters that
+group those without significant difference.
 """
 
 from __future__ import annotations
@@ -65,24 +65,60 @@ class Differences(NamedTuple):
     is_alike: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Estimates:
+    """What is compared in pairs: scores of items, or effects of a factor's levels, all of one fit.
+
+    Parameters
+    ----------
+    names : (K,)
+    values : float64 (K,), log-odds
+    covariance : float64, with votes as the sample; its first K rows and columns are those of the values
+    participant_covariance : the same with participants as the sample; None where it is unknown
+    n_participants : None where they are unknown
+    is_few : are they few, as `has_few_participants` tells?
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    participant_covariance: Array | None
+    n_participants: int | None
+    is_few: bool
+
+
+def scores_of(fit: Fit) -> Estimates:
+    """Return the scores of a fit that has them and their covariances."""
+    assert fit.scores is not None
+    assert fit.covariance is not None
+    clustered, is_few = fit.participant_covariance, has_few_participants(fit)
+    return Estimates(fit.items, fit.scores, fit.covariance, clustered, fit.n_participants, is_few)
+
+
 def contrasts(fit: Fit) -> list[Contrast]:
-    """Compare every pair of items; empty without a finite maximum, without errors, or with too many items."""
-    n = len(fit.items)
-    has_errors = fit.participant_covariance is not None or (fit.n_participants is None and fit.covariance is not None)
-    if fit.status != "ok" or n > MOST_ITEMS or not has_errors or fit.scores is None:
+    """Compare every pair of items; empty without a finite maximum or errors, or with too many items."""
+    has_errors = fit.status == "ok" and fit.scores is not None and fit.covariance is not None
+    return contrasts_of(scores_of(fit)) if has_errors else []
+
+
+def contrasts_of(estimates: Estimates) -> list[Contrast]:
+    """Compare every pair of estimates; empty with too many, or where errors clustered by participant are unknown."""
+    n = len(estimates.names)
+    has_errors = estimates.participant_covariance is not None or estimates.n_participants is None
+    if n > MOST_ITEMS or not has_errors:
         return []
     first, second = np.triu_indices(n, 1)
-    compared = differences(fit, first, second)
+    compared = differences(estimates, first, second)
     limits = compared.difference - compared.half, compared.difference + compared.half
     methods = np.where(compared.is_alike, ALL_ALIKE, BY_SCORES)
     numbers_of = compared.difference, compared.se, compared.p_value, holm(compared.p_value), *limits, methods
     columns = [column.tolist() for column in numbers_of]
-    names = [(fit.items[a], fit.items[b]) for a, b in zip(first, second, strict=True)]
+    names = [(estimates.names[a], estimates.names[b]) for a, b in zip(first, second, strict=True)]
     return [Contrast(a, b, *numbers) for (a, b), *numbers in zip(names, *columns, strict=True)]
 
 
-def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> Differences:
-    """Return the differences of scores of pairs of items, for a fit that has errors.
+def differences(estimates: Estimates, first: NDArray[np.intp], second: NDArray[np.intp]) -> Differences:
+    """Return the differences of pairs of estimates.
 
     If all participants voted alike on a pair, the clustered error is zero and says nothing about other people. Such
     a difference gets the error from the information, and a p-value of 1. Few participants make the clustered error
@@ -90,21 +126,20 @@ def differences(fit: Fit, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
 
     Parameters
     ----------
-    fit : Fit with scores and covariance
-    first, second : intp (K,), indices of the items
+    estimates : Estimates
+    first, second : intp (K,), indices of the pairs
 
     Returns
     -------
     Differences, each (K,)
     """
-    assert fit.scores is not None
-    assert fit.covariance is not None
-    difference, naive = fit.scores[first] - fit.scores[second], np.sqrt(_variances(fit.covariance, first, second))
-    if fit.participant_covariance is None:
+    difference = estimates.values[first] - estimates.values[second]
+    naive = np.sqrt(_variances(estimates.covariance, first, second))
+    if estimates.participant_covariance is None:
         half, p_value = critical_value(None) * naive, two_sided(difference / naive, None)
         return Differences(difference, naive, half, p_value, np.zeros(len(naive), bool))
-    n, is_few = fit.n_participants, has_few_participants(fit)
-    clustered = np.sqrt(_variances(fit.participant_covariance, first, second))
+    n, is_few = estimates.n_participants, estimates.is_few
+    clustered = np.sqrt(_variances(estimates.participant_covariance, first, second))
     is_alike = clustered**2 <= ALIKE * naive**2
     clustered = np.where(is_alike, naive, clustered)
     p_value = two_sided(difference / clustered, n)

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import fit_scores
+from app.analysis.contrasts import Estimates, contrasts_of, has_few_participants, letters
 from app.analysis.fit import Fit
 from app.analysis.votes_table import VotesTable
 
@@ -91,6 +92,9 @@ def _codes(votes: VotesTable, factors: Factors, factor: str) -> NDArray[np.int32
 class Effect:
     """Contribution of a factor's level to the score in the additive model, log-odds; the levels of a factor sum to
     zero.
+
+    Levels of a factor share a letter if they are not told apart, all else equal (all pairs of its levels, Holm); there
+    are no letters where that is unknown.
     """
 
     dataset: str
@@ -99,6 +103,7 @@ class Effect:
     effect: float
     se: float
     se_participant: float | None
+    letters: str
     n_participants: int | None
 
 
@@ -177,15 +182,39 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
         to_levels = np.zeros((len(names), len(fit.theta)))
         to_levels[:size, column : column + size] = np.eye(size)
         to_levels[size, column : column + size] = -1
-        values = to_levels @ fit.theta
-        se = np.sqrt(np.diag(to_levels @ fit.covariance @ to_levels.T))
+        levels = _levels(fit, names, to_levels)
+        shown = _letters(levels) if fit.status == "ok" else {}
+        se = np.sqrt(np.diag(levels.covariance)).tolist()
         clustered: list[float | None] = [None] * len(names)
-        if fit.participant_covariance is not None:
-            clustered = np.sqrt(np.maximum(np.diag(to_levels @ fit.participant_covariance @ to_levels.T), 0.0)).tolist()
-        numbers = zip(names, values.tolist(), se.tolist(), clustered, strict=True)
-        effects += [Effect(dataset, factor, *row, n_participants=fit.n_participants) for row in numbers]
+        if levels.participant_covariance is not None:
+            clustered = np.sqrt(np.maximum(np.diag(levels.participant_covariance), 0.0)).tolist()
+        effects += [
+            Effect(dataset, factor, *row, letters=shown.get(row[0], ""), n_participants=fit.n_participants)
+            for row in zip(names, levels.values.tolist(), se, clustered, strict=True)
+        ]
         column += size
     return effects
+
+
+def _levels(fit: Fit, names: tuple[str, ...], to_levels: Array) -> Estimates:
+    """Return the effects of a factor's levels, which are `to_levels` times the parameters."""
+    assert fit.theta is not None
+    assert fit.covariance is not None
+    clustered = fit.participant_covariance
+    return Estimates(
+        names,
+        to_levels @ fit.theta,
+        to_levels @ fit.covariance @ to_levels.T,
+        None if clustered is None else to_levels @ clustered @ to_levels.T,
+        fit.n_participants,
+        has_few_participants(fit),
+    )
+
+
+def _letters(levels: Estimates) -> dict[str, str]:
+    compared = contrasts_of(levels)
+    best_first = [levels.names[index] for index in np.argsort(-levels.values)]
+    return letters(best_first, compared) if compared else {}
 
 
 def model_tests(votes: VotesTable, factors: Factors, dataset: str, *, ties: str, order_effect: bool) -> list[ModelTest]:

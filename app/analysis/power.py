@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.contrasts import differences
+from app.analysis.contrasts import differences, scores_of
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ def _is_detected(votes: VotesTable) -> bool:
         return _sign_test(votes) < SIGNIFICANT
     if fit.status != "ok" or fit.participant_covariance is None:
         return False
-    return bool(differences(fit, np.array([0]), np.array([1])).p_value[0] < SIGNIFICANT)
+    return bool(differences(scores_of(fit), np.array([0]), np.array([1])).p_value[0] < SIGNIFICANT)
 
 
 def _sign_test(votes: VotesTable) -> float:

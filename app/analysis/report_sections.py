@@ -69,9 +69,10 @@ def _factors(analysis: Analysis) -> dict[str, Any]:
     ]
     text = (
         "What each level of a factor adds to the score when all pairs are used (additive model); the levels of a "
-        "factor sum to zero. The scores of single factors above use only the pairs that differ in nothing else."
+        "factor sum to zero, and levels that share a letter are not told apart (all pairs of its levels, Holm). The "
+        "scores of single factors above use only the pairs that differ in nothing else."
     )
-    columns = ["factor", "level", "dataset", "effect", "error", "ci_low", "ci_high"]
+    columns = ["factor", "level", "dataset", "effect", "error", "ci_low", "ci_high", "letters"]
     return _overall_first("Factors together", text, columns, rows)
 
 

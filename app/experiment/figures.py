@@ -40,19 +40,17 @@ def inlier_chart(curve: Sequence[Mapping[str, Any]], published: Mapping[str, flo
     )
 
 
-def levels_bars(analysis: Mapping[str, Any], factor: str, datasets: Sequence[str]) -> Any:
+def levels_bars(rows: Sequence[Mapping[str, Any]], datasets: Sequence[str]) -> Any:
     """Draw figure 7 or 8: bars of the scores of a factor's levels, a group for each dataset, with 95 % intervals.
 
     Parameters
     ----------
-    analysis : the content of analysis.json
-    factor : "depth" or "fusion"
+    rows : `dataset`, `item` (a level), `score`, `ci_low` and `ci_high`
     datasets : from left to right; all of them together stand last
     """
-    rows = [dict(row) for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None]
     overall = sorted((row for row in rows if row["dataset"] == "all"), key=lambda row: row["score"])
     levels = [row["item"] for row in overall]
-    base = alt.Chart(alt.Data(values=rows)).encode(
+    base = alt.Chart(alt.Data(values=list(rows))).encode(
         x=alt.X("dataset:N", sort=[*datasets, "all"], title=None, axis=alt.Axis(labelAngle=0)),
         xOffset=alt.XOffset("item:N", sort=levels),
     )

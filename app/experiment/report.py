@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.correlation import spearman
 from app.analysis.drawing import svg_pdf
 from app.experiment.parts import Figure, wrapped_picture
@@ -107,7 +106,7 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
         if comparison not in ("all", *results.factors):
             continue
         truth = results.truth(comparison, "all")
-        came_out = order_text(results.scores(comparison, "all"), results.alike(comparison, "all"))
+        came_out = order_text(results.scores(comparison, "all"), results.told_apart(comparison, "all"))
         checks.append(_check(question, order_text(truth), came_out, _grade_of_order(results, comparison, truth)))
     checks += _ratings_check(results, scores)
     failed = [test for _, test in screened_out(results)]
@@ -136,7 +135,7 @@ def _check(question: str, put_in: str, came_out: str, grade: str) -> dict[str, A
 
 def _grade_of_order(results: Results, comparison: str, truth: Mapping[str, float]) -> str:
     """Grade an order: the votes agree only where they tell all neighbours in the true order apart."""
-    clear = _clear_differences(results, comparison)
+    clear = results.told_apart(comparison, "all")
     if any(truth[better] < truth[worse] for better, worse in clear):
         return DIFFERS
     return AGREES if set(pairwise(truth)) <= clear else OPEN
@@ -144,20 +143,11 @@ def _grade_of_order(results: Results, comparison: str, truth: Mapping[str, float
 
 def _grade_of_best(results: Results, best: str) -> str:
     """Grade the preferred approach: the votes agree only where they tell it from every other one."""
-    clear = _clear_differences(results, "all")
+    clear = results.told_apart("all", "all")
     others = set(results.truth("all", "all")) - {best}
     if any((other, best) in clear for other in others):
         return DIFFERS
     return AGREES if {(best, other) for other in others} <= clear else OPEN
-
-
-def _clear_differences(results: Results, comparison: str) -> set[tuple[str, str]]:
-    """Return the pairs (better, worse) that the votes tell apart."""
-    return {
-        (row["item_a"], row["item_b"]) if row["difference"] > 0 else (row["item_b"], row["item_a"])
-        for row in results.contrasts(comparison, "all")
-        if row["p_holm"] < SIGNIFICANT
-    }
 
 
 def _lead(results: Results, name: str) -> str:

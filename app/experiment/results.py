@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from app.analysis.contrasts import SIGNIFICANT
+from app.experiment.study import has_adaptive_pairs
 from app.files import read_json
 from app.intake.reports import Measure
 
@@ -57,21 +58,41 @@ class Results:
         """Read the report on the sphere."""
         return read_json(self.out / SPHERE / "report.json")
 
+    @property
+    def has_effects(self) -> bool:
+        """Are the scores of a factor's levels their effects, all else equal? Of adaptive pairs, few differ in one
+        factor only.
+        """
+        return has_adaptive_pairs(len(self.levels))
+
+    def score_rows(self, comparison: str) -> list[dict[str, Any]]:
+        """Return `dataset`, `item`, `score` with its interval, and `letters`; none without a finite score."""
+        if comparison in self.factors and self.has_effects:
+            rows = [row for row in self.analysis["effects"] if row["factor"] == comparison]
+            return [{**row, "item": row["level"], "score": row["effect"]} for row in rows]
+        return [
+            dict(row) for row in self.analysis["scores"] if row["comparison"] == comparison and row["score"] is not None
+        ]
+
     def scores(self, comparison: str, dataset: str) -> dict[str, float]:
         """Return the scores by item, best first; nothing for an item whose votes set its score no limit."""
-        rows = [r for r in self.analysis["scores"] if (r["comparison"], r["dataset"]) == (comparison, dataset)]
-        scored = ((r["item"], r["score"]) for r in rows if r["score"] is not None)
+        scored = ((row["item"], row["score"]) for row in self.score_rows(comparison) if row["dataset"] == dataset)
         return dict(sorted(scored, key=lambda pair: -pair[1]))
 
-    def contrasts(self, comparison: str, dataset: str) -> list[Mapping[str, Any]]:
-        """Return the differences of scores with their p-values."""
-        rows = self.analysis["contrasts"]
-        return [row for row in rows if (row["comparison"], row["dataset"]) == (comparison, dataset)]
-
-    def alike(self, comparison: str, dataset: str) -> list[set[str]]:
-        """Return the pairs that the votes do not tell apart."""
-        rows = self.contrasts(comparison, dataset)
-        return [{row["item_a"], row["item_b"]} for row in rows if row["p_holm"] >= SIGNIFICANT]
+    def told_apart(self, comparison: str, dataset: str) -> set[tuple[str, str]]:
+        """Return the pairs (better, worse) that the votes tell apart."""
+        if comparison in self.factors and self.has_effects:
+            rows = [row for row in self.score_rows(comparison) if row["dataset"] == dataset and row["letters"]]
+            return {
+                (better["item"], worse["item"])
+                for better, worse in permutations(rows, 2)
+                if better["score"] > worse["score"] and not set(better["letters"]) & set(worse["letters"])
+            }
+        return {
+            (row["item_a"], row["item_b"]) if row["difference"] > 0 else (row["item_b"], row["item_a"])
+            for row in self.analysis["contrasts"]
+            if (row["comparison"], row["dataset"]) == (comparison, dataset) and row["p_holm"] < SIGNIFICANT
+        }
 
     def mean_ratings(self) -> dict[str, float]:
         """Return the mean rating by "dataset/approach", relative to its dataset's mean; none where nobody rated."""
@@ -113,10 +134,12 @@ def screened_out(results: Results) -> list[tuple[str, str]]:
     return [(row["participant"], row["test"]) for row in results.answers["screening"] if row["verdict"] == "failed"]
 
 
-def order_text(items: Sequence[str] | Mapping[str, float], alike: Sequence[set[str]] = ()) -> str:
-    """Write items as "pm ≈ dr > id"; ≈ stands between neighbours that the votes do not tell apart."""
+def order_text(
+    items: Sequence[str] | Mapping[str, float], told_apart: Collection[tuple[str, str]] | None = None
+) -> str:
+    """Write items as "pm ≈ dr > id"; ≈ stands between neighbours that votes, where there are any, leave open."""
     names = list(items)
     text = names[0] if names else "–"
-    for before, name in pairwise(names):
-        text += f" {'≈' if {before, name} in alike else '>'} {name}"
+    for pair in pairwise(names):
+        text += f" {'>' if told_apart is None or pair in told_apart else '≈'} {pair[1]}"
     return text

@@ -154,9 +154,14 @@ def study_options(n_approaches: int) -> StudyOptions:
     Of many approaches, each participant compares the most informative pairs, as many as the paper's.
     """
     changes: dict[str, Any] = {"screening": SCREENING, "without": [TRUTH]}
-    if n_approaches >= FEWEST_CONDITIONS:
+    if has_adaptive_pairs(n_approaches):
         changes["adaptive_pairs"] = ADAPTIVE_PAIRS
     return read_options(None, changes, PAPER)
+
+
+def has_adaptive_pairs(n_approaches: int) -> bool:
+    """Return whether the approaches are too many for everybody to compare all pairs."""
+    return n_approaches >= FEWEST_CONDITIONS
 
 
 def true_abilities(measures: Sequence[Measure]) -> dict[str, float]:

@@ -15,6 +15,11 @@ from app.experiment.results import Results, order_text
 from app.experiment.study import QUALITY
 
 LIKED = {"depth": "depth reconstruction", "fusion": "view fusion", "colour": "source of colours"}
+USED = {
+    False: "pairs that differ in the factor only",
+    True: "effects of levels, all else equal, in an additive model of all pairs: of pairs chosen because they are "
+    "close, few differ in one factor only",
+}
 CAPTION = (
     "Figure {number}. Opinion scores by {what}, for each scene and for all of them together: Bradley-Terry scores in "
     "natural log-odds, which sum to zero in each group of bars; whiskers are 95 % intervals with people as the "
@@ -41,12 +46,12 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
         for dataset in [*results.objective["scenes"], "all"]:
             scored = results.scores(comparison, dataset)
             told = "; ".join(f"{item} {score:+.2f}" for item, score in scored.items())
-            here = order_text(scored, results.alike(comparison, dataset))
+            here = order_text(scored, results.told_apart(comparison, dataset))
             truth = order_text(results.truth(comparison, dataset))
             rows.append((dataset, order_text(paper.get(dataset, ())), here, told, truth))
         columns = ("dataset", "paper", "here", "scores, log-odds", "put in")
         tables.append(Table(f"figure_{number}", f"Values of figure {number}: {LIKED[comparison]}", columns, rows))
-        chart = levels_bars(results.analysis, comparison, results.objective["scenes"])
+        chart = levels_bars(results.score_rows(comparison), results.objective["scenes"])
         figures.append(
             Figure(CAPTION.format(number=number, what=LIKED[comparison]), f"figure_{number}", chart_svg(chart))
         )
@@ -54,8 +59,8 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
     most = sum(row["circular_max"] or 0 for row in results.analysis["triads"])
     flagged = [row["participant"] for row in results.analysis["observers"] if row["flags"]]
     text = [
-        "Bradley-Terry scores with ties (Davidson), pairs that differ in the factor only, intervals with people as the "
-        "sample. ≈ stands between neighbours that the votes do not tell apart (5 %, Holm).",
+        f"Bradley-Terry scores with ties (Davidson), {USED[results.has_effects]}, intervals with people as the sample. "
+        "≈ stands between neighbours that the votes do not tell apart (5 %, Holm).",
         f"Circular triads: {circular}{f' of at most {most}' if most else ''}; the paper "
         f"found {published['trials']['circular_triads']}. "
         "People who choose by chance between similar videos make some, so this is no reason to exclude anybody"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.analysis.findings.phrases import SIGNIFICANT, finding, listed, p_phrase, percent, signed
-from app.analysis.findings.ranking import level_text, overall, preferred_share
+from app.analysis.findings.ranking import level_text, overall, preferred_share, sharing_letters
 from app.analysis.objective.prediction import measures_by_rank
 
 Row = Mapping[str, Any]
@@ -77,8 +77,14 @@ def _factor(analysis: Mapping[str, Any], factor: str, rows: Sequence[Row]) -> st
     share = percent(preferred_share(_reach(rows), log_theta))
     return (
         f"{factor} matters ({p_phrase(p)}): all else equal, {ordered[0]['level']} is preferred to "
-        f"{ordered[-1]['level']} in {share} of decided votes; its levels: {levels}."
+        f"{ordered[-1]['level']} in {share} of decided votes; its levels: {levels}{_alike(ordered)}."
     )
+
+
+def _alike(levels: Sequence[Row]) -> str:
+    """Name the levels that are not told apart, if there are any."""
+    groups = sharing_letters((row["level"], row["letters"]) for row in levels).values()
+    return f"; not told apart: {'; '.join(listed(names, len(names)) for names in groups)}" if groups else ""
 
 
 def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -230,12 +230,18 @@ def _told_apart(conditions: Sequence[Condition], contrasts: Sequence[Row], diffe
 def _groups(conditions: Sequence[Condition]) -> str:
     if len(conditions) > MOST_IN_GROUPS:
         return "In the table, conditions that share a letter are not told apart. "
-    groups: dict[str, list[str]] = {}
-    for condition in conditions:
-        for letter in LETTER.findall(condition.letters or ""):
-            groups.setdefault(letter, []).append(condition.name)
-    several = [f"{listed(names, len(names))} ({letter})" for letter, names in groups.items() if len(names) > 1]
+    alike = sharing_letters((condition.name, condition.letters) for condition in conditions)
+    several = [f"{listed(names, len(names))} ({letter})" for letter, names in alike.items()]
     return f"Not told apart: {'; '.join(several)}. "
+
+
+def sharing_letters(lettered: Iterable[tuple[str, str | None]]) -> dict[str, list[str]]:
+    """Return the names that share a letter, by that letter, of pairs of a name and its letters."""
+    groups: dict[str, list[str]] = {}
+    for name, letters in lettered:
+        for letter in LETTER.findall(letters or ""):
+            groups.setdefault(letter, []).append(name)
+    return {letter: names for letter, names in groups.items() if len(names) > 1}
 
 
 def _never_judged(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

@@ -69,11 +69,14 @@ def test_a_factor_with_one_level_is_left_out() -> None:
 
 
 def test_a_single_factor_that_names_every_item_has_the_items_scores_as_effects() -> None:
-    votes = simulated(np.linspace(-0.5, 0.5, 6), n_participants=10, nu=0.5, rng=np.random.default_rng(2))
+    votes = simulated(np.linspace(-0.5, 0.5, 6), n_participants=40, nu=0.5, rng=np.random.default_rng(2))
     analysis = analyse(votes, AnalysisSettings(factors={"approach": {item: item for item in ITEMS}}))
     effects = {row["level"]: row["effect"] for row in analysis["effects"]}
     scores = {row["item"]: row["score"] for row in analysis["scores"] if row["comparison"] == "all"}
     assert effects == pytest.approx(scores, abs=1e-9)
+    letters_of = {row["item"]: row["letters"] for row in analysis["scores"] if row["comparison"] == "all"}
+    assert {row["level"]: row["letters"] for row in analysis["effects"]} == letters_of
+    assert len(set(letters_of.values())) > 1
     assert not [row for row in analysis["tests"] if row["name"] == "interaction"]
 
 

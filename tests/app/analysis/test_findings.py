@@ -95,6 +95,15 @@ def test_a_factor_matters_only_while_it_has_an_effect(of_depth: dict[str, float]
     assert text.startswith(f"The levels of {'depth' if matters else 'fusion'} (")
 
 
+def test_levels_that_are_alike_are_named_beside_their_factor() -> None:
+    of_depth = {"id": -1.0, "dr": 1.0, "pm": 1.0}
+    abilities = {f"{d}_{f}": of_depth[d] + (0.6 if f == "fb" else -0.6) for d in DEPTHS for f in FUSIONS}
+    text = sentences(votes_by(abilities, 20), factors=FACTORS)["factors"]
+    assert re.search(r"depth matters .*; not told apart: (dr and pm|pm and dr)\.", text)
+    assert "fusion matters" in text
+    assert text.count("not told apart") == 1
+
+
 def test_the_order_of_showing_is_told_with_its_direction() -> None:
     votes = votes_by(dict.fromkeys("abcd", 0.0), 30)
     helped = [

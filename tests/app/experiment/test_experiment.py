@@ -16,7 +16,7 @@ import recon.experiment
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
 from app.experiment.report import conclusions
-from app.experiment.results import Results
+from app.experiment.results import Results, order_text
 from app.experiment.study import people, raters, true_abilities
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
@@ -169,6 +169,21 @@ def test_one_pair_of_neighbours_that_is_left_open_leaves_the_order_open() -> Non
             row["p_holm"] = 0.3
     grades = [check["grade"] for check in conclusions(nearly)]
     assert grades == ["agrees"] * 3 + ["not told apart"] + ["agrees"] * 2
+
+
+def test_a_factor_of_adaptive_pairs_has_the_effects_of_its_levels() -> None:
+    """Hardly a pair differs in colour alone, and those few votes tell nothing."""
+    effects = [
+        {"factor": "colour", "level": level, "dataset": "all", "effect": effect, "letters": letters}
+        for level, effect, letters in (("photographs", 6.8, "a"), ("vertices", -6.8, "b"), ("painted", -6.9, "b"))
+    ]
+    scores = [{"comparison": "colour", "dataset": "all", "item": "vertices", "score": 1.0}]
+    levels = {f"pm_fb_{number}": {"colour": "vertices"} for number in range(15)}
+    analysis = {"effects": effects, "scores": scores, "contrasts": []}
+    colours = Results(Path(), {"analysis": analysis}, {"levels": levels}, [], {})
+    told_apart = colours.told_apart("colour", "all")
+    assert order_text(colours.scores("colour", "all"), told_apart) == "photographs > vertices ≈ painted"
+    assert told_apart == {("photographs", "vertices"), ("photographs", "painted")}
 
 
 def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_path: Path) -> None:
