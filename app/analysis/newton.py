@@ -285,16 +285,18 @@ def _maximise_together(
         by_pair = design.model.derivatives(*design.predictors(theta), wins, losses, ties)
         gradient = design.gradient(by_pair) - penalty * theta
         information = design.information(by_pair) + np.diag(penalty)
-        newton = shorten(design, theta, solve(design.regular(information), gradient))
+        newton = solve(design.regular(information), gradient)
+        is_lost = np.logical_not(np.isfinite(newton).all(axis=1))  # it ran away until no vote could tell the next step
+        newton = shorten(design, theta, np.where(is_lost[:, None], 0.0, newton))
         overshot = np.einsum("bp,bp->b", gradient, step) < -OVERSHOT * slope
         newton_slope = np.einsum("bp,bp->b", gradient, newton)
         theta = theta + np.where(overshot[:, None], -step / 2, newton)
         step = np.where(overshot[:, None], step / 2, newton)
         slope = np.where(overshot, slope / 2, newton_slope)
-        done = ~overshot & (np.abs(newton).max(axis=1) < search.tolerance)
+        done = ~overshot & ~is_lost & (np.abs(newton).max(axis=1) < search.tolerance)
         result[active] = theta
         converged[active] = done
-        done |= np.abs(theta).max(axis=1) > search.runaway
+        done |= is_lost | (np.abs(theta).max(axis=1) > search.runaway)
         if done.sum() > len(active) / 2 or (search.runaway < np.inf and done.any()):
             keep = ~done
             active, theta, step, slope = active[keep], theta[keep], step[keep], slope[keep]
@@ -341,14 +343,25 @@ def shorten(design: Design, theta: Array, newton: Array) -> Array:
 
 
 def solve(matrices: Array, right: Array) -> Array:
-    """Solve symmetric positive definite systems, float64 (B, P, P) and (B, P) to (B, P).
+    """Solve symmetric positive definite systems, float64 (B, P, P) and (B, P) to (B, P); a singular one has no numbers.
 
     Small systems are eliminated together, with the tables along the last axis: five times faster than LAPACK called
     for each.
     """
     n_tables, n = right.shape
     if n > UNROLLED or n_tables < 8:
-        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], np.float64)
+        try:
+            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], np.float64)
+        except np.linalg.LinAlgError:
+            if n_tables == 1:
+                return np.full_like(right, np.nan)
+            return np.concatenate([solve(matrices[i : i + 1], right[i : i + 1]) for i in range(n_tables)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _eliminate(matrices, right)
+
+
+def _eliminate(matrices: Array, right: Array) -> Array:
+    n = right.shape[1]
     a = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # (P, P, B)
     x = np.ascontiguousarray(right.T)  # (P, B)
     for k in range(n):

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.conjugate_gradients import maximise_many_items
 from app.analysis.fit import Fit
+from app.analysis.newton import solve
 from app.analysis.participant_errors import participant_gradients
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.ties import TIE_MODELS
@@ -322,6 +323,18 @@ def test_many_items_have_the_same_scores_by_conjugate_gradients(tie: float, ties
     found = maximise_many_items(fit.design, *table)
     assert found.converged[0]
     np.testing.assert_allclose(found.theta[0], fit.theta, atol=1e-9)
+
+
+@pytest.mark.parametrize(("n_parameters", "n_tables"), [(3, 2), (3, 12), (20, 12)])
+def test_a_table_whose_votes_tell_no_step_takes_none_from_the_others(n_parameters: int, n_tables: int) -> None:
+    """Of resampled votes, those of a table may lead away without end, until their information is singular."""
+    roots = np.random.default_rng(0).normal(size=(n_tables, n_parameters, n_parameters))
+    matrices, right = roots @ np.swapaxes(roots, 1, 2) + np.eye(n_parameters), np.ones((n_tables, n_parameters))
+    matrices[1] = 0
+    solved = solve(matrices, right)
+    assert not np.isfinite(solved[1]).any()
+    others = np.arange(n_tables) != 1
+    np.testing.assert_allclose((matrices @ solved[..., None])[others, :, 0], 1, atol=1e-8)
 
 
 @pytest.mark.slow
