@@ -65,13 +65,19 @@ class Results:
         """
         return has_adaptive_pairs(len(self.levels))
 
+    def effect_rows(self, factor: str) -> list[dict[str, Any]]:
+        """Return the effects as `score_rows`, of datasets whose votes set all of them a limit; else none."""
+        rows = self.analysis["effects"] if self.has_effects else []
+        return [{**row, "item": row["level"], "score": row["effect"]} for row in rows if row["factor"] == factor]
+
     def score_rows(self, comparison: str) -> list[dict[str, Any]]:
         """Return `dataset`, `item`, `score` with its interval, and `letters`; none without a finite score."""
-        if comparison in self.factors and self.has_effects:
-            rows = [row for row in self.analysis["effects"] if row["factor"] == comparison]
-            return [{**row, "item": row["level"], "score": row["effect"]} for row in rows]
-        return [
-            dict(row) for row in self.analysis["scores"] if row["comparison"] == comparison and row["score"] is not None
+        effects = self.effect_rows(comparison)
+        with_effects = {row["dataset"] for row in effects}
+        return effects + [
+            dict(row)
+            for row in self.analysis["scores"]
+            if row["comparison"] == comparison and row["score"] is not None and row["dataset"] not in with_effects
         ]
 
     def scores(self, comparison: str, dataset: str) -> dict[str, float]:
@@ -81,8 +87,8 @@ class Results:
 
     def told_apart(self, comparison: str, dataset: str) -> set[tuple[str, str]]:
         """Return the pairs (better, worse) that the votes tell apart."""
-        if comparison in self.factors and self.has_effects:
-            rows = [row for row in self.score_rows(comparison) if row["dataset"] == dataset and row["letters"]]
+        if effects := [row for row in self.effect_rows(comparison) if row["dataset"] == dataset]:
+            rows = [row for row in effects if row["letters"]]
             return {
                 (better["item"], worse["item"])
                 for better, worse in permutations(rows, 2)

@@ -18,7 +18,7 @@ LIKED = {"depth": "depth reconstruction", "fusion": "view fusion", "colour": "so
 USED = {
     False: "pairs that differ in the factor only",
     True: "effects of levels, all else equal, in an additive model of all pairs: of pairs chosen because they are "
-    "close, few differ in one factor only",
+    "close, few differ in one factor only (these alone are used on scenes whose votes set an effect no limit)",
 }
 CAPTION = (
     "Figure {number}. Opinion scores by {what}, for each scene and for all of them together: Bradley-Terry scores in "

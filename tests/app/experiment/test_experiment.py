@@ -177,13 +177,16 @@ def test_a_factor_of_adaptive_pairs_has_the_effects_of_its_levels() -> None:
         {"factor": "colour", "level": level, "dataset": "all", "effect": effect, "letters": letters}
         for level, effect, letters in (("photographs", 6.8, "a"), ("vertices", -6.8, "b"), ("painted", -6.9, "b"))
     ]
-    scores = [{"comparison": "colour", "dataset": "all", "item": "vertices", "score": 1.0}]
+    scores = [
+        {"comparison": "colour", "dataset": dataset, "item": "vertices", "score": 1.0} for dataset in ("all", "ball")
+    ]
     levels = {f"pm_fb_{number}": {"colour": "vertices"} for number in range(15)}
     analysis = {"effects": effects, "scores": scores, "contrasts": []}
     colours = Results(Path(), {"analysis": analysis}, {"levels": levels}, [], {})
     told_apart = colours.told_apart("colour", "all")
     assert order_text(colours.scores("colour", "all"), told_apart) == "photographs > vertices ≈ painted"
     assert told_apart == {("photographs", "vertices"), ("photographs", "painted")}
+    assert colours.scores("colour", "ball") == {"vertices": 1.0}
 
 
 def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_path: Path) -> None:
